@@ -1,0 +1,125 @@
+"""Effects of windings, drives, supply and overhead: all that turns torque and speed into watts."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as ca
+
+from energy_opt.effects.base import Effect, Kinks, Parameter, PowerEffect, Signals
+
+TORQUE_WIDTH = 0.05  # [N m]
+POWER_WIDTH = 0.5  # [W]
+
+
+class Standby(PowerEffect):
+    """Constant overhead power: the controller, the fans, the holding brakes."""
+
+    name = "standby"
+    parameters = (Parameter("power", "W", 0.0, 0.0, 1e6),)
+
+    @classmethod
+    def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return p.power
+
+
+class StandbyDrift(PowerEffect):
+    """power * (1 - exp(-t / time_constant)): overhead that grows as the controller warms up."""
+
+    name = "standby_drift"
+    parameters = (
+        Parameter("power", "W", 0.0, -1e4, 1e4),
+        Parameter("time_constant", "s", 60.0, 1e-1, 1e5, shapes=True),
+    )
+    convex_in_retiming = False  # depends on time itself
+
+    @classmethod
+    def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return p.power * (1 - ca.exp(-x.t / p.time_constant))
+
+
+class MotionPower(PowerEffect):
+    """Extra power while any joint moves (released brakes, the servo stage); a joint moves above 1e-3 rad/s."""
+
+    name = "motion_power"
+    parameters = (Parameter("power", "W", 0.0, 0.0, 1e5),)
+    dissipates = True
+
+    @classmethod
+    def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return p.power * k.moving(x.v)
+
+
+class InverterLoss(PowerEffect):
+    """c * sum |tau_m|: losses of the inverter in proportion to current."""
+
+    name = "inverter_loss"
+    parameters = (Parameter("c", "W/(N m)", 0.0, 0.0, 1e3),)
+    dissipates = True
+
+    @classmethod
+    def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return p.c * ca.sum1(k.magnitude(tau_m, TORQUE_WIDTH))
+
+
+class CopperLoss(Effect):
+    """r_over_kt2 * tau_m^2 in every joint: Joule heat of the current that makes the torque (R / Kt^2)."""
+
+    name = "copper_loss"
+    stage = "copper"
+    parameters = (Parameter("r_over_kt2", "W/(N m)^2", 0.0, 0.0, 1e3, "joint"),)
+    dissipates = True
+
+    @classmethod
+    def heat(cls, tau_m: ca.SX, p: SimpleNamespace) -> ca.SX:
+        """Power per joint, W, shape (n, 1)."""
+        return p.r_over_kt2 * tau_m**2
+
+
+class WindingTemperature(Effect):
+    """Copper loss grows by 1 + rate * (1 - exp(-t / time_constant)), t since the set's first sample."""
+
+    name = "winding_temperature"
+    stage = "copper"
+    parameters = (
+        Parameter("rate", "1", 0.0, -0.5, 10.0),
+        Parameter("time_constant", "s", 60.0, 1e-1, 1e5, shapes=True),
+    )
+    convex_in_retiming = False  # depends on time itself
+
+    @classmethod
+    def factor(cls, t: ca.SX, p: SimpleNamespace) -> ca.SX:
+        """What copper loss is multiplied by."""
+        return 1 + p.rate * (1 - ca.exp(-t / p.time_constant))
+
+
+class Regeneration(Effect):
+    """The share `efficiency` of negative drive power is used again (1 = all, 0 = none).
+
+    Drive power of a joint is tau_m * v + copper loss. `level` = "joint" clamps each joint's drive power, "bus" the sum.
+    """
+
+    name = "regeneration"
+    stage = "drive"
+    parameters = (Parameter("efficiency", "1", 1.0, 0.0, 1.0),)
+    options = {"level": ("bus", "joint")}
+    dissipates = True
+
+    @classmethod
+    def power(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks, level: str) -> ca.SX:
+        """Power drawn by the drives, W, from their drive power (n, 1): e x + (1 - e) max(x, 0)."""
+        x = ca.sum1(drive) if level == "bus" else drive
+        return ca.sum1(p.efficiency * x + (1 - p.efficiency) * k.positive(x, POWER_WIDTH))
+
+
+class SupplyEfficiency(Effect):
+    """Power at the meter = power behind the supply / eta, standby included."""
+
+    name = "supply_efficiency"
+    stage = "supply"
+    parameters = (Parameter("eta", "1", 1.0, 0.05, 1.0),)
+
+    @classmethod
+    def power(cls, power: ca.SX, p: SimpleNamespace) -> ca.SX:
+        """Power at the meter, W."""
+        return power / p.eta

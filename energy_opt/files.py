@@ -1,0 +1,162 @@
+"""Reading and writing of files: a written file is whole or absent, a faulty one is named with row and column."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+import yaml
+
+from energy_opt.errors import BadInput
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path` that takes its place when the block ends without an error."""
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+    os.close(handle)
+    aside = Path(name)
+    try:
+        yield aside
+        umask = os.umask(0)
+        os.umask(umask)
+        aside.chmod(0o666 & ~umask)
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` whole or not at all."""
+    with replacing(path) as aside:
+        aside.write_text(text, encoding="utf-8")
+
+
+def plain(value: Any) -> Any:
+    """`value` as JSON can hold it: arrays become lists, non-finite numbers None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def to_json(value: Any) -> str:
+    """One JSON document, strictly valid (no NaN, no Infinity)."""
+    return json.dumps(plain(value), indent=2, allow_nan=False) + "\n"
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write `value` as JSON, whole or not at all."""
+    write_text(path, to_json(value))
+
+
+def write_toml(path: Path, value: Mapping[str, Any]) -> None:
+    """Write `value` as TOML, whole or not at all."""
+    write_text(path, tomli_w.dumps(plain(value)))
+
+
+def write_table(path: Path, header: Sequence[str], columns: Sequence[np.ndarray]) -> None:
+    """Write equally long columns as CSV with full double precision."""
+    with replacing(path) as aside, aside.open("w", newline="", encoding="utf-8") as stream:
+        stream.write(",".join(header) + "\n")
+        for row in np.column_stack(columns).tolist():
+            stream.write(",".join(map(repr, row)) + "\n")
+
+
+def read_text(path: Path) -> str:
+    """The text of a file; BadInput where there is none."""
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+        raise BadInput(f"{path}: {reason}") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """A TOML document; BadInput with line and column where it is malformed."""
+    try:
+        return tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(f"{path}: not valid TOML: {error}") from None
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML with the angle tags of ROS parameter files (`!degrees 360.0`)."""
+
+
+_Loader.add_constructor("!degrees", lambda loader, node: math.radians(float(loader.construct_scalar(node))))
+_Loader.add_constructor("!radians", lambda loader, node: float(loader.construct_scalar(node)))
+
+
+def read_yaml(path: Path) -> Any:
+    """A YAML document; BadInput with the position where it is malformed."""
+    try:
+        return yaml.load(read_text(path), Loader=_Loader)
+    except (yaml.YAMLError, ValueError) as error:
+        raise BadInput(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+
+
+def read_table(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a CSV file by header; every entry must be a finite number.
+
+    Raises:
+        BadInput: names the file, the row (the header is row 1) and the column at fault.
+    """
+    rows = list(csv.reader(read_text(path).splitlines()))
+    if not rows or not any(cell.strip() for cell in rows[0]):
+        raise BadInput(f"{path}: row 1: no header; expected column names such as time, <joint>.position")
+    header = [cell.strip() for cell in rows[0]]
+    repeated = sorted({name for name in header if header.count(name) > 1})
+    if repeated:
+        raise BadInput(f"{path}: row 1: column {repeated[0]!r} stands there twice")
+    body = [(k, row) for k, row in enumerate(rows[1:], start=2) if row]
+    if not body:
+        raise BadInput(f"{path}: row 2: no data rows below the header")
+    for k, row in body:
+        if len(row) != len(header):
+            raise BadInput(f"{path}: row {k}: {len(row)} cells, the header has {len(header)}")
+    try:
+        values = np.array([row for _, row in body], dtype=float)
+    except ValueError:
+        values = np.empty((0, 0))
+    if not values.size or not np.isfinite(values).all():
+        for k, row in body:
+            for name, cell in zip(header, row, strict=True):
+                _number(path, k, name, cell)
+    return {name: values[:, c] for c, name in enumerate(header)}
+
+
+def _number(path: Path, row: int, column: str, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        raise BadInput(f"{path}: row {row}, column {column}: {cell!r} is not a number") from None
+    if not math.isfinite(value):
+        raise BadInput(f"{path}: row {row}, column {column}: {cell!r} is not finite")
+    return value

@@ -1,0 +1,151 @@
+"""A power model: a robot's effects with their values, read from and written to a model file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.effects import BY_NAME, Effect
+from energy_opt.errors import BadInput
+from energy_opt.files import read_toml, write_toml
+
+FORMAT = "energy-opt/model/1"
+
+
+@dataclass(frozen=True)
+class PowerModel:
+    """The effects of an arm; mechanical power tau^T v is always counted, negative included.
+
+    Attributes:
+        robot: the robot's name (a label; joints are the robot's own, in its order).
+        effects: at most one of each kind.
+        assumed: True where the values are not this robot's own but taken over for want of better.
+    """
+
+    robot: str
+    effects: tuple[Effect, ...]
+    assumed: bool = False
+
+    def __post_init__(self) -> None:
+        names = [e.name for e in self.effects]
+        for name in names:
+            if names.count(name) > 1:
+                raise BadInput(f"model of {self.robot}: effect {name!r} stands there twice; merge them into one")
+        if "winding_temperature" in names and "copper_loss" not in names:
+            raise BadInput(f"model of {self.robot}: winding_temperature scales copper_loss, which the model lacks")
+
+    def get(self, name: str) -> Effect | None:
+        """The effect of that name, or None."""
+        return next((e for e in self.effects if e.name == name), None)
+
+    def replaced(self, effect: Effect) -> PowerModel:
+        """The model with `effect` in place of the one of its name, or added to the others."""
+        if self.get(effect.name) is None:
+            return PowerModel(self.robot, (*self.effects, effect), self.assumed)
+        kept = tuple(effect if e.name == effect.name else e for e in self.effects)
+        return PowerModel(self.robot, kept, self.assumed)
+
+    def without(self, name: str) -> PowerModel:
+        """The model less the effect of that name."""
+        return PowerModel(self.robot, tuple(e for e in self.effects if e.name != name), self.assumed)
+
+    @property
+    def structure(self) -> tuple[tuple[str, ...], ...]:
+        """What a built problem depends on: the effects present and their options, not their values."""
+        return tuple((e.name, *(f"{k}={v}" for k, v in sorted(e.choices.items()))) for e in self.effects)
+
+    def values(self, joints: int) -> np.ndarray:
+        """All parameter values as one vector, effects in order, each laid out as `Effect.full`."""
+        return np.concatenate([e.full(joints) for e in self.effects] or [np.zeros(0)])
+
+    def slices(self, joints: int) -> list[slice]:
+        """Where each effect's parameters lie in `values`."""
+        out, at = [], 0
+        for e in self.effects:
+            out.append(slice(at, at + e.size(joints)))
+            at += e.size(joints)
+        return out
+
+    def symbols(self, joints: int) -> ca.SX:
+        """A symbolic column for `values`."""
+        return ca.SX.sym("p", sum(e.size(joints) for e in self.effects))
+
+    def with_values(self, vector: Sequence[float] | np.ndarray, joints: int) -> PowerModel:
+        """The same effects with other values, laid out as `values`."""
+        effects = tuple(
+            type(e).from_full(np.asarray(vector)[s], joints, **e.choices)
+            for e, s in zip(self.effects, self.slices(joints), strict=True)
+        )
+        return PowerModel(self.robot, effects, self.assumed)
+
+    def check(self, joints: int) -> None:
+        """Raise BadInput where a per-joint list does not have one value for each of the robot's joints."""
+        self.values(joints)
+
+    def to_document(self) -> dict[str, Any]:
+        """The model file's content."""
+        rows = []
+        for e in self.effects:
+            row: dict[str, Any] = {"name": e.name}
+            for p in e.parameters:
+                value = e.values[p.name]
+                row[p.name] = float(value[0]) if value.size == 1 else value.tolist()
+            rows.append({**row, **e.choices})
+        return {"format": FORMAT, "robot": self.robot, "effect": rows}
+
+    def save(self, path: Path) -> None:
+        """Write the model file."""
+        write_toml(path, self.to_document())
+
+
+def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
+    """A model from a parsed model file; `where` names it in messages."""
+    if document.get("format") != FORMAT:
+        raise BadInput(f"{where}: format = {document.get('format')!r}; expected {FORMAT!r}")
+    unknown = sorted(set(document) - {"format", "robot", "effect"})
+    if unknown:
+        raise BadInput(f"{where}: unknown key {unknown[0]!r}; a model file has format, robot and [[effect]] tables")
+    robot = document.get("robot", "")
+    rows = document.get("effect", [])
+    if not isinstance(robot, str):
+        raise BadInput(f"{where}: robot = {robot!r}; expected a name in quotes")
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise BadInput(f"{where}: effect is not a list of [[effect]] tables")
+    effects = []
+    for number, row in enumerate(rows, start=1):
+        name = row.get("name")
+        if name not in BY_NAME:
+            raise BadInput(f"{where}: [[effect]] {number}: unknown name {name!r}; known: {', '.join(BY_NAME)}")
+        try:
+            effects.append(BY_NAME[name](**{k: v for k, v in row.items() if k != "name"}))
+        except BadInput as error:
+            raise BadInput(f"{where}: [[effect]] {number}: {error}") from None
+    try:
+        return PowerModel(robot, tuple(effects))
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
+
+
+def load_model(path: Path) -> PowerModel:
+    """Read a model file (TOML, format energy-opt/model/1).
+
+    Raises:
+        BadInput: names the file, the effect and the parameter at fault.
+    """
+    return model_from_document(read_toml(path), str(path))
+
+
+def source_method_1(robot: str = "panda") -> PowerModel:
+    """Method 1 of Petrichenko et al. 2024 (arXiv 2411.03194): R = 0, the mean overhead of eight static poses."""
+    return PowerModel(robot, (BY_NAME["standby"](power=92.3),), robot != "panda")
+
+
+def source_method_2(robot: str = "panda") -> PowerModel:
+    """Method 2 of the same paper: least squares of static power over |gravity torque|^2, Franka Panda."""
+    standby, copper = BY_NAME["standby"](power=88.04), BY_NAME["copper_loss"](r_over_kt2=0.0036)
+    return PowerModel(robot, (standby, copper), robot != "panda")

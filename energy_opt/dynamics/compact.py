@@ -1,0 +1,139 @@
+"""Symbolic inverse dynamics with a short expression graph: the Newton-Euler recursion on scalars.
+
+The tree is rewritten numerically first (see `canonical`), so most constants of the recursion are 0 or +-1 and CasADi
+folds them. Per link, with angular velocity w, angular acceleration dw and acceleration l of its origin (gravity
+included as an upward acceleration of the base):
+
+    U = [dw]x + [w]x [w]x
+    f = m l + U h                              force
+    t = h x l + integral of r x (U r) dm       torque about the origin
+      where (integral)_i = sum_k (U_jk S_ki' - ...) is written out below from U and the second moment S
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+
+from energy_opt.dynamics.canonical import CanonicalLink, canonical
+from energy_opt.robot.rigid_body import Link
+
+Vector = list[ca.SX]
+
+
+def _cross(a: Sequence[ca.SX], b: Sequence[ca.SX]) -> Vector:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _plus(a: Sequence[ca.SX], b: Sequence[ca.SX]) -> Vector:
+    return [x + y for x, y in zip(a, b, strict=True)]
+
+
+def _times(matrix: Sequence[Sequence[float]], x: Sequence[ca.SX]) -> Vector:
+    return [row[0] * x[0] + row[1] * x[1] + row[2] * x[2] for row in matrix]
+
+
+class _Joint:
+    """Change of frame between a link and its parent at joint position q."""
+
+    def __init__(self, link: CanonicalLink, q: ca.SX) -> None:
+        rotation = link.placement[:3, :3]
+        self._down, self._up = rotation.T.tolist(), rotation.tolist()
+        self.offset: Vector = [ca.SX(float(x)) for x in link.placement[:3, 3]]
+        self._prismatic = link.prismatic
+        if link.prismatic:
+            self.offset = [o + float(rotation[i, 2]) * q for i, o in enumerate(self.offset)]
+        else:
+            self._c, self._s = ca.cos(q), ca.sin(q)
+
+    def down(self, x: Sequence[ca.SX]) -> Vector:
+        """A vector of the parent's frame in the link's."""
+        y = _times(self._down, x)
+        if self._prismatic:
+            return y
+        return [self._c * y[0] + self._s * y[1], self._c * y[1] - self._s * y[0], y[2]]
+
+    def up(self, x: Sequence[ca.SX]) -> Vector:
+        """A vector of the link's frame in the parent's."""
+        if self._prismatic:
+            return _times(self._up, x)
+        return _times(self._up, [self._c * x[0] - self._s * x[1], self._s * x[0] + self._c * x[1], x[2]])
+
+
+def _wrench(
+    inertia: Sequence[Sequence[ca.SX]], w: Vector, dw: Vector, origin: Vector
+) -> tuple[list[Vector], Vector, Vector]:
+    """U, force and torque about the origin of a link with pseudo-inertia `inertia` (4 x 4)."""
+    xx, yy, zz = w[0] * w[0], w[1] * w[1], w[2] * w[2]
+    xy, xz, yz = w[0] * w[1], w[0] * w[2], w[1] * w[2]
+    u = [
+        [-(yy + zz), xy - dw[2], xz + dw[1]],
+        [xy + dw[2], -(xx + zz), yz - dw[0]],
+        [xz - dw[1], yz + dw[0], -(xx + yy)],
+    ]
+    s, h, m = inertia, [inertia[i][3] for i in range(3)], inertia[3][3]
+    force = _plus([m * x for x in origin], _times(u, h))
+    # (integral of r x U r)_x = (U S)_zy - (U S)_yz; the product with the diagonal of U leaves (U_zz - U_yy) S_yz
+    spin = [
+        u[2][0] * s[0][1] + u[2][1] * s[1][1] - u[1][0] * s[0][2] - u[1][2] * s[2][2] + (zz - yy) * s[1][2],
+        u[0][1] * s[1][2] + u[0][2] * s[2][2] - u[2][0] * s[0][0] - u[2][1] * s[0][1] + (xx - zz) * s[0][2],
+        u[1][0] * s[0][0] + u[1][2] * s[0][2] - u[0][1] * s[1][1] - u[0][2] * s[1][2] + (yy - xx) * s[0][1],
+    ]
+    return u, force, _plus(_cross(h, origin), spin)
+
+
+def torque_function(tree: Sequence[Link]) -> ca.Function:
+    """Inverse dynamics (q, v, a, gravity, mass, com) -> tau.
+
+    q, v, a (n, 1); gravity (3, 1) [m/s^2] in the base frame; a payload's mass [kg] and centre com (3, 1) [m] in the
+    last joint's frame; tau (n, 1) [N m]. Call it with numbers for gravity and payload to get their shorter graph.
+    """
+    n = len(tree)
+    links = canonical(tree)
+    q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
+    gravity, mass, com = ca.SX.sym("gravity", 3), ca.SX.sym("mass"), ca.SX.sym("com", 3)
+    zero: Vector = [ca.SX(0)] * 3
+
+    point = ca.mtimes(ca.DM(links[-1].from_original), ca.vertcat(com, 1))
+    inertias = [ca.SX(ca.DM(link.pseudo_inertia)) for link in links]
+    inertias[-1] = inertias[-1] + mass * ca.mtimes(point, point.T)
+
+    joints, us, forces, torques = [], [], [], []
+    ws: list[Vector] = []
+    dws: list[Vector] = []
+    origins: list[Vector] = []
+    for k, link in enumerate(links):
+        joint, p = _Joint(link, q[k]), link.parent
+        root = p < 0
+        w, dw = joint.down(zero if root else ws[p]), joint.down(zero if root else dws[p])
+        above = [-gravity[i] for i in range(3)] if root else _plus(origins[p], _times(us[p], joint.offset))
+        origin = joint.down(above)
+        if link.prismatic:
+            origin = _plus(origin, [2 * (w[1] * v[k]), -2 * (w[0] * v[k]), a[k]])
+        else:
+            dw = [dw[0] + w[1] * v[k], dw[1] - w[0] * v[k], dw[2] + a[k]]
+            w = [w[0], w[1], w[2] + v[k]]
+        scalars = [[inertias[k][i, j] for j in range(4)] for i in range(4)]
+        u, force, torque = _wrench(scalars, w, dw, origin)
+        joints.append(joint)
+        ws.append(w)
+        dws.append(dw)
+        origins.append(origin)
+        us.append(u)
+        forces.append(force)
+        torques.append(torque)
+
+    tau = [ca.SX(0)] * n
+    for k in reversed(range(n)):
+        link = links[k]
+        tau[k] = (forces if link.prismatic else torques)[k][2] + float(link.armature) * a[k]
+        if link.parent >= 0:
+            force = joints[k].up(forces[k])
+            forces[link.parent] = _plus(forces[link.parent], force)
+            moment = _plus(joints[k].up(torques[k]), _cross(joints[k].offset, force))
+            torques[link.parent] = _plus(torques[link.parent], moment)
+    names = ["q", "v", "a", "gravity", "mass", "com"]
+    return ca.Function("tau", [q, v, a, gravity, mass, com], [ca.vertcat(*tau)], names, ["tau"])
+
+

@@ -1,0 +1,1 @@
+"""Motion: paths, timings, trajectories, and their optimization for minimum energy."""

@@ -1,0 +1,8 @@
+"""Robots: from a name or a URDF file to joints, limits and a rigid body."""
+
+from energy_opt.robot.catalog import known_robots
+from energy_opt.robot.limits import Limits
+from energy_opt.robot.rigid_body import Link, PointMass, RigidBody
+from energy_opt.robot.robot import Robot, load_robot
+
+__all__ = ["Limits", "Link", "PointMass", "RigidBody", "Robot", "known_robots", "load_robot"]

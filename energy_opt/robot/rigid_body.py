@@ -1,0 +1,222 @@
+"""The rigid body of an arm: Pinocchio's numbers behind plain arrays. The only module that imports pinocchio.
+
+Joint positions are angles (rad) for every revolute joint, continuous ones included, and lengths (m) for prismatic ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from energy_opt.errors import BadInput
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """A mass [kg] at `com` (3,) [m] in the last joint's frame."""
+
+    mass: float
+    com: np.ndarray
+
+
+@dataclass(frozen=True)
+class Link:
+    """One moving link and the joint that carries it, as plain numbers.
+
+    Attributes:
+        name: the joint's name.
+        prismatic: slides along `axis` where True, else turns about it.
+        continuous: a revolute joint without an end.
+        parent: index of the parent link, -1 for the base.
+        placement: (4, 4) pose of the joint's frame in the parent's at q = 0.
+        axis: (3,) unit vector in the joint's frame.
+        mass, lever, inertia: kg, (3,) m to the centre of mass, (3, 3) kg m^2 about the centre of mass.
+        armature: reflected rotor inertia, kg m^2 (0 unless the model states it).
+    """
+
+    name: str
+    prismatic: bool
+    continuous: bool
+    parent: int
+    placement: np.ndarray
+    axis: np.ndarray
+    mass: float
+    lever: np.ndarray
+    inertia: np.ndarray
+    armature: float
+
+
+@dataclass(frozen=True)
+class UrdfLimits:
+    """What the URDF states, (n,) each, untouched: position [rad], velocity [rad/s], effort [N m]."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+
+
+class RigidBody:
+    """A fixed-base tree of one-degree-of-freedom joints."""
+
+    def __init__(self, model: pin.Model) -> None:
+        self._model = model
+        self._data = model.createData()
+        self.joints: tuple[str, ...] = tuple(model.names[1:])
+        self.n: int = model.nv
+        self.gravity = np.array(model.gravity.linear)
+        self.continuous = np.array([model.joints[j].nq == 2 for j in range(1, model.njoints)])
+        self._index_q = np.array([model.joints[j].idx_q for j in range(1, model.njoints)])
+
+    @classmethod
+    def from_urdf(cls, path: Path, lock: Mapping[str, float]) -> RigidBody:
+        """Read a URDF; joints named in `lock` stay at the given position (rad or m).
+
+        Raises:
+            BadInput: the file is missing or does not parse, a locked joint is unknown, or a joint has more than one
+                degree of freedom.
+        """
+        if not path.is_file():
+            raise BadInput(f"{path}: no such URDF file")
+        try:
+            model = pin.buildModelFromUrdf(str(path))
+        except (ValueError, RuntimeError) as error:
+            raise BadInput(f"{path}: not a URDF that can be read: {' '.join(str(error).split())}") from None
+        for j in range(1, model.njoints):
+            if model.joints[j].nv != 1:
+                kind = model.joints[j].shortname()
+                raise BadInput(f"{path}: joint {model.names[j]} ({kind}) has more than one degree of freedom")
+        full = pin.neutral(model)
+        for name, position in lock.items():
+            if name not in model.names:
+                raise BadInput(f"{path}: cannot lock {name!r}; joints are {', '.join(model.names[1:])}")
+            joint = model.joints[model.getJointId(name)]
+            full[joint.idx_q : joint.idx_q + joint.nq] = (
+                [np.cos(position), np.sin(position)] if joint.nq == 2 else [position]
+            )
+        if lock:
+            model = pin.buildReducedModel(model, [model.getJointId(name) for name in lock], full)
+        if model.nv == 0:
+            raise BadInput(f"{path}: no joint is left that moves")
+        return cls(model)
+
+    def urdf_limits(self) -> UrdfLimits:
+        """The limits as the URDF states them; continuous joints have none on position."""
+        m = self._model
+        lower = np.where(self.continuous, -np.inf, m.lowerPositionLimit[self._index_q])
+        upper = np.where(self.continuous, np.inf, m.upperPositionLimit[self._index_q])
+        return UrdfLimits(lower, upper, np.array(m.velocityLimit), np.array(m.effortLimit))
+
+    @cached_property
+    def _links(self) -> tuple[Link, ...]:
+        m, data = self._model, self._model.createData()
+        pin.forwardKinematics(m, data, pin.neutral(m), np.zeros(m.nv))  # fills every joint's motion subspace
+        out = []
+        for j in range(1, m.njoints):
+            subspace = np.asarray(data.joints[j].S).ravel()
+            prismatic = m.joints[j].shortname().startswith("JointModelP")
+            out.append(
+                Link(
+                    name=m.names[j],
+                    prismatic=prismatic,
+                    continuous=bool(self.continuous[j - 1]),
+                    parent=int(m.parents[j]) - 1,
+                    placement=m.jointPlacements[j].homogeneous.copy(),
+                    axis=subspace[:3] if prismatic else subspace[3:],
+                    mass=float(m.inertias[j].mass),
+                    lever=np.array(m.inertias[j].lever),
+                    inertia=np.array(m.inertias[j].inertia),
+                    armature=float(m.armature[m.joints[j].idx_v]),
+                )
+            )
+        return tuple(out)
+
+    def tree(self) -> tuple[Link, ...]:
+        """The moving links, parents before children, in the order of the joints."""
+        return self._links
+
+    @cached_property
+    def symbolic_model(self) -> object | None:
+        """The same model on CasADi's scalars (`pinocchio.casadi`), or None where the package has no such module."""
+        try:
+            from pinocchio import casadi as cpin
+        except ImportError:
+            return None
+        return cpin.Model(self._model)
+
+    def configuration(self, q: np.ndarray) -> np.ndarray:
+        """Pinocchio's configuration (nq,) of joint positions (n,): a continuous joint is stored as cosine and sine."""
+        if not self.continuous.any():
+            return np.asarray(q, dtype=float)
+        out = np.zeros(self._model.nq)
+        out[self._index_q] = np.where(self.continuous, np.cos(q), q)
+        out[self._index_q[self.continuous] + 1] = np.sin(np.asarray(q)[self.continuous])
+        return out
+
+    def _variant(self, payload: PointMass | None, gravity: np.ndarray | None) -> tuple[pin.Model, pin.Data]:
+        """The model with a payload and another gravity; the stored one where neither is given."""
+        if (payload is None or payload.mass == 0) and gravity is None:
+            return self._model, self._data
+        model = pin.Model(self._model)
+        if payload is not None:
+            added = pin.Inertia(float(payload.mass), np.asarray(payload.com, dtype=float), np.zeros((3, 3)))
+            model.inertias[model.njoints - 1] += added
+        if gravity is not None:
+            model.gravity.linear = np.asarray(gravity, dtype=float)
+        return model, model.createData()
+
+    def torque(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        payload: PointMass | None = None,
+        gravity: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Inverse dynamics: torque (N, n) [N m] from q, v, a (N, n); `gravity` (3,) [m/s^2] in the base frame."""
+        model, data = self._variant(payload, gravity)
+        q, v, a = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, v, a))
+        out = np.empty((len(q), self.n))
+        for k in range(len(q)):
+            out[k] = pin.rnea(model, data, self.configuration(q[k]), v[k], a[k])
+        return out
+
+    def energy(
+        self, q: np.ndarray, v: np.ndarray, payload: PointMass | None = None, gravity: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Kinetic plus potential energy (N,) [J] at q, v (N, n), of the rigid body (its potential up to a constant)."""
+        model, data = self._variant(payload, gravity)
+        q, v = np.atleast_2d(q), np.atleast_2d(v)
+        return np.array(
+            [
+                pin.computeKineticEnergy(model, data, c, v[k]) + pin.computePotentialEnergy(model, data, c)
+                for k, c in enumerate(self.configuration(x) for x in q)
+            ]
+        )
+
+    def payload_regressor(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, gravity: np.ndarray | None = None
+    ) -> np.ndarray:
+        """How torque grows with the last link's inertial parameters, (N, n, 10).
+
+        Parameters in Pinocchio's order, about the last joint's origin: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+        """
+        model, data = self._variant(None, gravity)
+        q, v, a = np.atleast_2d(q), np.atleast_2d(v), np.atleast_2d(a)
+        out = np.empty((len(q), self.n, 10))
+        for k in range(len(q)):
+            out[k] = pin.computeJointTorqueRegressor(model, data, self.configuration(q[k]), v[k], a[k])[:, -10:]
+        return out
+
+    def torque_derivatives(
+        self, q: Sequence[float], v: Sequence[float], a: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """dtau/dq, dtau/dv and the mass matrix, (n, n) each, at one state (for a continuous joint, by its angle)."""
+        q, v, a = (np.asarray(x, dtype=float) for x in (q, v, a))
+        dq, dv, da = pin.computeRNEADerivatives(self._model, self._model.createData(), self.configuration(q), v, a)
+        return np.array(dq), np.array(dv), np.triu(da) + np.triu(da, 1).T

@@ -1,0 +1,105 @@
+"""A robot: its joints, limits and rigid body, and what had to be assumed about them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
+from energy_opt.robot.limits import Limits, overlay, with_assumptions
+from energy_opt.robot.rigid_body import Link, RigidBody
+
+
+@dataclass(frozen=True)
+class Robot:
+    """An arm that can be planned for.
+
+    Attributes:
+        name: its name in the catalogue, or the URDF file's stem.
+        limits: after all overlays and assumptions.
+        warnings: one line for each limit or inertia that is missing, zero or a placeholder, with what is assumed.
+        urdf: the file it was read from.
+        locked: joints that stay where they are, with their positions.
+    """
+
+    name: str
+    limits: Limits
+    body: RigidBody
+    urdf: Path
+    locked: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that move, in the order of every vector."""
+        return self.body.joints
+
+    @property
+    def n(self) -> int:
+        """Number of joints that move."""
+        return self.body.n
+
+
+def load_robot(name_or_urdf: str, *, limits: Path | None = None, lock: Mapping[str, float] | None = None) -> Robot:
+    """A robot by name (`known_robots()`) or by the path of a URDF file.
+
+    Args:
+        limits: a MoveIt joint_limits.yaml that overrides URDF and published limits.
+        lock: joints that do not take part, with their positions [rad or m].
+
+    Raises:
+        BadInput: unknown name, unreadable file, unknown joint.
+    """
+    entry = CATALOG.get(name_or_urdf)
+    if entry is None:
+        path = Path(name_or_urdf)
+        if not path.is_file():
+            raise BadInput(f"{name_or_urdf!r} is neither a URDF file nor a robot by name: {', '.join(CATALOG)}")
+        name, published, locked = path.stem, None, dict(lock or {})
+    else:
+        path, name = urdf_of(entry), name_or_urdf
+        published, locked = published_limits(name), {**entry.lock, **(lock or {})}
+    body = RigidBody.from_urdf(path, locked)
+    stated = body.urdf_limits()
+    free = np.full(body.n, np.inf)
+    merged = Limits(stated.lower, stated.upper, stated.velocity, free, free.copy(), stated.effort)
+    for file in (published, limits):
+        if file is not None:
+            merged = overlay(merged, body.joints, file)
+    merged, warnings = with_assumptions(merged, body.joints)
+    return Robot(name, merged, body, path, locked, (*warnings, *_doubtful_inertias(body.tree())))
+
+
+def _doubtful_inertias(links: Sequence[Link]) -> list[str]:
+    """A warning for every link whose mass or inertia cannot be that of a real part; the values are used as they are."""
+    out = []
+    for k, link in enumerate(links):
+        if link.mass <= 1e-6:
+            if not any(child.parent == k for child in links):
+                out.append(f"{link.name}: its link has no mass; assumed: massless")
+            continue
+        moments = np.linalg.eigvalsh(link.inertia)
+        size = max(0.125, float(np.linalg.norm(link.lever)), _reach(links, k, 2))
+        gyration = float(np.sqrt(max(moments[-1], 0.0) / link.mass))
+        if moments[0] < -1e-9 or moments[0] + moments[1] < moments[2] * (1 - 1e-3) - 1e-9:
+            out.append(f"{link.name}: its link's inertia is not that of any body; used as it is")
+        elif gyration > 2 * size:
+            out.append(
+                f"{link.name}: radius of gyration {gyration:.2g} m of a link {size:.2g} m long is implausible "
+                "(a placeholder inertia?); used as it is"
+            )
+        elif moments[-1] <= 0:
+            out.append(f"{link.name}: its link has mass but no inertia; assumed: a point mass")
+    return out
+
+
+def _reach(links: Sequence[Link], k: int, depth: int) -> float:
+    """Summed offsets of the next `depth` joints after link k, m: how far the link may extend."""
+    children = [c for c, other in enumerate(links) if other.parent == k]
+    if depth == 0 or not children:
+        return 0.0
+    return max(float(np.linalg.norm(links[c].placement[:3, 3])) + _reach(links, c, depth - 1) for c in children)

@@ -5,10 +5,11 @@ Joint positions are angles (rad) for every revolute joint, continuous ones inclu
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -140,14 +141,13 @@ class RigidBody:
         """The moving links, parents before children, in the order of the joints."""
         return self._links
 
-    @cached_property
-    def symbolic_model(self) -> object | None:
-        """The same model on CasADi's scalars (`pinocchio.casadi`), or None where the package has no such module."""
+    def on_casadi(self) -> tuple[Any, Any] | None:
+        """`pinocchio.casadi` and this model on its scalars; None where Pinocchio was built without that module."""
         try:
-            from pinocchio import casadi as cpin
+            from pinocchio import casadi as symbolic
         except ImportError:
             return None
-        return cpin.Model(self._model)
+        return symbolic, symbolic.Model(self._model)
 
     def configuration(self, q: np.ndarray) -> np.ndarray:
         """Pinocchio's configuration (nq,) of joint positions (n,): a continuous joint is stored as cosine and sine."""
@@ -214,9 +214,8 @@ class RigidBody:
         return out
 
     def torque_derivatives(
-        self, q: Sequence[float], v: Sequence[float], a: Sequence[float]
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """dtau/dq, dtau/dv and the mass matrix, (n, n) each, at one state (for a continuous joint, by its angle)."""
-        q, v, a = (np.asarray(x, dtype=float) for x in (q, v, a))
         dq, dv, da = pin.computeRNEADerivatives(self._model, self._model.createData(), self.configuration(q), v, a)
         return np.array(dq), np.array(dv), np.triu(da) + np.triu(da, 1).T

@@ -90,7 +90,7 @@ class _Frames:
 
     def cost(self) -> int:
         """Non-zero offsets that the recursion must multiply by."""
-        return sum(np.count_nonzero(self.offset(k)) for k in range(len(self.links)) if self.parent_turns[k])
+        return sum(int(np.count_nonzero(self.offset(k))) for k in range(len(self.links)) if self.parent_turns[k])
 
     def slide(self) -> None:
         """Coordinate descent on `cost` over origins that lie on the joint axes."""

@@ -30,7 +30,7 @@ def _plus(a: Sequence[ca.SX], b: Sequence[ca.SX]) -> Vector:
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
-def _times(matrix: Sequence[Sequence[float]], x: Sequence[ca.SX]) -> Vector:
+def _times(matrix: Sequence[Sequence[float | ca.SX]], x: Sequence[ca.SX]) -> Vector:
     return [row[0] * x[0] + row[1] * x[1] + row[2] * x[2] for row in matrix]
 
 
@@ -99,10 +99,13 @@ def torque_function(tree: Sequence[Link]) -> ca.Function:
     inertias = [ca.SX(ca.DM(link.pseudo_inertia)) for link in links]
     inertias[-1] = inertias[-1] + mass * ca.mtimes(point, point.T)
 
-    joints, us, forces, torques = [], [], [], []
+    joints: list[_Joint] = []
+    us: list[list[Vector]] = []
     ws: list[Vector] = []
     dws: list[Vector] = []
     origins: list[Vector] = []
+    forces: list[Vector] = []
+    torques: list[Vector] = []
     for k, link in enumerate(links):
         joint, p = _Joint(link, q[k]), link.parent
         root = p < 0
@@ -135,5 +138,3 @@ def torque_function(tree: Sequence[Link]) -> ca.Function:
             torques[link.parent] = _plus(torques[link.parent], moment)
     names = ["q", "v", "a", "gravity", "mass", "com"]
     return ca.Function("tau", [q, v, a, gravity, mass, com], [ca.vertcat(*tau)], names, ["tau"])
-
-

@@ -1,0 +1,169 @@
+"""Figures, drawn without a display; the only module that imports matplotlib.
+
+Every function draws on a new `Figure` and returns it; `save` and `png` turn one into a file or into bytes.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from energy_opt.files import replacing
+
+DPI = 110
+COLOURS = ("#1f5fa8", "#d1691c", "#2e8b57", "#8a3ea8", "#b03030", "#6b6b6b", "#c2a000", "#008b9a", "#e377a2", "#5a3d1e")
+GREY = "#7a7a7a"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A named curve: x and y, both (N,)."""
+
+    name: str
+    x: np.ndarray
+    y: np.ndarray
+
+
+def new_figure(rows: int, columns: int, *, width: float = 10.0, height: float = 3.2) -> tuple[Figure, np.ndarray]:
+    """A figure of rows x columns axes, (rows, columns); `width` in inches, `height` per row.
+
+    Margins are fixed lengths: matplotlib's own layout engines draw everything twice.
+    """
+    total = height * rows
+    left, right, bottom, top, gap_x, gap_y = 0.8, 0.2, 0.5, 0.45, 1.3, 0.75  # [inch]
+    figure = Figure(figsize=(width, total), dpi=DPI)
+    grid = {
+        "left": left / width,
+        "right": 1 - right / width,
+        "bottom": bottom / total,
+        "top": 1 - top / total,
+        "wspace": gap_x * columns / (width - left - right - gap_x * (columns - 1)),
+        "hspace": gap_y * rows / (total - bottom - top - gap_y * (rows - 1)),
+    }
+    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid)
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as a PNG."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png")
+    return stream.getvalue()
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write the figure as a PNG, whole or not at all."""
+    with replacing(Path(path)) as aside:
+        aside.write_bytes(png(figure))
+
+
+def labelled(axes: Axes, x: str, y: str, title: str = "") -> Axes:
+    """Axes with labels, a title and a light grid."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    if title:
+        axes.set_title(title, fontsize=10, loc="left")
+    axes.grid(True, color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return axes
+
+
+def curves(axes: Axes, lines: Sequence[Curve], *, legend: bool = True, width: float = 1.4) -> None:
+    """Draw curves in the order of `COLOURS`."""
+    for k, line in enumerate(lines):
+        axes.plot(line.x, line.y, color=COLOURS[k % len(COLOURS)], linewidth=width, label=line.name)
+    if legend and lines:
+        axes.legend(fontsize=7, ncols=2 if len(lines) > 4 else 1, framealpha=0.8)
+
+
+def bars(axes: Axes, groups: Mapping[str, Mapping[str, float]]) -> None:
+    """Horizontal bars: one group of bars per label, one bar in it per name of `groups`."""
+    labels = list(dict.fromkeys(label for values in groups.values() for label in values))
+    height = 0.8 / max(len(groups), 1)
+    for k, (name, values) in enumerate(groups.items()):
+        at = np.arange(len(labels)) + (k - (len(groups) - 1) / 2) * height
+        axes.barh(at, [values.get(x, 0.0) for x in labels], height, color=COLOURS[k % len(COLOURS)], label=name)
+    axes.set_yticks(np.arange(len(labels)), labels, fontsize=8)
+    axes.invert_yaxis()
+    axes.axvline(0.0, color=GREY, linewidth=0.8)
+    if len(groups) > 1:
+        axes.legend(fontsize=7)
+
+
+def _fractions(axes: Axes, time: np.ndarray, values: np.ndarray, bounds: np.ndarray, joints: Sequence[str]) -> None:
+    """Values (N, n) as fractions of their bounds (n,); joints without a bound are left out."""
+    bounded = [j for j in range(len(joints)) if np.isfinite(bounds[j])]
+    curves(axes, [Curve(joints[j], time, values[:, j] / bounds[j]) for j in bounded])
+    for side in (-1.0, 1.0):
+        axes.axhline(side, color=GREY, linestyle="--", linewidth=0.8)
+
+
+def plot_move(
+    time: np.ndarray,
+    velocity: np.ndarray,
+    effort: np.ndarray,
+    power: np.ndarray,
+    *,
+    joints: Sequence[str],
+    velocity_limit: np.ndarray,
+    effort_limit: np.ndarray,
+    baseline: Curve | None = None,
+    by_effect: Mapping[str, Mapping[str, float]] | None = None,
+    title: str = "",
+) -> Figure:
+    """One move: velocity and torque against their limits, power against the baseline's, energy by effect.
+
+    Args:
+        time: (N,) s; velocity, effort: (N, n) rad/s, N m; power: (N,) W.
+        velocity_limit, effort_limit: (n,), inf where there is none.
+        baseline: power over time of the move to compare with.
+        by_effect: energy by effect [J] of each move that is compared, by the move's name.
+    """
+    figure, axes = new_figure(2, 2)
+    _fractions(labelled(axes[0, 0], "time [s]", "velocity / limit"), time, velocity, velocity_limit, joints)
+    _fractions(labelled(axes[0, 1], "time [s]", "torque / limit"), time, effort, effort_limit, joints)
+    lines = [Curve("result", time, power)] + ([baseline] if baseline is not None else [])
+    curves(labelled(axes[1, 0], "time [s]", "power [W]"), lines)
+    bars(labelled(axes[1, 1], "energy [J]", ""), by_effect or {})
+    if title:
+        figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def plot_tradeoff(
+    duration: np.ndarray,
+    parts: Mapping[str, np.ndarray],
+    marks: Mapping[str, tuple[float, float]],
+    *,
+    fastest: float | None = None,
+    title: str = "",
+) -> Figure:
+    """Energy against duration, split into parts that are stacked, with marked optima.
+
+    Args:
+        duration: (N,) s, rising; points without an answer are left out by the caller.
+        parts: energy (N,) [J] by name, stacked in this order; negative ones are drawn as lines instead.
+        marks: named points (duration [s], energy [J]).
+        fastest: shortest feasible duration, s.
+    """
+    figure, grid = new_figure(1, 1, width=8.0, height=4.6)
+    axes = labelled(grid[0, 0], "duration [s]", "energy [J]", title)
+    stacked = {name: value for name, value in parts.items() if np.min(value, initial=0.0) >= 0}
+    if stacked:
+        colours = [COLOURS[k % len(COLOURS)] for k in range(len(stacked))]
+        axes.stackplot(duration, list(stacked.values()), labels=list(stacked), colors=colours, alpha=0.35)
+    for k, name in enumerate(name for name in parts if name not in stacked):
+        axes.plot(duration, parts[name], ":", color=COLOURS[(len(stacked) + k) % len(COLOURS)], label=name)
+    axes.plot(duration, np.sum(list(parts.values()), axis=0), "o-", color="black", markersize=3, label="total")
+    for k, (name, (x, y)) in enumerate(marks.items()):
+        axes.plot([x], [y], "*D^v"[k % 4], color=COLOURS[(k + 4) % len(COLOURS)], markersize=10, label=name)
+    if fastest is not None:
+        axes.axvline(fastest, color=GREY, linestyle="--", linewidth=0.9, label="fastest")
+    axes.legend(fontsize=8)
+    return figure

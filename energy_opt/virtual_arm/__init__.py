@@ -1,0 +1,29 @@
+"""The virtual arm: measured data with known causes, from a forward simulation apart from the library's own laws.
+
+`simulate` plays motions on an arm whose drives have a plant's effects; `sets.make_set` makes whole measured sets.
+MuJoCo (extra `sim`) is imported when an arm is built, not before.
+"""
+
+from energy_opt.virtual_arm.plant import Plant, load_plant
+from energy_opt.virtual_arm.reference import Reference, pose, read_reference
+from energy_opt.virtual_arm.simulate import Instruments, Run, play, simulate
+from energy_opt.virtual_arm.specials import SPECIALS, Backlash, Cogging, Fan, Special, SpeedRipple, StandbyStep
+
+__all__ = [
+    "SPECIALS",
+    "Backlash",
+    "Cogging",
+    "Fan",
+    "Instruments",
+    "Plant",
+    "Reference",
+    "Run",
+    "Special",
+    "SpeedRipple",
+    "StandbyStep",
+    "load_plant",
+    "play",
+    "pose",
+    "read_reference",
+    "simulate",
+]

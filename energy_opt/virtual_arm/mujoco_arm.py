@@ -1,0 +1,211 @@
+"""The forward simulation: MuJoCo moves the arm of a URDF, a tracking controller drives it.
+
+    (M + armature) dv/dt + bias(q, v) + D v + spring + specials = u
+
+The controller is a stiff PD in every joint, u = kp e + kd de/dt, with the gravity and Coriolis torque of MuJoCo's own
+arm and a feed-forward of friction and springs. Inverse dynamics of the library takes no part in it. Friction and the PD's
+share in v enter through `dof_damping`, set anew at each step, which MuJoCo's Euler step treats implicitly: the arm is
+stable at any gain and any friction, and comes to rest without chatter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.virtual_arm.joint_laws import JointLaws
+from energy_opt.virtual_arm.plant import Plant
+from energy_opt.virtual_arm.urdf_tree import Body, read_bodies, rotation
+
+if TYPE_CHECKING:
+    from energy_opt.robot import Robot
+
+STEP = 1e-3  # [s]
+SETTLING = 0.4  # [s] before a motion, for the controller to come to rest
+BANDWIDTH = 100.0  # [rad/s] of the tracking controller, critically damped
+REST_HEADING = 2e-3  # [rad/s] a joint slower than this has no direction yet
+NOMINAL_INERTIA = 0.5  # [kg m^2] that its gains count on beside the arm's own
+
+# Stands in until the true inertia is written into the compiled model: MuJoCo refuses inertia that no rigid body can
+# have, which some published URDFs hold, and must not take short cuts for a centred or aligned inertia here.
+PLACEHOLDER = '<inertial pos="0.1 0.2 0.3" quat="0.8 0.4 0.2 0.4" mass="1" diaginertia="0.3 0.25 0.2"/>'
+
+
+def import_mujoco() -> Any:
+    """The mujoco module; BadInput with the way to get it where it is absent."""
+    try:
+        import mujoco
+    except ImportError:
+        raise BadInput("simulate needs MuJoCo, which is not installed: pip install 'energy-opt[sim]'") from None
+    return mujoco
+
+
+@dataclass(frozen=True)
+class Played:
+    """What truly happened in one run, at the middle of each time step.
+
+    Attributes:
+        time: (N,) s, from 0.
+        position, velocity, torque: (N, n) rad, rad/s and N m (the motor's torque at the joint side).
+        tracking_error: largest distance from the reference, rad, shape (n,).
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    torque: np.ndarray
+    tracking_error: np.ndarray
+
+
+class MujocoArm:
+    """A robot with a plant's rigid changes, armature and joint torques, ready to be driven."""
+
+    def __init__(self, robot: Robot, plant: Plant) -> None:
+        plant.check(robot.n)
+        self.mujoco = import_mujoco()
+        self.joints = tuple(robot.joints)
+        n = len(self.joints)
+        bodies = read_bodies(robot.urdf, self.joints, robot.locked)
+        mass = plant.number("payload", "mass", 0.0)
+        com = plant.value("payload", "com")
+        if mass > 0 and com is not None:
+            bodies[-1].add(mass, com, np.zeros((3, 3)))
+        armature = plant.value("armature", "inertia", n)
+        self.armature = np.zeros(n) if armature is None else np.array(armature)
+        self.laws = JointLaws(plant, n)
+        self.model = self._compile(bodies)
+        tilt = rotation((plant.number("base_tilt", "roll", 0.0), plant.number("base_tilt", "pitch", 0.0), 0.0))
+        self.model.opt.gravity[:] = tilt.T @ np.asarray(robot.body.gravity)
+        self.data = self.mujoco.MjData(self.model)
+
+    def _compile(self, bodies: Sequence[Body]) -> Any:
+        mujoco = self.mujoco
+        text = [_opening(body, inertia) for body, inertia in zip(bodies, self.armature, strict=True)]
+        children: dict[int, list[int]] = {}
+        for k, body in enumerate(bodies):
+            children.setdefault(body.parent, []).append(k)
+
+        def nested(k: int) -> str:
+            return text[k] + "".join(nested(child) for child in children.get(k, [])) + "</body>"
+
+        world = "".join(nested(k) for k in children.get(-1, []))
+        model = mujoco.MjModel.from_xml_string(
+            f'<mujoco><compiler angle="radian" autolimits="false"/><option timestep="{STEP}" integrator="Euler">'
+            f'<flag contact="disable" constraint="disable"/></option><worldbody>{world}</worldbody></mujoco>'
+        )
+        for k, body in enumerate(bodies):
+            com, inertia = body.about_centre()
+            # MuJoCo numbers bodies depth first, as they stand in `bodies`; body 0 is the world.
+            model.body_mass[k + 1] = body.mass
+            model.body_ipos[k + 1] = com
+            values, axes = np.linalg.eigh(inertia)
+            axes[:, 0] *= np.linalg.det(axes)
+            mujoco.mju_mat2Quat(model.body_iquat[k + 1], axes.ravel())
+            model.body_inertia[k + 1] = values
+        return model
+
+    def inverse(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """MuJoCo's own inverse dynamics, armature included and friction left out: torque (N, n) at q, v, a (N, n)."""
+        d = self.data
+        self.model.dof_damping[:] = 0
+        out = np.empty_like(q)
+        for k in range(len(q)):
+            d.qpos[:], d.qvel[:], d.qacc[:] = q[k], v[k], a[k]
+            self.mujoco.mj_inverse(self.model, d)
+            out[k] = d.qfrc_inverse
+        return out
+
+    def play(self, position: np.ndarray, velocity: np.ndarray) -> Played:
+        """Follow a reference given at every time step, (N, n) rad and rad/s; starts at rest, settled on its first row.
+
+        Raises:
+            BadInput: the arm does not follow (the reference jumps, or is beyond what the controller can do).
+        """
+        mujoco, m, d, laws = self.mujoco, self.model, self.data, self.laws
+        settling = round(SETTLING / STEP)
+        at = np.concatenate([np.zeros(settling, dtype=int), np.arange(len(position))])
+        n = position.shape[1]
+        mujoco.mj_resetData(m, d)
+        q, v, bias, applied, passive = d.qpos, d.qvel, d.qfrc_bias, d.qfrc_applied, d.qfrc_passive
+        damping, rest = m.dof_damping, np.zeros(n)
+        q[:] = position[0]
+        v[:] = 0
+        mujoco.mj_forward(m, d)
+        inertia = np.empty((n, n))
+        mujoco.mj_fullM(m, d, inertia)
+        kp = BANDWIDTH**2 * (np.diag(inertia) + NOMINAL_INERTIA)
+        kd = 2 * kp / BANDWIDTH
+        tau = bias.copy()
+        travel, heading = np.ones(n), np.zeros(n)
+        steps = len(at) - settling
+        qs, vs, us = np.empty((steps + 1, n)), np.empty((steps + 1, n)), np.empty((steps, n))
+        for k, row in enumerate(at):
+            mujoco.mj_step1(m, d)
+            goal_v = rest if k < settling else velocity[row]
+            friction = laws.damping(v, tau)
+            known = laws.known(q, tau)
+            # u = push - pull v+, v+ the speed at the end of the step
+            pull = kd + STEP * kp
+            push = kp * (position[row] - q) + kd * goal_v + bias + known + laws.damping(goal_v, tau) * goal_v
+            unknown: np.ndarray | float = 0.0
+            if laws.specials:
+                moving = np.abs(v) > REST_HEADING
+                travel = np.where(moving & (v * heading < 0), 0.0, travel + np.abs(v) * STEP)
+                heading = np.where(moving, np.sign(v), heading)
+                unknown = laws.unknown(q, v, travel)
+            applied[:] = push - known - unknown
+            damping[:] = friction + pull
+            passive[:] = -damping * v
+            j = k - settling
+            if j >= 0:
+                qs[j], vs[j] = q, v
+            before = v.copy()
+            mujoco.mj_step2(m, d)
+            u = push - pull * v
+            if j >= 0:
+                us[j] = u
+            # On the rigid body: the motor's torque less what the joint and its rotor take.
+            tau = u - known - unknown - friction * v - self.armature * (v - before) / STEP
+        qs[-1], vs[-1] = q, v
+        error = np.abs(position - qs[:-1]).max(axis=0)
+        worst = int(np.nanargmax(np.where(np.isfinite(error), error, np.inf)))
+        if not error[worst] < 0.1:
+            raise BadInput(
+                f"the virtual arm does not follow the trajectory: joint {self.joints[worst]} is off by "
+                f"{error[worst]:.3g} rad; is the trajectory smooth and within the robot's limits?"
+            )
+        time = (np.arange(steps) + 0.5) * STEP
+        return Played(time, (qs[1:] + qs[:-1]) / 2, (vs[1:] + vs[:-1]) / 2, us, error)
+
+    def hold(self, position: np.ndarray, duration: float) -> Played:
+        """Stand still at a pose, (n,) rad: settled first, then the settled torque throughout."""
+        steps = round(duration / STEP)
+        few = self.play(np.tile(position, (2, 1)), np.zeros((2, len(position))))
+        rows = (np.repeat(x[-1:], steps, axis=0) for x in (few.position, few.torque))
+        q, u = rows
+        return Played((np.arange(steps) + 0.5) * STEP, q, np.zeros_like(q), u, few.tracking_error)
+
+
+def _opening(body: Body, armature: float) -> str:
+    """The MJCF of a body up to where its children stand."""
+    quat = _quaternion(body.placement[:3, :3])
+    kind = "slide" if body.slides else "hinge"
+    return (
+        f'<body pos="{_words(body.placement[:3, 3])}" quat="{_words(quat)}">{PLACEHOLDER}'
+        f'<joint type="{kind}" axis="{_words(body.axis)}" armature="{float(armature)!r}"/>'
+    )
+
+
+def _words(values: np.ndarray) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _quaternion(matrix: np.ndarray) -> np.ndarray:
+    """Unit quaternion (w, x, y, z) of a rotation matrix."""
+    out = np.zeros(4)
+    import_mujoco().mju_mat2Quat(out, np.ascontiguousarray(matrix).ravel())
+    return out

@@ -1,0 +1,213 @@
+"""Playing motions on a virtual arm, and writing what its instruments saw as a measured set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.files import replacing, write_toml
+from energy_opt.virtual_arm.drives import electrical_power, reading
+from energy_opt.virtual_arm.mujoco_arm import STEP, MujocoArm, Played
+from energy_opt.virtual_arm.plant import Plant
+from energy_opt.virtual_arm.reference import Reference
+
+if TYPE_CHECKING:
+    from energy_opt.robot import Robot
+
+LOG_FORMAT = "energy-opt/log/1"
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """How a run is seen.
+
+    Attributes:
+        rate: encoder samples per second, Hz.
+        meter_rate: readings of the meter per second on its own clock, Hz; None: in the encoders' file.
+        noise: standard deviation of the meter's noise, W.
+        power_resolution: of the meter, W.
+        position_resolution: of the encoders, rad.
+        jitter: standard deviation of the sampling times, s (recorded as they fall, to 0.5 ms).
+        rest: standing still before and after each motion, s.
+        extra: further signals to log: "velocity", "effort".
+    """
+
+    rate: float = 125.0
+    meter_rate: float | None = None
+    noise: float = 0.6
+    power_resolution: float = 0.02
+    position_resolution: float = 2e-5
+    jitter: float = 0.0
+    rest: float = 0.3
+    extra: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "power_resolution", "position_resolution"):
+            if not getattr(self, name) > 0:
+                raise BadInput(f"instruments: {name} = {getattr(self, name)!r}; expected a number above 0")
+        if self.meter_rate is not None and not self.meter_rate > 0:
+            raise BadInput(f"instruments: meter_rate = {self.meter_rate!r}; expected a number above 0")
+        if self.rate > 1 / STEP or (self.meter_rate or 0) > 1 / STEP:
+            raise BadInput(f"instruments: no rate above {1 / STEP:g} Hz, the simulation's own")
+        if self.noise < 0 or self.jitter < 0 or self.rest < 0:
+            raise BadInput("instruments: noise, jitter and rest must not be negative")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run as it was: what was played and the power that was really drawn.
+
+    Attributes:
+        file: its file in the set.
+        played: the true motion and torque.
+        power: true power at the mains, W, at `played.time`; without the meter's own effects.
+        start: set time of its time 0, s.
+    """
+
+    file: str
+    played: Played
+    power: np.ndarray
+    start: float
+
+    @property
+    def energy(self) -> float:
+        """True energy over the run, J."""
+        return float(self.power.sum() * STEP)
+
+
+def play(arm: MujocoArm, plant: Plant, reference: Reference, rest: float = 0.0, start: float = 0.0) -> Run:
+    """Play one motion; `rest` s of standing before and after, `start` the set time of its beginning."""
+    if reference.static:
+        played = arm.hold(reference.position[0], reference.duration)
+    else:
+        steps = round((reference.duration + 2 * rest) / STEP) + 1
+        played = arm.play(*reference.at(np.arange(steps) * STEP - rest))
+    power = electrical_power(plant, start + played.time, played.velocity, played.torque)
+    return Run(f"{reference.name}.csv", played, power, start)
+
+
+def simulate(
+    references: Sequence[Reference],
+    plant: Plant,
+    robot: Robot,
+    folder: Path,
+    *,
+    seed: int = 0,
+    instruments: Instruments | None = None,
+    starts: Sequence[float] | np.ndarray | None = None,
+    truth: Mapping[str, Any] | None = None,
+) -> list[Run]:
+    """Play motions on a virtual arm and write the measured set that comes of it.
+
+    Args:
+        references: the motions, in order.
+        plant: what the arm truly is.
+        folder: where log.toml, the runs' CSV files and truth.toml go.
+        seed: of the noise and the clocks.
+        starts: set time of each run's time 0, s; default: one after the other, 2 s apart.
+        truth: what truth.toml says besides the plant.
+
+    Returns:
+        The runs as they truly were.
+
+    Raises:
+        BadInput: MuJoCo is absent, the plant does not fit the robot, a motion cannot be followed.
+    """
+    seen = instruments or Instruments()
+    rng = np.random.default_rng(seed)
+    arm = MujocoArm(robot, plant)
+    runs: list[Run] = []
+    entries = []
+    now = 0.0
+    for k, reference in enumerate(references):
+        start = now if starts is None else float(starts[k])
+        run = play(arm, plant, reference, seen.rest, start)
+        now = start + STEP * len(run.power) + 2.0
+        runs.append(run)
+        entry: dict[str, Any] = {"file": run.file, "kind": "static" if reference.static else "motion", "start": start}
+        entry |= _write_run(folder, run, plant, arm.joints, seen, rng)
+        entries.append(entry)
+    write_toml(folder / "log.toml", {"format": LOG_FORMAT, "robot": robot.name, "run": entries})
+    document = {
+        "noise_rms": seen.noise,
+        "resolution": seen.power_resolution,
+        "noise_floor": float(np.hypot(seen.noise, seen.power_resolution / np.sqrt(12))),
+        "energy_used": [run.energy for run in runs],
+        **(truth or {}),
+        **{key: value for key, value in plant.to_document().items() if key in ("robot", "effect", "special")},
+    }
+    write_toml(folder / "truth.toml", document)
+    return runs
+
+
+def _clock(length: float, rate: float, jitter: float, offset: float, rng: np.random.Generator) -> np.ndarray:
+    """Sampling times within [0, length], s."""
+    times = offset + np.arange(int((length - offset) * rate) + 1) / rate
+    if jitter > 0:
+        bound = 0.4 / rate
+        times = times + np.clip(rng.normal(0.0, jitter, len(times)), -bound, bound)
+        times = np.round(np.clip(times, 0.0, length) / (STEP / 2)) * (STEP / 2)
+        times = times[np.r_[True, np.diff(times) > 0]]
+    return times
+
+
+def _write_run(
+    folder: Path, run: Run, plant: Plant, joints: Sequence[str], seen: Instruments, rng: np.random.Generator
+) -> dict[str, str]:
+    """Write a run's files; returns what its entry in log.toml says of a power file."""
+    played = run.played
+    length = float(played.time[-1])
+    times = _clock(length, seen.rate, seen.jitter, 0.0, rng)
+    step = seen.position_resolution
+    header, columns, digits = ["time"], [times], [4]
+    for j, joint in enumerate(joints):
+        true = np.interp(times, played.time, played.position[:, j])
+        header.append(f"{joint}.position")
+        columns.append(np.round((true + rng.normal(0.0, step / 3, len(times))) / step) * step)
+        digits.append(_decimals(step))
+    signals = {"velocity": (played.velocity, 1e-3, 5), "effort": (played.torque, 0.02, 3)}
+    for name in seen.extra:
+        if name not in signals:
+            raise BadInput(f"instruments: extra signal {name!r}; known: {', '.join(signals)}")
+        values, noise, places = signals[name]
+        for j, joint in enumerate(joints):
+            header.append(f"{joint}.{name}")
+            columns.append(np.interp(times, played.time, values[:, j]) + rng.normal(0.0, noise, len(times)))
+            digits.append(places)
+    shown = reading(plant, played.time, run.power, STEP)
+    aside = seen.meter_rate is not None
+    if seen.meter_rate is not None:
+        clock = _clock(length, seen.meter_rate, 0.0, float(rng.uniform(0, 0.5 / seen.meter_rate)), rng)
+    else:
+        clock = times
+    watts = np.interp(clock, played.time, shown) + rng.normal(0.0, seen.noise, len(clock))
+    watts = np.round(watts / seen.power_resolution) * seen.power_resolution
+    places = _decimals(seen.power_resolution)
+    if not aside:
+        _write_columns(folder / run.file, [*header, "power"], [*columns, watts], [*digits, places])
+        return {}
+    _write_columns(folder / run.file, header, columns, digits)
+    name = f"{Path(run.file).stem}_power.csv"
+    _write_columns(folder / name, ["time", "power"], [clock, watts], [4, places])
+    return {"power_file": name}
+
+
+def _decimals(step: float) -> int:
+    """Decimal places that show every multiple of `step`."""
+    places = 0
+    while places < 9 and abs(round(step * 10**places) - step * 10**places) > 1e-6:
+        places += 1
+    return places
+
+
+def _write_columns(path: Path, header: Sequence[str], columns: Sequence[np.ndarray], digits: Sequence[int]) -> None:
+    """A CSV file with the number of decimals that each instrument shows."""
+    form = ",".join(f"%.{places}f" for places in digits)
+    with replacing(path) as aside, aside.open("w", encoding="utf-8") as stream:
+        stream.write(",".join(header) + "\n")
+        stream.writelines(form % tuple(row) + "\n" for row in np.column_stack(columns).tolist())

@@ -1,0 +1,20 @@
+"""Measured data: folders of runs with a log.toml, read into plain arrays, every fault named with file, row, column."""
+
+from energy_opt.measured.check import check_set
+from energy_opt.measured.differentiate import Kinematics, Smoothing, choose_smoothing, kinematics
+from energy_opt.measured.log import LogFile, RunEntry, read_log
+from energy_opt.measured.sets import MeasuredSet, Run, read_set
+
+__all__ = [
+    "Kinematics",
+    "LogFile",
+    "MeasuredSet",
+    "Run",
+    "RunEntry",
+    "Smoothing",
+    "check_set",
+    "choose_smoothing",
+    "kinematics",
+    "read_log",
+    "read_set",
+]

@@ -1,0 +1,65 @@
+"""Is a measured set usable: every fault, with file, row and column."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.measured.differentiate import kinematics
+from energy_opt.measured.log import read_log
+from energy_opt.measured.sets import Run, collect, robot_of
+from energy_opt.robot import Robot
+
+MISMATCH = 0.2  # logged velocity may differ from that of the positions by this share of its own spread (rms)
+
+
+def check_set(folder: Path) -> list[str]:
+    """All faults of a measured set, empty where it can be used as it is; never raises for a faulty file."""
+    try:
+        log = read_log(folder)
+        robot = robot_of(log)
+    except BadInput as error:
+        return [str(error)]
+    runs, faults = collect(log, robot)
+    for run in runs:
+        faults += _plausible(run, robot, str(log.path.parent / run.file))
+    return faults
+
+
+def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
+    faults = []
+    moved = np.ptp(run.position, axis=0)
+    if run.kind == "static" and moved.max() > 0.01:
+        joint = robot.joints[int(np.argmax(moved))]
+        faults.append(f"{where}: column {joint}.position: moves by {moved.max():.3g} rad in a run called static")
+    for j, joint in enumerate(robot.joints):
+        margin = 0.05
+        low, high = robot.limits.lower[j] - margin, robot.limits.upper[j] + margin
+        out = np.flatnonzero((run.position[:, j] < low) | (run.position[:, j] > high))
+        if out.size:
+            row, value = int(out[0]) + 2, run.position[out[0], j]
+            faults.append(
+                f"{where}: row {row}, column {joint}.position: {value:.4g} rad is outside the joint's limits "
+                f"[{low + margin:.4g}, {high - margin:.4g}]; is the unit right?"
+            )
+    if run.velocity is not None and len(run.time) > 16:
+        own = kinematics(_positions_only(run), run.time, 10.0).v
+        for j, joint in enumerate(robot.joints):
+            spread = float(np.std(own[:, j]))
+            off = float(np.sqrt(np.mean((run.velocity[:, j] - own[:, j]) ** 2)))
+            if spread > 0.02 and off > MISMATCH * spread:
+                faults.append(
+                    f"{where}: column {joint}.velocity: differs from the slope of the positions by {off:.3g} rad/s rms "
+                    f"(its own spread is {spread:.3g}); are unit and joint right?"
+                )
+    if np.ptp(run.power) == 0 and run.power.size > 100:
+        faults.append(f"{where}: column power: is {run.power[0]:g} W throughout; is the meter connected?")
+    return faults
+
+
+def _positions_only(run: Run) -> Run:
+    import dataclasses
+
+    return dataclasses.replace(run, velocity=None, acceleration=None)

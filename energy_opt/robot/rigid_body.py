@@ -217,5 +217,6 @@ class RigidBody:
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """dtau/dq, dtau/dv and the mass matrix, (n, n) each, at one state (for a continuous joint, by its angle)."""
-        dq, dv, da = pin.computeRNEADerivatives(self._model, self._model.createData(), self.configuration(q), v, a)
+        data = self._model.createData()  # held: what comes back are views of it
+        dq, dv, da = pin.computeRNEADerivatives(self._model, data, self.configuration(q), v, a)
         return np.array(dq), np.array(dv), np.triu(da) + np.triu(da, 1).T

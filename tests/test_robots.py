@@ -1,0 +1,243 @@
+"""Robots: names, joints, limits and what is said about doubtful ones."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from energy_opt.errors import BadInput
+from energy_opt.robot import known_robots, load_robot
+
+UR_JOINTS = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+SHARED = Path(__file__).resolve().parents[2] / "shared/data/ur_e_series"
+
+TWO_JOINTS = """<robot name="two">
+  <link name="base"/>
+  <joint name="first" type="revolute"><parent link="base"/><child link="one"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="2" effort="{effort}" velocity="{velocity}"/></joint>
+  <link name="one"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="second" type="revolute"><parent link="one"/><child link="two"/>
+    <origin xyz="0.3 0 0"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="1"/></joint>
+  <link name="two"><inertial><mass value="{mass}"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="{inertia}" ixy="0" ixz="0" iyy="{inertia}" iyz="0" izz="{inertia}"/></inertial></link>
+</robot>"""
+
+
+def two_joints(tmp_path: Path, **values: str) -> str:
+    """A URDF file of two joints with the given numbers in it."""
+    numbers = {"effort": "10", "velocity": "2", "mass": "0.5", "inertia": "0.002"} | values
+    path = tmp_path / "two.urdf"
+    path.write_text(TWO_JOINTS.format(**numbers))
+    return str(path)
+
+
+@pytest.mark.parametrize("name", known_robots())
+def test_every_named_robot_loads_with_usable_limits(name: str) -> None:
+    robot = load_robot(name)
+    limits = robot.limits
+    assert robot.name == name and robot.n == len(robot.joints) in (6, 7)
+    assert (limits.lower < limits.upper).all()
+    assert (limits.velocity > 0).all() and np.isfinite(limits.velocity).all()
+    assert (limits.effort > 0).all() and np.isfinite(limits.effort).all()
+    assert not any("finger" in joint.lower() or "gripper" in joint.lower() for joint in robot.joints)
+    assert (np.isfinite(limits.lower) != robot.body.continuous).all()
+
+
+def test_names() -> None:
+    assert set(known_robots()) == {"panda", "ur3", "ur5", "ur10", "kinova", "xarm7", "z1", "ur3e", "ur5e", "ur10e"}
+
+
+def test_panda_has_the_published_limits() -> None:
+    limits = load_robot("panda").limits
+    np.testing.assert_array_equal(limits.velocity, [2.175] * 4 + [2.61] * 3)
+    np.testing.assert_array_equal(limits.acceleration, [15, 7.5, 10, 12.5, 15, 20, 20])
+    np.testing.assert_array_equal(limits.jerk, [7500, 3750, 5000, 6250, 7500, 10000, 10000])
+    np.testing.assert_array_equal(limits.effort, [87] * 4 + [12] * 3)
+    assert limits.upper[3] == pytest.approx(-0.0698)
+
+
+@pytest.mark.parametrize(
+    ("name", "effort"),
+    [
+        ("ur3", [56, 56, 28, 12, 12, 12]),
+        ("ur5", [150, 150, 150, 28, 28, 28]),
+        ("ur10", [330, 330, 150, 56, 56, 56]),
+        ("ur3e", [54, 54, 28, 9, 9, 9]),
+        ("ur5e", [150, 150, 150, 28, 28, 28]),
+        ("ur10e", [330, 330, 150, 54, 54, 54]),
+    ],
+)
+def test_universal_robots_efforts(name: str, effort: list[float]) -> None:
+    robot = load_robot(name)
+    assert robot.joints == UR_JOINTS
+    np.testing.assert_array_equal(robot.limits.effort, effort)
+
+
+def test_implausible_and_placeholder_inertias_are_named() -> None:
+    assert [w.split(":")[0] for w in load_robot("ur5").warnings] == ["wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+    for name in ("panda", "ur3e", "ur5e", "ur10e"):
+        assert load_robot(name).warnings == ()
+
+
+# Masses, and the tool with all joints at 0 by Denavit-Hartenberg parameters: (a2 + a3, d4 + d6, d1 - d5) in base_link.
+@pytest.mark.parametrize(
+    ("name", "mass", "tool"),
+    [
+        (
+            "ur3e",
+            1.98 + 3.4445 + 1.437 + 0.871 + 0.805 + 0.261,
+            (0.24355 + 0.2132, 0.13105 + 0.0921, 0.15185 - 0.08535),
+        ),
+        ("ur5e", 3.761 + 8.058 + 2.846 + 1.37 + 1.3 + 0.365, (0.425 + 0.3922, 0.1333 + 0.0996, 0.1625 - 0.0997)),
+        ("ur10e", 7.369 + 13.051 + 3.989 + 2.1 + 1.98 + 0.615, (0.6127 + 0.57155, 0.17415 + 0.11655, 0.1807 - 0.11985)),
+    ],
+)
+def test_e_series_mass_and_geometry(name: str, mass: float, tool: tuple[float, float, float]) -> None:
+    robot = load_robot(name)
+    assert sum(link.mass for link in robot.body.tree()) == pytest.approx(mass, rel=1e-12)
+    model = pin.buildModelFromUrdf(str(robot.urdf))
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    np.testing.assert_allclose(data.oMf[model.getFrameId("tool0")].translation, tool, atol=1e-12)
+    rest = np.zeros(robot.n)
+    tau = robot.body.torque(np.array([0.4, -1.1, 0.7, 0.2, 1.3, -0.6]), rest, rest)[0]
+    assert abs(tau[0]) < 1e-9 < abs(tau[1])  # gravity never loads the upright axis
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the published parameter files are not here")
+@pytest.mark.parametrize("name", ["ur3e", "ur5e", "ur10e"])
+def test_e_series_urdf_holds_the_published_numbers(name: str) -> None:
+    class Loader(yaml.SafeLoader):
+        """YAML with the tag !degrees."""
+
+    Loader.add_constructor("!degrees", lambda loader, node: math.radians(float(loader.construct_scalar(node))))
+    folder = SHARED / name
+    kinematics = yaml.load((folder / "default_kinematics.yaml").read_text(), Loader)["kinematics"]
+    physical = yaml.load((folder / "physical_parameters.yaml").read_text(), Loader)["inertia_parameters"]
+    limits = yaml.load((folder / "joint_limits.yaml").read_text(), Loader)["joint_limits"]
+    root = ET.parse(load_robot(name).urdf).getroot()
+    joints = {joint.get("name"): joint for joint in root.iter("joint")}
+    links = {link.get("name"): link for link in root.iter("link")}
+
+    def numbers(element: ET.Element, key: str) -> list[float]:
+        return [float(x) for x in (element.get(key) or "").split()]
+
+    parts = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+    for joint_name, part in zip(UR_JOINTS, parts, strict=True):
+        joint, stated = joints[joint_name], limits[joint_name]
+        origin, limit = joint.find("origin"), joint.find("limit")
+        assert numbers(origin, "xyz") == pytest.approx([kinematics[part][k] for k in "xyz"], abs=1e-9)
+        assert numbers(origin, "rpy") == pytest.approx(
+            [kinematics[part][k] for k in ("roll", "pitch", "yaw")], abs=1e-6
+        )
+        assert float(limit.get("effort")) == stated["max_effort"]
+        assert float(limit.get("velocity")) == pytest.approx(stated["max_velocity"], rel=1e-15)
+        assert joint.get("type") == ("revolute" if stated["has_position_limits"] else "continuous")
+        if stated["has_position_limits"]:
+            assert float(limit.get("upper")) == pytest.approx(stated["max_position"], rel=1e-15)
+        inertial = links[f"{part}_link"].find("inertial")
+        assert float(inertial.find("mass").get("value")) == physical[f"{part}_mass"]
+        centre, turn = physical["center_of_mass"][f"{part}_cog"], physical["rotation"][part]
+        assert numbers(inertial.find("origin"), "xyz") == [centre[k] for k in "xyz"]
+        assert numbers(inertial.find("origin"), "rpy") == pytest.approx([turn[k] for k in ("roll", "pitch", "yaw")])
+        assert {k: float(v) for k, v in inertial.find("inertia").attrib.items()} == physical["tensor"][part]
+
+
+def test_placeholder_limits_are_replaced_and_named(tmp_path: Path) -> None:
+    robot = load_robot(two_joints(tmp_path, effort="0", velocity="1e9"))
+    assert robot.limits.effort[0] == np.inf and robot.limits.velocity[0] == pytest.approx(np.pi)
+    assert robot.limits.acceleration[0] == 10 and robot.limits.acceleration[1] == np.inf
+    first = [w for w in robot.warnings if w.startswith("first:")]
+    assert len(first) == 3 and all("assumed" in w for w in first)
+    assert not any(w.startswith("second:") for w in robot.warnings)
+
+
+def test_massless_last_link_is_named(tmp_path: Path) -> None:
+    robot = load_robot(two_joints(tmp_path, mass="0", inertia="0"))
+    assert any(w.startswith("second:") and "no mass" in w for w in robot.warnings)
+
+
+def test_limits_file_overrides_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text(
+        "joint_limits:\n"
+        "  second:\n    has_velocity_limits: true\n    max_velocity: 0.25\n    max_jerk: 40\n"
+        "  first:\n    has_effort_limits: false\n    has_position_limits: true\n"
+        "    min_position: !degrees -30\n    max_position: 0.5\n"
+        "  elsewhere:\n    max_velocity: 9\n"
+    )
+    robot = load_robot(two_joints(tmp_path), limits=path)
+    np.testing.assert_array_equal(robot.limits.velocity, [2, 0.25])
+    np.testing.assert_array_equal(robot.limits.jerk, [np.inf, 40])
+    assert robot.limits.effort[0] == np.inf
+    np.testing.assert_allclose(robot.limits.lower, [-math.pi / 6, -1])
+    np.testing.assert_allclose(robot.limits.upper, [0.5, 1])
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("velocity: 3\n", "no joint_limits table"),
+        ("joint_limits:\n  other: {max_velocity: 1}\n", "the robot's joints are first, second"),
+        ("joint_limits:\n  first: {max_velocity: -1}\n", "above 0"),
+        ("joint_limits:\n  first: {max_velocity: fast}\n", "not a number"),
+        ("joint_limits:\n  first: {has_velocity_limits: true}\n", "max_velocity is missing"),
+        ("joint_limits:\n  first: {min_position: 1, max_position: 0}\n", "not below"),
+        ("joint_limits: [\n", "not valid YAML"),
+    ],
+)
+def test_faulty_limits_files(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=says):
+        load_robot(two_joints(tmp_path), limits=path)
+
+
+def test_locked_joints_take_no_part(tmp_path: Path) -> None:
+    """A locked joint leaves the arm of the remaining ones, at the locked angle."""
+    path = two_joints(tmp_path)
+    whole, part = load_robot(path).body, load_robot(path, lock={"second": 0.4})
+    assert part.joints == ("first",) and part.locked == {"second": 0.4}
+    q, v, a = np.array([0.3]), np.array([-0.7]), np.array([1.1])
+    expected = whole.torque(np.array([0.3, 0.4]), np.array([-0.7, 0]), np.array([1.1, 0]))[0, 0]
+    assert part.body.torque(q, v, a)[0, 0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_bad_robots_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="nor a robot by name"):
+        load_robot("r2d2")
+    with pytest.raises(BadInput, match="cannot lock 'third'"):
+        load_robot(two_joints(tmp_path), lock={"third": 0.0})
+    with pytest.raises(BadInput, match="no joint is left"):
+        load_robot(two_joints(tmp_path), lock={"first": 0.0, "second": 0.0})
+    broken = tmp_path / "broken.urdf"
+    broken.write_text("<robot name='x'><link")
+    with pytest.raises(BadInput, match="not a URDF"):
+        load_robot(str(broken))
+
+
+def test_energy_is_the_integral_of_power() -> None:
+    """d/dt (kinetic + potential) = tau . v along a motion, so stored energy and torque tell the same story."""
+    body = load_robot("xarm7").body
+    rng = np.random.default_rng(5)
+    amplitude, rate = rng.normal(size=(2, body.n))
+    t = np.linspace(0.0, 1.0, 2001)[:, None]
+    q, v, a = amplitude * np.sin(rate * t), amplitude * rate * np.cos(rate * t), -amplitude * rate**2 * np.sin(rate * t)
+    power = np.sum(body.torque(q, v, a) * v, axis=1)
+    work = np.sum((power[1:] + power[:-1]) / 2 * np.diff(t[:, 0]))
+    stored = body.energy(q[[0, -1]], v[[0, -1]])
+    assert work == pytest.approx(stored[1] - stored[0], rel=1e-5)

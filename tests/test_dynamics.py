@@ -22,7 +22,8 @@ BUILT = ["compact", *(["templates"] if TEMPLATES else [])]
 SLIDER = """<robot name="slider">
   <link name="base"/>
   <joint name="rail" type="prismatic"><parent link="base"/><child link="cart"/>
-    <origin xyz="0.1 0 0.2" rpy="0.3 0.2 0.1"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="50" velocity="2"/></joint>
+    <origin xyz="0.1 0 0.2" rpy="0.3 0.2 0.1"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" effort="50" velocity="2"/></joint>
   <link name="cart"><inertial><mass value="2"/><origin xyz="0.02 0.01 0.03"/>
     <inertia ixx="0.01" ixy="0.001" ixz="0" iyy="0.02" iyz="0.002" izz="0.015"/></inertial></link>
   <joint name="swing" type="continuous"><parent link="cart"/><child link="pole"/>
@@ -200,7 +201,7 @@ class _Stub(types.ModuleType):
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "ur3e"])
 def test_pinocchio_casadi_is_driven_rightly(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The wheel has no `pinocchio.casadi`; what it is handed and what is made of its answer can be tested all the same."""
+    """No wheel has `pinocchio.casadi`; what it is handed and what is made of its answer can be tested."""
     body = load_robot(name).body
     stub = _Stub(body.tree())
     monkeypatch.setitem(sys.modules, "pinocchio.casadi", stub)

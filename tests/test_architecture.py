@@ -1,0 +1,99 @@
+"""The shape of the package: who may import whom."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import energy_opt
+
+ROOT = Path(energy_opt.__file__).parent
+MODULES = sorted(ROOT.rglob("*.py"))
+
+# Packages of the two sides; they meet in the power model, and in the command line, which may import all.
+MOTION = {"motion", "tradeoff", "bench"}
+DATA = {"measured", "identify", "diagnose"}
+
+
+def imports(module: Path) -> Iterator[str]:
+    """Every module that a file imports, inside functions too, as absolute dotted names."""
+    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module}: relative import"
+            yield node.module or ""
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def part(module: Path) -> str:
+    """The package (or top-level module) of energy_opt that a file belongs to."""
+    return module.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def parts_imported(module: Path) -> set[str]:
+    """The parts of energy_opt that a file imports."""
+    names = [name.split(".") for name in imports(module)]
+    return {name[1] for name in names if name[0] == "energy_opt" and len(name) > 1} - {part(module), "__version__"}
+
+
+@pytest.mark.parametrize(
+    ("library", "place"),
+    [
+        ("pinocchio", "robot/rigid_body.py"),
+        ("toppra", "motion/timing.py"),
+        ("matplotlib", "plots.py"),
+        ("mujoco", "virtual_arm/mujoco_arm.py"),
+        ("energy_opt_pinsx", "dynamics/templates.py"),
+        ("yaml", "files.py"),
+        ("tomllib", "files.py"),
+    ],
+)
+def test_one_module_knows_each_library(library: str, place: str) -> None:
+    users = {m.relative_to(ROOT).as_posix() for m in MODULES if any(x.split(".")[0] == library for x in imports(m))}
+    assert users == {place}
+
+
+def test_data_and_motion_meet_only_in_the_power_model() -> None:
+    for module in MODULES:
+        if part(module) in MOTION:
+            assert not parts_imported(module) & (DATA | {"virtual_arm"}), module
+        if part(module) in DATA:
+            assert not parts_imported(module) & (MOTION | {"virtual_arm"}), module
+
+
+def test_the_virtual_arm_takes_no_part_of_our_inverse_dynamics() -> None:
+    for module in MODULES:
+        if part(module) == "virtual_arm":
+            assert not parts_imported(module) & {"dynamics", "measured", "identify", "diagnose"}, module
+
+
+def test_dependencies_point_one_way() -> None:
+    """The parts form a graph without cycles; the command line is on top and errors at the bottom."""
+    graph: dict[str, set[str]] = {}
+    for module in MODULES:
+        graph.setdefault(part(module), set()).update(parts_imported(module))
+    assert graph["errors"] == set() and graph["files"] <= {"errors"} and graph["effects"] <= {"errors", "files"}
+    assert {name for name, used in graph.items() if "cli" in used} <= {"__main__"}
+    while graph:
+        free = [name for name, used in graph.items() if not used & set(graph)]
+        assert free, f"a cycle among {sorted(graph)}"
+        for name in free:
+            del graph[name]
+
+
+def test_modules_stay_small() -> None:
+    long = {str(m): n for m in MODULES if (n := len(m.read_text(encoding="utf-8").splitlines())) > 350}
+    assert not long
+
+
+def test_the_command_line_starts_without_heavy_libraries() -> None:
+    heavy = ("casadi", "pinocchio", "toppra", "matplotlib", "scipy", "pyarrow", "dask", "distributed", "mujoco")
+    code = f"import sys, energy_opt.cli.main; print([m for m in {heavy!r} if m in sys.modules])"
+    answer = subprocess.run([sys.executable, "-c", code], cwd=ROOT.parent, capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[]"

@@ -1,0 +1,85 @@
+"""A whole batch: what is left of a suite is run, results are kept as they come, tables are made at the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from energy_opt.bench.executors import cluster, local
+from energy_opt.bench.journal import Journal
+from energy_opt.bench.progress import Progress
+from energy_opt.bench.report import write_report
+from energy_opt.bench.rows import Record, Row, write_parquet
+from energy_opt.bench.runner import run_tasks
+from energy_opt.bench.suite import Suite
+from energy_opt.bench.summary import summarize
+from energy_opt.files import write_json
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A batch as far as it came: rows in the order of the suite, its summary, and whether it was interrupted."""
+
+    rows: list[Row]
+    summary: dict[str, Any]
+    interrupted: bool
+    left_out: int
+
+
+def run_batch(
+    suite: Suite,
+    out: Path,
+    *,
+    jobs: int = 1,
+    resume: bool = False,
+    scheduler: str | None = None,
+    quiet: bool = True,
+) -> Batch:
+    """Run what is left of a suite: results.jsonl as it goes, then results.parquet, report.html and summary.json.
+
+    Each task is done exactly once over all resumed runs; Ctrl-C stops the workers and keeps what is done.
+
+    Args:
+        jobs: processes on this machine; ignored with `scheduler`.
+        resume: go on from what an earlier run left in `out`.
+        scheduler: address of a Dask cluster that computes instead.
+
+    Raises:
+        BadInput: `out` holds an unfinished batch and `resume` is False, or the scheduler does not answer.
+    """
+    wanted = {task.key: task for task in suite.tasks}
+    header = {"suite": suite.name, "digest": suite.digest}
+    with Journal(out, header, resume=resume) as journal:
+        records: dict[str, Record] = {}
+        for record in journal.records:
+            if record["key"] in wanted:
+                records.setdefault(record["key"], record)
+        left_out = sum(record["key"] not in wanted for record in journal.records)
+        (Path(out) / "summary.json").unlink(missing_ok=True)
+        progress = Progress(len(wanted), len(records), quiet=quiet)
+        place = partial(cluster, scheduler) if scheduler else partial(local, jobs)
+        left = [task for task in suite.tasks if task.key not in records]
+        interrupted = False
+        try:
+            for record in run_tasks(left, place, progress.show):
+                journal.append(record)
+                records[record["key"]] = record
+                progress.count(record["row"]["status"] == "solved")
+        except KeyboardInterrupt:
+            interrupted = True
+        progress.show(last=True)
+        rows = [records[key]["row"] for key in wanted if key in records]
+        run = {
+            "jobs": None if scheduler else jobs,
+            "scheduler": scheduler,
+            "seconds": progress.seconds,
+            "moves": progress.done - progress.before,
+            "moves_per_second": progress.rate,
+        }
+        summary = summarize(rows, len(wanted), run)
+        write_parquet(Path(out) / "results.parquet", rows)
+        write_report(Path(out) / "report.html", rows, summary)
+        write_json(Path(out) / "summary.json", summary)
+    return Batch(rows, summary, interrupted, left_out)

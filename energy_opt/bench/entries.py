@@ -1,0 +1,234 @@
+"""The entries of a suite's table, each checked; faults are collected, so that one reading names them all."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from energy_opt.bench.task import MODES, OBJECTIVES, RobotSource, Timing
+from energy_opt.errors import BadInput
+from energy_opt.files import read_text
+from energy_opt.power import PowerModel, load_model, source_method_1, source_method_2
+from energy_opt.robot import Robot, known_robots
+
+SOURCE_MODELS = {"source_method_1": source_method_1, "source_method_2": source_method_2}
+LISTS = {
+    "robots": [],
+    "modes": ["reshape"],
+    "durations": ["1.5x"],
+    "payloads": [],
+    "models": ["source_method_2"],
+    "objectives": ["energy"],
+}
+NAMES = (*LISTS, "moves", "random", "limits", "lock", "settings")
+_MOVE = ("name", "start", "goal", "via", "durations")
+
+
+@dataclass
+class Faults:
+    """Faults found so far; `within` gives a view that names where it stands."""
+
+    lines: list[str] = field(default_factory=list)
+    where: str = ""
+
+    def add(self, key: str, text: str) -> None:
+        """Note a fault once."""
+        line = f"{self.where}{key}: {text}"
+        if line not in self.lines:
+            self.lines.append(line)
+
+    def within(self, where: str) -> Faults:
+        """The same list with `where` put before every key."""
+        return Faults(self.lines, self.where + where)
+
+    def __bool__(self) -> bool:
+        return bool(self.lines)
+
+
+@dataclass(frozen=True)
+class Group:
+    """A checked table: what a product of rows is made of.
+
+    moves are (name, table, own durations), random ones (count, seed, range).
+    """
+
+    robots: list[tuple[RobotSource, Robot]]
+    moves: list[tuple[str, Mapping[str, Any], list[Timing]]]
+    random: list[tuple[int, int, float]]
+    modes: list[str]
+    timings: list[Timing]
+    payloads: list[tuple[float, ...]]
+    models: list[tuple[str, PowerModel]]
+    objectives: list[str]
+    settings: tuple[tuple[str, Any], ...]
+
+
+def read_group(table: Mapping[str, Any], folder: Path, faults: Faults) -> Group:
+    """Check a table; what is faulty is named in `faults` and left out."""
+    values = {key: _as_list(table.get(key, default)) for key, default in LISTS.items()}
+    if "robots" not in table:
+        faults.add("robots", "missing; give names or URDF files")
+    for key, value in values.items():
+        if key in table and not value:
+            faults.add(key, "is empty")
+    limits = _file(table["limits"], "limits", folder, faults) if "limits" in table else None
+    lock = _lock(table.get("lock", {}), faults)
+    return Group(
+        robots=[r for item in values["robots"] if (r := _robot(item, limits, lock, folder, faults))],
+        moves=_moves(table.get("moves", []), faults),
+        random=_random(table.get("random", []), faults),
+        modes=_words(values["modes"], "modes", MODES, faults),
+        timings=_timings(values["durations"], "durations", faults),
+        payloads=[p for item in values["payloads"] if (p := _payload(item, faults)) is not None] or [()],
+        models=[m for item in values["models"] if (m := _model(item, folder, faults))],
+        objectives=_words(values["objectives"], "objectives", OBJECTIVES, faults),
+        settings=_settings(table.get("settings", {}), faults),
+    )
+
+
+def _as_list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _file(name: Any, key: str, folder: Path, faults: Faults) -> Path | None:
+    if not isinstance(name, str) or not (folder / name).is_file():
+        faults.add(key, f"{name!r} is not a file beside the suite")
+        return None
+    return folder / name
+
+
+def _words(values: list[Any], key: str, known: tuple[str, ...], faults: Faults) -> list[str]:
+    for value in values:
+        if value not in known:
+            faults.add(key, f"{value!r}; expected {', '.join(known)}")
+    return [value for value in values if value in known]
+
+
+def _timings(values: list[Any], key: str, faults: Faults) -> list[Timing]:
+    out = []
+    for value in values:
+        try:
+            out.append(Timing.parse(value))
+        except BadInput as error:
+            faults.add(key, str(error))
+    return out
+
+
+def _robot(
+    name: Any, limits: Path | None, lock: tuple[tuple[str, float], ...], folder: Path, faults: Faults
+) -> tuple[RobotSource, Robot] | None:
+    try:
+        text = None if limits is None else read_text(limits)
+        if name in known_robots():
+            source = RobotSource(name, None, text, lock)
+        elif isinstance(name, str) and (folder / name).is_file():
+            source = RobotSource(Path(name).stem, read_text(folder / name), text, lock)
+        else:
+            raise BadInput(f"{name!r} is neither a file beside the suite nor one of {', '.join(known_robots())}")
+        return source, source.load()
+    except BadInput as error:
+        faults.add("robots", str(error))
+        return None
+
+
+def _lock(table: Any, faults: Faults) -> tuple[tuple[str, float], ...]:
+    if not isinstance(table, Mapping) or not all(_is_number(value) for value in table.values()):
+        faults.add("lock", f"{table!r} is not a table of joint positions")
+        return ()
+    return tuple(sorted((name, float(value)) for name, value in table.items()))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < float("inf")
+
+
+def _payload(value: Any, faults: Faults) -> tuple[float, ...] | None:
+    """Mass [kg] and com [m] as (4,), from a number, "MASS[,CX,CY,CZ]" or a list of the same."""
+    parts = value.split(",") if isinstance(value, str) else _as_list(value)
+    try:
+        numbers = tuple(float(part) for part in parts if not isinstance(part, bool))
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) not in (1, 4) or not all(map(_is_number, numbers)) or numbers[0] < 0:
+        faults.add("payloads", f'{value!r}; expected a mass in kg, or "MASS,CX,CY,CZ" with the centre of mass in m')
+        return None
+    return numbers if len(numbers) == 4 else (numbers[0], 0.0, 0.0, 0.0)
+
+
+def _model(name: Any, folder: Path, faults: Faults) -> tuple[str, PowerModel] | None:
+    try:
+        if isinstance(name, str) and name in SOURCE_MODELS:
+            return name, SOURCE_MODELS[name]()
+        if isinstance(name, str) and (folder / name).is_file():
+            return Path(name).name if Path(name).is_absolute() else name, load_model(folder / name)
+        raise BadInput(f"{name!r} is neither a model file beside the suite nor one of {', '.join(SOURCE_MODELS)}")
+    except BadInput as error:
+        faults.add("models", str(error))
+        return None
+
+
+def _moves(rows: Any, faults: Faults) -> list[tuple[str, Mapping[str, Any], list[Timing]]]:
+    if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
+        faults.add("moves", "is not a list of [[moves]] tables")
+        return []
+    out = []
+    for number, row in enumerate(rows, start=1):
+        name = row.get("name", f"move{number:02d}")
+        where = f"moves {number}"
+        before = len(faults.lines)
+        if not isinstance(name, str) or not name:
+            faults.add(f"{where}.name", f"{name!r} is not a name")
+        for key in row:
+            if key not in _MOVE:
+                faults.add(f"{where}.{key}", f"unknown key; a move has {', '.join(_MOVE)}")
+        for key in ("start", "goal"):
+            if key not in row:
+                faults.add(f"{where}.{key}", "missing")
+        if not isinstance(row.get("via", []), list):
+            faults.add(f"{where}.via", "is not a list of points")
+        timings = _timings(_as_list(row["durations"]), f"{where}.durations", faults) if "durations" in row else []
+        if len(faults.lines) == before:
+            out.append((str(name), row, timings))
+    return out
+
+
+def _random(value: Any, faults: Faults) -> list[tuple[int, int, float]]:
+    out = []
+    for number, row in enumerate(_as_list(value), start=1):
+        where = "random" if isinstance(value, Mapping) else f"random {number}"
+        if not isinstance(row, Mapping):
+            faults.add(where, f"{row!r}; expected {{ count, seed, range }}")
+            continue
+        for key in row:
+            if key not in ("count", "seed", "range"):
+                faults.add(f"{where}.{key}", "unknown key; random has count, seed and range")
+        count, seed, share = row.get("count"), row.get("seed", 0), row.get("range", 0.6)
+        if not isinstance(count, int) or isinstance(count, bool) or count < 1:
+            faults.add(f"{where}.count", f"{count!r}; expected a whole number above 0")
+        elif not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+            faults.add(f"{where}.seed", f"{seed!r}; expected a whole number, 0 or above")
+        elif not _is_number(share) or not 0 < share <= 1:
+            faults.add(f"{where}.range", f"{share!r}; expected a share of the joints' ranges above 0, at most 1")
+        else:
+            out.append((count, seed, float(share)))
+    return out
+
+
+def _settings(table: Any, faults: Faults) -> tuple[tuple[str, Any], ...]:
+    from energy_opt.motion import Settings
+
+    known = [f.name for f in dataclasses.fields(Settings) if f.name not in ("objective", "compile")]
+    if not isinstance(table, Mapping):
+        faults.add("settings", f"{table!r} is not a table")
+        return ()
+    for key in table:
+        if key not in known:
+            faults.add(f"settings.{key}", f"unknown setting; known: {', '.join(known)}")
+    try:
+        Settings(**{key: value for key, value in table.items() if key in known})
+    except (BadInput, TypeError, ValueError) as error:
+        faults.add("settings", str(error))
+    return tuple(sorted((key, value) for key, value in table.items() if key in known))

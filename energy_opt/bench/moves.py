@@ -1,0 +1,67 @@
+"""Moves of a suite: given ones by joint name or in order, and random ones that a seed fixes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.robot import Limits, Robot
+
+
+@dataclass(frozen=True)
+class NamedMove:
+    """Start and goal (n,) [rad] under a name, with points to pass between."""
+
+    name: str
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
+    via: tuple[tuple[float, ...], ...] = ()
+
+
+def joint_ranges(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper end (n,) of each joint's range; a joint without an end counts as one turn, [-pi, pi]."""
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    return np.where(bounded, limits.lower, -np.pi), np.where(bounded, limits.upper, np.pi)
+
+
+def random_moves(robot: Robot, count: int, seed: int, share: float = 0.6) -> list[NamedMove]:
+    """`count` moves with start and goal uniform within the middle `share` of each joint's range.
+
+    A longer list with the same seed begins with the shorter one.
+    """
+    lower, upper = joint_ranges(robot.limits)
+    middle, half = (lower + upper) / 2, (upper - lower) / 2 * share
+    draws = middle + half * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(count, 2, robot.n))
+    width = max(2, len(str(count)))
+    return [
+        NamedMove(f"random{seed}-{k:0{width}d}", tuple(start.tolist()), tuple(goal.tolist()))
+        for k, (start, goal) in enumerate(draws, start=1)
+    ]
+
+
+def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
+    """A configuration (n,) [rad] from a list in the robot's order, or from a table by joint name.
+
+    Raises:
+        BadInput: wrong count, unknown or missing joints, or a value that is not a finite number.
+    """
+    if isinstance(value, Mapping):
+        unknown = [name for name in value if name not in joints]
+        missing = [name for name in joints if name not in value]
+        if unknown:
+            raise BadInput(f"unknown joint {unknown[0]!r}; the robot's joints are {', '.join(joints)}")
+        if missing:
+            raise BadInput(f"joint {missing[0]!r} is missing")
+        value = [value[name] for name in joints]
+    if not isinstance(value, list):
+        raise BadInput(f"{value!r} is not a list of joint positions")
+    if len(value) != len(joints):
+        raise BadInput(f"{len(value)} values; the robot has {len(joints)} joints")
+    for name, item in zip(joints, value, strict=True):
+        if isinstance(item, bool) or not isinstance(item, (int, float)) or not np.isfinite(item):
+            raise BadInput(f"{name} = {item!r} is not a finite number")
+    return tuple(float(item) for item in value)

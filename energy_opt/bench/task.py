@@ -1,0 +1,149 @@
+"""One move of a batch: everything that decides its result, in a form that any worker on any machine can take."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import re
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from energy_opt.errors import BadInput
+from energy_opt.files import plain
+from energy_opt.power import PowerModel
+from energy_opt.power.model import model_from_document
+from energy_opt.robot import Robot, load_robot
+
+OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
+MODES = ("retime", "reshape")
+
+_MULTIPLE = re.compile(r"\s*([0-9.eE+-]+)\s*x\s*")
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The duration that a move is asked for: seconds, a multiple of the minimum time, or free (neither)."""
+
+    seconds: float | None = None
+    multiple: float | None = None
+
+    @classmethod
+    def parse(cls, value: object) -> Timing:
+        """From a suite: 2.5 (seconds), "1.5x" (of the minimum time on the straight path), or "free".
+
+        Raises:
+            BadInput: anything else, or a number that is not above zero.
+        """
+        if value == "free":
+            return cls()
+        try:
+            if isinstance(value, (int, float)) and not isinstance(value, bool):
+                return cls(seconds=_above_zero(float(value)))
+            if isinstance(value, str) and (match := _MULTIPLE.fullmatch(value)):
+                return cls(multiple=_above_zero(float(match[1])))
+        except ValueError:
+            pass
+        raise BadInput(f'{value!r} is not a duration; expected seconds above 0, a multiple such as "1.5x", or "free"')
+
+    @property
+    def label(self) -> str:
+        """As a suite writes it."""
+        if self.seconds is not None:
+            return f"{self.seconds:g}"
+        return "free" if self.multiple is None else f"{self.multiple:g}x"
+
+
+def _above_zero(number: float) -> float:
+    if not 0 < number < float("inf"):
+        raise ValueError
+    return number
+
+
+@dataclass(frozen=True)
+class RobotSource:
+    """Where a robot comes from; files are carried as text, so that a worker elsewhere needs none of them."""
+
+    name: str
+    urdf: str | None = None
+    limits: str | None = None
+    lock: tuple[tuple[str, float], ...] = ()
+
+    def load(self) -> Robot:
+        """The robot itself."""
+        with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
+            urdf, limits = Path(folder) / f"{self.name}.urdf", Path(folder) / "joint_limits.yaml"
+            if self.urdf is not None:
+                urdf.write_text(self.urdf, encoding="utf-8")
+            if self.limits is not None:
+                limits.write_text(self.limits, encoding="utf-8")
+            return load_robot(
+                self.name if self.urdf is None else str(urdf),
+                limits=None if self.limits is None else limits,
+                lock=dict(self.lock),
+            )
+
+
+@dataclass(frozen=True)
+class Task:
+    """One row of the results, before it is known.
+
+    Attributes:
+        index: its place in the suite; results are listed in this order, whoever finishes first.
+        start, goal: (n,) rad; via: points to pass.
+        payload: mass [kg] and com (3) [m], empty for the model's own.
+        model: the model's name in the suite; effects: its content, as in a model file.
+        settings: settings of the solver beside the defaults.
+        compile: "always" or "never", decided for the whole suite, so that a resumed batch computes the same.
+    """
+
+    index: int
+    suite: str
+    robot: RobotSource
+    move: str
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
+    via: tuple[tuple[float, ...], ...]
+    mode: str
+    timing: Timing
+    payload: tuple[float, ...]
+    model: str
+    effects: str
+    objective: str
+    settings: tuple[tuple[str, Any], ...] = ()
+    compile: str = "never"
+
+    @property
+    def payload_label(self) -> str:
+        """The payload as --payload takes it, empty where the suite names none."""
+        return ",".join(f"{x:g}" for x in self.payload)
+
+    @property
+    def label(self) -> str:
+        """What tells this row from the others of its suite."""
+        words = [self.robot.name, self.move, self.mode, self.timing.label, self.payload_label, self.model]
+        return " ".join(word for word in [*words, self.objective] if word)
+
+    @property
+    def key(self) -> str:
+        """A digest of all that decides the result and of nothing else (its place in the suite may change)."""
+        content = dataclasses.asdict(self)
+        del content["index"]
+        text = json.dumps(plain(content), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+    @property
+    def build(self) -> tuple[Any, ...]:
+        """What the built problem depends on; tasks that share it share a planner."""
+        return (self.robot, self.mode, self.objective, self.settings, self.compile, self.power().structure)
+
+    def power(self) -> PowerModel:
+        """The power model with the payload in it."""
+        model = model_from_document(json.loads(self.effects), self.model)
+        if self.payload:
+            from energy_opt.effects import Payload
+
+            model = model.replaced(Payload(mass=self.payload[0], com=list(self.payload[1:])))
+        return model

@@ -1,0 +1,115 @@
+"""`energy-opt bench`: a suite of moves, in parallel and resumable, or the comparison of two runs."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from energy_opt.errors import BadInput
+
+HELP = "a batch of moves, in parallel, resumable, with a report"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("suite", nargs="?", type=Path, metavar="SUITE.toml", help="what to run")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where results go (default: bench_<suite>)")
+    parser.add_argument("--jobs", type=int, metavar="N", help="processes on this machine (default: one per free core)")
+    parser.add_argument("--resume", action="store_true", help="do what an earlier run into --out left")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on a Dask cluster, e.g. tcp://host:8786")
+    parser.add_argument(
+        "--compare", nargs=2, type=Path, metavar=("OLD", "NEW"), help="two results: what got better or worse"
+    )
+    parser.add_argument("--compile", choices=("auto", "always", "never"), default="auto", help="node functions (auto)")
+    group = parser.add_argument_group("instead of what the suite says")
+    group.add_argument("--robot", metavar="NAME_OR_URDF", help="robot for every move")
+    group.add_argument("--limits", type=Path, metavar="joint_limits.yaml", help="joint limits with MoveIt's keys")
+    group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload [kg, m] in the last joint's frame")
+    group.add_argument("--model", type=Path, metavar="MODEL.toml", help="power model")
+    group.add_argument("--seed", type=int, metavar="N", help="seed of random moves and of the solver's starts")
+    parser.add_argument("--json", action="store_true", help="the summary as one JSON document on stdout")
+    parser.add_argument("--quiet", action="store_true", help="no progress and no messages")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; returns the exit code."""
+    if args.compare:
+        if args.suite is not None:
+            raise BadInput("--compare takes two results and no suite")
+        return _compare(args)
+    if args.suite is None:
+        raise BadInput("no suite: give SUITE.toml, or --compare OLD NEW")
+    return _batch(args)
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from energy_opt.bench import compare, comparison_text
+    from energy_opt.files import to_json
+
+    found = compare(*args.compare)
+    sys.stdout.write(to_json(found) if args.json else comparison_text(found) + "\n")
+    return 0
+
+
+def _batch(args: argparse.Namespace) -> int:
+    from energy_opt.bench import load_suite, run_batch
+    from energy_opt.files import to_json
+
+    jobs = _free_cores() if args.jobs is None else args.jobs
+    if jobs < 1:
+        raise BadInput(f"--jobs {jobs}: expected a whole number above 0")
+    if args.seed is not None and args.seed < 0:
+        raise BadInput(f"--seed {args.seed}: expected a whole number, 0 or above")
+    suite = load_suite(args.suite, overrides=_overrides(args), seed=args.seed, compile=args.compile)
+    out = args.out or Path(f"bench_{suite.name}")
+    batch = run_batch(suite, out, jobs=jobs, resume=args.resume, scheduler=args.scheduler, quiet=args.quiet)
+    if batch.left_out and not args.quiet:
+        print(f"{batch.left_out} earlier results belong to another version of the suite; left out", file=sys.stderr)
+    sys.stdout.write(to_json(batch.summary) if args.json else _text(batch.summary, out))
+    if batch.interrupted and not args.quiet:
+        print(f"interrupted; what is done is in {out}, --resume does what is left", file=sys.stderr)
+    return 130 if batch.interrupted else 0
+
+
+def _overrides(args: argparse.Namespace) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    if args.robot is not None:
+        path = Path(args.robot)
+        out["robots"] = [str(path.resolve()) if path.is_file() else args.robot]
+    for key, name in (("limits", "limits"), ("models", "model")):
+        path = getattr(args, name)
+        if path is not None:
+            out[key] = str(path.resolve())
+    if args.payload is not None:
+        out["payloads"] = [args.payload]
+    return out
+
+
+def _free_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _text(summary: dict[str, Any], out: Path) -> str:
+    """The summary as a short table."""
+    status = ", ".join(f"{count} {name}" for name, count in sorted(summary["status"].items()))
+    lines = [f"{summary['suite']}: {sum(summary['status'].values())} of {summary['moves']} moves: {status or 'none'}"]
+    for row in summary["failures"][:10]:
+        lines.append(f"  {row['robot']} {row['move']} {row['mode']} {row['timing']}: {row['status']}: {row['error']}")
+    if len(summary["failures"]) > 10:
+        lines.append(f"  ... and {len(summary['failures']) - 10} more, in report.html")
+    if summary["savings"]:
+        lines.append("loss saved against the same path at the same duration [%]:")
+        lines.append(f"  {'':44s} {'moves':>6} {'mean':>7} {'worst':>7} {'median':>7} {'best':>7}")
+    for row in summary["savings"]:
+        label = " ".join(str(row[n]) for n in ("robot", "mode", "objective", "model", "payload", "timing") if row[n])
+        found = row["loss_percent"]
+        numbers = " ".join(
+            f"{found[name]:7.2f}" if found[name] is not None else f"{'-':>7}"
+            for name in ("mean", "worst", "median", "best")
+        )
+        lines.append(f"  {label:44s} {found['count']:6d} {numbers}")
+    lines.append(f"{summary['run']['moves_per_second']:.3g} moves/s; results in {out}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,73 @@
+"""The fixed cycle: an arm that arrives early waits at the goal, and waiting is not free.
+
+With E(d) the energy of the move in duration d and T the cycle,
+
+    C(d) = E(d) + integral from d to T of the power that holds the goal,
+
+so that the best d weighs a slower move (less loss) against a shorter wait. The free optimum, which minimises E alone,
+pays standby only while it moves and is often the opposite answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.effects import Standby
+from energy_opt.errors import BadInput
+from energy_opt.motion.score import Scorer
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+_OVERHEAD = ("standby", "standby_drift")
+_X, _W = np.polynomial.legendre.leggauss(16)  # exact enough for the exponentials of drift and winding temperature
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """Energy while waiting, J: the overhead (or the idle power in its place), and what holding the goal costs."""
+
+    standby: float
+    holding: float
+
+    @property
+    def total(self) -> float:
+        """Both."""
+        return self.standby + self.holding
+
+
+class Cycle:
+    """A cycle of `length` s that begins with the move and ends with a wait at its goal."""
+
+    def __init__(
+        self, robot: Robot, model: PowerModel, goal: np.ndarray, length: float, idle_power: float | None = None
+    ) -> None:
+        """For a move that ends at rest at `goal` (n,) [rad].
+
+        Args:
+            idle_power: overhead while waiting [W], in place of the model's standby.
+
+        Raises:
+            BadInput: a length that is not above zero, a negative idle power.
+        """
+        if not 0 < length < np.inf:
+            raise BadInput(f"--cycle {length:g}: expected a duration above 0 s")
+        if idle_power is not None:
+            if not 0 <= idle_power < np.inf:
+                raise BadInput(f"--idle-power {idle_power:g}: expected 0 W or more")
+            model = model.without("standby_drift").replaced(Standby(power=idle_power))
+        self.length, self.idle_power = length, idle_power
+        self._goal = np.atleast_2d(np.asarray(goal, dtype=float))
+        self._scorer = Scorer(robot, model)
+
+    def waiting(self, duration: float) -> Waiting:
+        """Energy of the wait after a move of `duration` s."""
+        span = max(self.length - duration, 0.0)
+        time = duration + span * (_X + 1) / 2
+        q = np.repeat(self._goal, len(time), axis=0)
+        still = np.zeros_like(q)
+        _, _, parts = self._scorer.drive(q, still, still, time)
+        energies = span * _W / 2 @ parts
+        overhead = np.array([name in _OVERHEAD for name in self._scorer.parts], dtype=bool)
+        return Waiting(float(energies[overhead].sum()), float(energies[~overhead].sum()))

@@ -1,0 +1,239 @@
+"""Energy against duration for one move.
+
+Every point is solved from its neighbour on either side: once on the way out from the free optimum, once on the way back
+from the ends; the better is kept, so a poorer local optimum cannot leave a bump that a neighbour's answer would have
+avoided. The minimum is a solve of its own with free duration, the fastest one of minimum time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from energy_opt.errors import Infeasible
+from energy_opt.motion.score import Energy
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.tradeoff.cycle import Cycle, Waiting
+
+if TYPE_CHECKING:
+    from energy_opt.motion import Move, Planner
+
+COUNT = 20  # points where none are asked for
+REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
+SAME = 1e-9  # relative difference of durations that count as equal
+SEARCH = 12  # solves that the search for the best duration in a cycle may take
+
+
+@dataclass(frozen=True)
+class Point:
+    """A duration [s] and what became of it; `reason` says why where there is no trajectory."""
+
+    duration: float
+    status: str
+    energy: Energy | None = None
+    trajectory: Trajectory | None = None
+    reason: str = ""
+    waiting: Waiting | None = None
+
+    @property
+    def total(self) -> float:
+        """Energy of the move, J; infinite where there is none."""
+        return np.inf if self.energy is None else self.energy.total
+
+    @property
+    def cycle_total(self) -> float:
+        """Energy of the move and of the wait after it, J."""
+        return self.total + (self.waiting.total if self.waiting else 0.0)
+
+
+@dataclass
+class Front:
+    """What is known so far of a move's front; complete unless `interrupted`."""
+
+    points: list[Point] = field(default_factory=list)
+    minimum: Point | None = None
+    fastest: Point | None = None
+    cycle_minimum: Point | None = None
+    solves: int = 0
+    interrupted: bool = False
+
+
+def trace(
+    planner: Planner,
+    fastest_planner: Planner | None,
+    move: Move,
+    *,
+    durations: Sequence[float] | None = None,
+    cycle: Cycle | None = None,
+    progress: Callable[[Front, int], None] = lambda front, total: None,
+) -> Front:
+    """The front of a move; Ctrl-C ends it early and keeps what is there.
+
+    Args:
+        planner: built for the move's robot and mode; minimises energy.
+        fastest_planner: the same with the objective "time"; None where the path's own minimum time (TOPP-RA's) is the
+            fastest, as in retiming.
+        move: its duration is ignored.
+        durations: where the front is wanted, s; chosen from the fastest and the optimum otherwise.
+        cycle: also the energy over this cycle.
+        progress: called after every solve with the front and the number of solves expected.
+
+    Raises:
+        Infeasible: no duration works at all, or none that is within the cycle.
+    """
+    tracer = _Tracer(planner, move, cycle, progress)
+    try:
+        tracer.run(fastest_planner, durations)
+    except KeyboardInterrupt:
+        tracer.front.interrupted = True
+    return tracer.front
+
+
+class _Tracer:
+    def __init__(
+        self, planner: Planner, move: Move, cycle: Cycle | None, progress: Callable[[Front, int], None]
+    ) -> None:
+        self.planner, self.cycle, self.progress = planner, cycle, progress
+        self.free = replace(move, duration=None, max_duration=None)
+        self.front, self.expected = Front(), 2 * COUNT + 2
+
+    def run(self, fastest_planner: Planner | None, durations: Sequence[float] | None) -> None:
+        front = self.front
+        front.fastest = self._fastest(fastest_planner)
+        shortest = front.fastest.duration
+        if self.cycle is not None and self.cycle.length < shortest * (1 - SAME):
+            raise Infeasible(
+                f"the cycle of {self.cycle.length:g} s is shorter than the fastest move, {shortest:.6g} s",
+                limit="duration",
+                shortest_duration=shortest,
+            )
+        warm = [front.fastest.trajectory] if front.fastest.trajectory is not None else []
+        front.minimum = self._solve(None, warm)
+        if front.minimum.energy is None:
+            raise Infeasible(front.minimum.reason, shortest_duration=shortest)
+        grid = self._grid(shortest, front.minimum.duration) if durations is None else np.unique(durations)
+        self.expected = 2 * len(grid) + 2 + (SEARCH if self.cycle else 0)
+        front.points = [Point(float(d), "not_converged", reason="not computed") for d in grid]
+        self._sweep()
+        self._keep_minimum()
+        if self.cycle is not None:
+            front.cycle_minimum = self._best_in_cycle(self.cycle)
+
+    def _fastest(self, fastest_planner: Planner | None) -> Point:
+        path_fastest = self.planner.minimum_time(self.free)
+        if fastest_planner is None:
+            return Point(path_fastest, "solved")
+        result = fastest_planner.solve(self.free)
+        self._count()
+        if result.trajectory.duration > path_fastest:
+            return Point(path_fastest, "solved")
+        found = result.trajectory
+        return Point(found.duration, result.status, self.planner.score(found), found)
+
+    def _grid(self, fastest: float, best: float) -> np.ndarray:
+        last = self.cycle.length if self.cycle else max(REACH * fastest, 1.5 * best)
+        return np.linspace(fastest, max(last, fastest), COUNT if last > fastest else 1)
+
+    def _count(self) -> None:
+        self.front.solves += 1
+        self.progress(self.front, max(self.expected, self.front.solves))
+
+    def _solve(self, duration: float | None, warm: Sequence[Trajectory]) -> Point:
+        """One solve, of exactly `duration` s or free."""
+        try:
+            result = self.planner.solve(replace(self.free, duration=duration), warm=warm)
+        except Infeasible as error:
+            point = Point(duration or np.nan, "infeasible", reason=str(error))
+        else:
+            found = result.trajectory
+            taken = found.duration if duration is None else duration
+            point = Point(taken, result.status, result.energy, found, waiting=self._waiting(taken))
+        self._count()
+        return point
+
+    def _waiting(self, duration: float) -> Waiting | None:
+        """What the wait costs; None without a cycle, or where the move outlasts it."""
+        if self.cycle is None or duration > self.cycle.length * (1 + SAME):
+            return None
+        return self.cycle.waiting(duration)
+
+    def _sweep(self) -> None:
+        """Out from the free optimum to both ends, then back."""
+        points, best = self.front.points, self.front.minimum
+        assert best is not None
+        count = len(points)
+        middle = int(np.searchsorted([p.duration for p in points], best.duration))
+        up, down = range(middle, count), range(middle - 1, -1, -1)
+        for order in (up, down):
+            neighbour = best
+            for k in order:
+                neighbour = self._improve(k, neighbour)
+        for order in (reversed(up), reversed(down)):
+            beyond: Point | None = None
+            for k in order:
+                if beyond is not None and beyond.trajectory is not None:
+                    self._improve(k, beyond)
+                beyond = points[k]
+
+    def _improve(self, k: int, neighbour: Point) -> Point:
+        """Solve point k from a neighbour; returns the better of what was there and what came."""
+        old, fastest = self.front.points[k], self.front.fastest
+        assert fastest is not None
+        if old.duration < fastest.duration * (1 - SAME):
+            reason = f"shorter than the fastest move, {fastest.duration:.6g} s"
+            self.front.points[k] = Point(old.duration, "infeasible", reason=reason)
+            return neighbour
+        starts = [neighbour.trajectory] if neighbour.trajectory is not None else []
+        if fastest.trajectory is not None and abs(old.duration / fastest.duration - 1) < 1e-3:
+            starts.append(fastest.trajectory)
+        new = self._solve(old.duration, starts)
+        if old.trajectory is None or (new.trajectory is not None and _better(new, old)):
+            self.front.points[k] = new
+        kept = self.front.points[k]
+        return kept if kept.trajectory is not None else neighbour
+
+    def _keep_minimum(self) -> None:
+        """If a point of the grid lies below the free optimum, solve again with free duration from there."""
+        best = min(self.front.points, key=lambda p: p.total)
+        assert self.front.minimum is not None
+        if best.trajectory is not None and best.total < self.front.minimum.total:
+            again = self._solve(None, [best.trajectory])
+            self.front.minimum = min((self.front.minimum, again, best), key=lambda p: p.total)
+
+    def _best_in_cycle(self, cycle: Cycle) -> Point:
+        """The duration of least energy over the cycle, searched between the best point's neighbours."""
+        from scipy.optimize import minimize_scalar
+
+        known = [p for p in (*self.front.points, self.front.minimum) if p and p.waiting and p.trajectory is not None]
+
+        def at(duration: float) -> Point:
+            near = min(known, key=lambda p: abs(p.duration - duration), default=None)
+            point = self._solve(duration, [near.trajectory] if near and near.trajectory is not None else [])
+            if point.trajectory is not None:
+                known.append(point)
+            return point
+
+        if not any(abs(p.duration / cycle.length - 1) < SAME for p in known):
+            end = at(cycle.length)  # slower is often better still: the whole cycle is always looked at
+            if not known:
+                raise Infeasible(end.reason, limit="duration")
+        known.sort(key=lambda p: p.duration)
+        k = int(np.argmin([p.cycle_total for p in known]))
+        low, high = known[max(k - 1, 0)].duration, known[min(k + 1, len(known) - 1)].duration
+
+        def energy(duration: float) -> float:
+            return min(at(float(duration)).cycle_total, 1e300)
+
+        if high > low * (1 + SAME):
+            minimize_scalar(
+                energy, bounds=(low, high), method="bounded", options={"maxiter": SEARCH - 1, "xatol": 1e-3 * low}
+            )
+        return min(known, key=lambda p: p.cycle_total)
+
+
+def _better(new: Point, old: Point) -> bool:
+    """A converged answer before one that is not, then the lower energy."""
+    return (new.status != "solved", new.total) < (old.status != "solved", old.total)

@@ -142,28 +142,51 @@ def plot_tradeoff(
     marks: Mapping[str, tuple[float, float]],
     *,
     fastest: float | None = None,
+    infeasible: Sequence[float] = (),
     title: str = "",
 ) -> Figure:
     """Energy against duration, split into parts that are stacked, with marked optima.
 
     Args:
         duration: (N,) s, rising; points without an answer are left out by the caller.
-        parts: energy (N,) [J] by name, stacked in this order; negative ones are drawn as lines instead.
+        parts: energy (N,) [J] by name, stacked in this order; the first may be negative, the others then stand on it, so
+            that the top is always the total.
         marks: named points (duration [s], energy [J]).
-        fastest: shortest feasible duration, s.
+        fastest: shortest feasible duration, s; infeasible: durations marked as such.
     """
     figure, grid = new_figure(1, 1, width=8.0, height=4.6)
     axes = labelled(grid[0, 0], "duration [s]", "energy [J]", title)
-    stacked = {name: value for name, value in parts.items() if np.min(value, initial=0.0) >= 0}
-    if stacked:
-        colours = [COLOURS[k % len(COLOURS)] for k in range(len(stacked))]
-        axes.stackplot(duration, list(stacked.values()), labels=list(stacked), colors=colours, alpha=0.35)
-    for k, name in enumerate(name for name in parts if name not in stacked):
-        axes.plot(duration, parts[name], ":", color=COLOURS[(len(stacked) + k) % len(COLOURS)], label=name)
-    axes.plot(duration, np.sum(list(parts.values()), axis=0), "o-", color="black", markersize=3, label="total")
+    below = np.zeros(len(duration))
+    for k, (name, value) in enumerate(parts.items()):
+        axes.fill_between(duration, below, below + value, color=COLOURS[k % len(COLOURS)], alpha=0.35, label=name)
+        below = below + value
+    axes.plot(duration, below, "o-", color="black", markersize=3, label="total")
+    if len(infeasible):
+        axes.plot(infeasible, np.zeros(len(infeasible)), "x", color=COLOURS[4], label="infeasible")
     for k, (name, (x, y)) in enumerate(marks.items()):
-        axes.plot([x], [y], "*D^v"[k % 4], color=COLOURS[(k + 4) % len(COLOURS)], markersize=10, label=name)
+        axes.plot([x], [y], "*D^v"[k % 4], color=COLOURS[(k + 5) % len(COLOURS)], markersize=10, label=name)
     if fastest is not None:
         axes.axvline(fastest, color=GREY, linestyle="--", linewidth=0.9, label="fastest")
     axes.legend(fontsize=8)
+    return figure
+
+
+def plot_spread(panels: Mapping[str, Mapping[str, np.ndarray]], *, title: str = "") -> Figure:
+    """How values spread: a panel per quantity, in it a row of points per name with its median marked.
+
+    Args:
+        panels: by the quantity's label, values (N,) by name.
+    """
+    count = max((len(values) for values in panels.values()), default=1)
+    figure, axes = new_figure(1, max(len(panels), 1), height=1.2 + 0.35 * count)
+    for column, (label, values) in enumerate(panels.items()):
+        at = labelled(axes[0, column], label, "")
+        for k, data in enumerate(values.values()):
+            at.plot(data, np.full(len(data), k), "o", color=COLOURS[k % len(COLOURS)], alpha=0.45, markersize=4)
+            at.plot(np.median(data), k, "|", color="black", markersize=14)
+        at.set_yticks(np.arange(len(values)), list(values) if column == 0 else [""] * len(values))
+        at.set_ylim(len(values) - 0.5, -0.5)
+    if title:
+        figure.suptitle(title, fontsize=11)
+    figure.subplots_adjust(left=0.2, bottom=0.5 / figure.get_figheight() + 0.05, wspace=0.12)
     return figure

@@ -43,7 +43,7 @@ def electrical_power(plant: Plant, t: np.ndarray, v: np.ndarray, torque: np.ndar
         total = total + drift * _growth(t, plant.number("standby_drift", "time_constant", 1.0))
     total = total + plant.number("motion_power", "power", 0.0) * (np.abs(v).max(axis=1) > MOVING)
     for special in plant.specials:
-        total = total + special.power(t)
+        total = total + special.added_power(t)
     return total / plant.number("supply_efficiency", "eta", 1.0)
 
 

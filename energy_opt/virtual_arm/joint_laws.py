@@ -34,7 +34,7 @@ class JointLaws:
         self.gear_mean = None if eta is None else (1 / eta + eta) / 2 - 1
         self.stiffness = per_joint("gravity_spring", "stiffness")
         self.rest = per_joint("gravity_spring", "rest")
-        self.specials = tuple(s for s in plant.specials if type(s).torque is not Special.torque)
+        self.specials = tuple(s for s in plant.specials if type(s).added_torque is not Special.added_torque)
         self.frictionless = all(
             part is None for part in (self.dry, self.viscous, self.breakaway, self.load, self.gear_half)
         )
@@ -66,5 +66,5 @@ class JointLaws:
         """Torque that the motor must add and the controller learns of only by its error: the specials, N m, (n,)."""
         out: np.ndarray | float = 0.0
         for special in self.specials:
-            out = out + special.torque(q, v, travel)
+            out = out + special.added_torque(q, v, travel)
         return out

@@ -3,9 +3,10 @@
     (M + armature) dv/dt + bias(q, v) + D v + spring + specials = u
 
 The controller is a stiff PD in every joint, u = kp e + kd de/dt, with the gravity and Coriolis torque of MuJoCo's own
-arm and a feed-forward of friction and springs. Inverse dynamics of the library takes no part in it. Friction and the PD's
-share in v enter through `dof_damping`, set anew at each step, which MuJoCo's Euler step treats implicitly: the arm is
-stable at any gain and any friction, and comes to rest without chatter.
+arm and a feed-forward of friction and springs. Inverse dynamics of the library takes no part in it.
+
+Friction and the PD's share in v enter through `dof_damping`, set anew at each step, which MuJoCo's Euler step treats
+implicitly: the arm is stable at any gain and any friction, and comes to rest without chatter.
 """
 
 from __future__ import annotations

@@ -75,6 +75,11 @@ class Run:
     start: float
 
     @property
+    def duration(self) -> float:
+        """How long it took, rest included, s."""
+        return STEP * len(self.power)
+
+    @property
     def energy(self) -> float:
         """True energy over the run, J."""
         return float(self.power.sum() * STEP)
@@ -127,7 +132,7 @@ def simulate(
     for k, reference in enumerate(references):
         start = now if starts is None else float(starts[k])
         run = play(arm, plant, reference, seen.rest, start)
-        now = start + STEP * len(run.power) + 2.0
+        now = start + run.duration + 2.0
         runs.append(run)
         entry: dict[str, Any] = {"file": run.file, "kind": "static" if reference.static else "motion", "start": start}
         entry |= _write_run(folder, run, plant, arm.joints, seen, rng)

@@ -19,26 +19,26 @@ class Special:
 
     name: ClassVar[str] = ""
 
-    def torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
+    def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
         """Added motor torque, N m; q, v (n,), `travel` (n,) is the way since each joint last turned back, rad."""
         return 0.0
 
-    def power(self, t: np.ndarray) -> np.ndarray | float:
+    def added_power(self, t: np.ndarray) -> np.ndarray | float:
         """Added power, W, at the set times t, s."""
         return 0.0
 
 
 @dataclass(frozen=True)
 class Cogging(Special):
-    """amplitude * sin(periods * q + phase): torque that repeats with joint position; per joint [N m], [1], [rad]."""
+    """A torque amplitude * sin(periods * q + phase) on the joint, which the motor must hold; [N m], [1], [rad]."""
 
     amplitude: Any
     periods: Any = 9.0
     phase: Any = 0.2
     name: ClassVar[str] = "cogging"
 
-    def torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
-        return self.amplitude * np.sin(self.periods * q + self.phase)
+    def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
+        return -self.amplitude * np.sin(self.periods * q + self.phase)
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class SpeedRipple(Special):
     period: Any = 0.35
     name: ClassVar[str] = "speed_ripple"
 
-    def torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
+    def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
         return self.amplitude * np.sin(2 * np.pi * v / self.period)
 
 
@@ -64,34 +64,34 @@ class Backlash(Special):
     gap: Any = 0.05
     name: ClassVar[str] = "backlash"
 
-    def torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
+    def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
         return self.amplitude * np.exp(-travel / self.gap) * np.tanh(v / 0.01)
 
 
 @dataclass(frozen=True)
 class Fan(Special):
-    """A fan that draws `watts` for the first `duty` of every `period` s."""
+    """A fan that draws `power` [W] for the first `duty` of every `period` s."""
 
-    watts: float
+    power: float
     period: float = 7.0
     duty: float = 0.5
     offset: float = 0.0
     name: ClassVar[str] = "fan"
 
-    def power(self, t: np.ndarray) -> np.ndarray:
-        return np.where(np.mod(t + self.offset, self.period) < self.duty * self.period, float(self.watts), 0.0)
+    def added_power(self, t: np.ndarray) -> np.ndarray:
+        return np.where(np.mod(t + self.offset, self.period) < self.duty * self.period, float(self.power), 0.0)
 
 
 @dataclass(frozen=True)
 class StandbyStep(Special):
-    """From set time `at` [s] on, overhead is `watts` higher."""
+    """From set time `time` [s] on, overhead is `power` [W] higher."""
 
-    watts: float
-    at: float = 100.0
+    power: float
+    time: float = 100.0
     name: ClassVar[str] = "standby_step"
 
-    def power(self, t: np.ndarray) -> np.ndarray:
-        return np.where(t >= self.at, float(self.watts), 0.0)
+    def added_power(self, t: np.ndarray) -> np.ndarray:
+        return np.where(t >= self.time, float(self.power), 0.0)
 
 
 SPECIALS: dict[str, type[Special]] = {s.name: s for s in (Cogging, SpeedRipple, Backlash, Fan, StandbyStep)}

@@ -1,0 +1,126 @@
+"""`energy-opt simulate`: trajectories played on a virtual arm, and the measured set that comes of it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from energy_opt.errors import BadInput
+
+if TYPE_CHECKING:
+    from energy_opt.robot import Robot
+    from energy_opt.virtual_arm import Plant, Reference, Run
+
+HELP = "play trajectories on a virtual arm and write a measured set"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument(
+        "trajectories", nargs="+", type=Path, metavar="TRAJECTORY", help="trajectory.csv files, in order"
+    )
+    parser.add_argument(
+        "--plant", type=Path, required=True, metavar="MODEL.toml", help="what the arm truly is: a model file"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("simulated"), metavar="DIR", help="the set (default: simulated)"
+    )
+    parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the arm (default: the plant file's)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of noise and clocks (0)")
+    group = parser.add_argument_group("runs")
+    group.add_argument("--repeat", type=int, default=1, metavar="N", help="play all of them N times (1)")
+    group.add_argument("--rest", type=float, default=0.3, metavar="S", help="standing before and after each [s] (0.3)")
+    group.add_argument(
+        "--static",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="also a static run of S seconds where each begins (0: none)",
+    )
+    group = parser.add_argument_group("instruments")
+    group.add_argument(
+        "--noise", type=float, default=0.6, metavar="W", help="standard deviation of the meter's noise (0.6)"
+    )
+    group.add_argument("--rate", type=float, default=125.0, metavar="HZ", help="encoder samples per second (125)")
+    group.add_argument("--meter-rate", type=float, metavar="HZ", help="a meter with a file and clock of its own")
+    group.add_argument("--resolution", type=float, default=0.02, metavar="W", help="of the meter (0.02)")
+    group.add_argument("--encoder", type=float, default=2e-5, metavar="RAD", help="resolution of the encoders (2e-5)")
+    group.add_argument(
+        "--jitter", type=float, default=0.0, metavar="S", help="standard deviation of sampling times (0)"
+    )
+    group.add_argument("--log", nargs="*", default=[], metavar="SIGNAL", help="also log velocity, effort")
+    parser.add_argument("--json", action="store_true", help="what was played as one JSON document on stdout")
+    parser.add_argument("--quiet", action="store_true", help="no progress and no messages")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; returns the exit code."""
+    from energy_opt.files import to_json
+    from energy_opt.robot import load_robot
+    from energy_opt.virtual_arm import Instruments, load_plant, simulate
+
+    if args.repeat < 1 or args.seed < 0:
+        raise BadInput(f"--repeat {args.repeat}, --seed {args.seed}: expected --repeat 1 or more and --seed 0 or more")
+    plant = load_plant(args.plant)
+    robot = load_robot(args.robot or plant.model.robot)
+    instruments = Instruments(
+        rate=args.rate,
+        meter_rate=args.meter_rate,
+        noise=args.noise,
+        power_resolution=args.resolution,
+        position_resolution=args.encoder,
+        jitter=args.jitter,
+        rest=args.rest,
+        extra=tuple(args.log),
+    )
+    references, sources = _references(args, robot)
+    runs = simulate(references, plant, robot, args.out, seed=args.seed, instruments=instruments)
+    if not args.quiet:
+        for line in _remarks(runs, robot):
+            print(line, file=sys.stderr)
+    if args.json:
+        rows = [
+            {"file": r.file, "trajectory": s, "start": r.start, "duration": r.duration, "energy": r.energy}
+            for r, s in zip(runs, sources, strict=True)
+        ]
+        sys.stdout.write(to_json({"out": args.out, "robot": robot.name, "plant": _names(plant), "runs": rows}))
+    elif not args.quiet:
+        energy = sum(r.energy for r in runs)
+        print(f"{args.out}: {len(runs)} runs, {sum(r.duration for r in runs):.1f} s, {energy:.1f} J really used")
+    return 0
+
+
+def _references(args: argparse.Namespace, robot: Robot) -> tuple[list[Reference], list[str]]:
+    """What to play, in order, named run01, run02, ..., and the file that each comes from."""
+    from dataclasses import replace
+
+    from energy_opt.virtual_arm import pose, read_reference
+
+    if args.static < 0:
+        raise BadInput(f"--static {args.static}: expected seconds, 0 or more")
+    read = [(read_reference(path, robot.joints), str(path)) for path in args.trajectories]
+    out: list[Reference] = []
+    sources: list[str] = []
+    for reference, source in read * args.repeat:
+        if args.static > 0:
+            out.append(pose(f"run{len(out) + 1:02d}", reference.position[0], args.static))
+            sources.append(source)
+        out.append(replace(reference, name=f"run{len(out) + 1:02d}"))
+        sources.append(source)
+    return out, sources
+
+
+def _remarks(runs: list[Run], robot: Robot) -> list[str]:
+    """A line for every joint whose motor had to give more than its effort limit."""
+    out = []
+    for j, joint in enumerate(robot.joints):
+        worst = max(float(abs(r.played.torque[:, j]).max()) for r in runs)
+        if worst > robot.limits.effort[j]:
+            out.append(f"warning: {joint}: needed {worst:.3g} N m, its limit is {robot.limits.effort[j]:.3g} N m")
+    return out
+
+
+def _names(plant: Plant) -> list[str]:
+    return [effect.name for effect in plant.model.effects] + [special.name for special in plant.specials]

@@ -1,0 +1,123 @@
+"""Seeded sets: what they hold, that they repeat, that they read back; and the command that makes one."""
+
+import argparse
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from energy_opt.cli import simulate as cli
+from energy_opt.effects import ViscousFriction
+from energy_opt.errors import BadInput
+from energy_opt.files import write_table, write_toml
+from energy_opt.measured import read_set
+from energy_opt.power import load_model
+from energy_opt.virtual_arm import Cogging, Plant
+from energy_opt.virtual_arm.arms import ARMS, SIZES
+from energy_opt.virtual_arm.sets import arm, base_model, fresh_motions, make_set
+
+pytest.importorskip("mujoco")
+
+
+@pytest.mark.parametrize("robot", list(ARMS))
+def test_a_set_reads_back_on_every_arm(robot: str, tmp_path: Path) -> None:
+    made = make_set(tmp_path, robot, ["viscous_friction"], seed=2, motions=4, poses=3)
+    seen = read_set(tmp_path)
+    assert [run.kind for run in seen.runs].count("motion") == 4
+    truth = tomllib.loads((tmp_path / "truth.toml").read_text())
+    assert truth["category"] == "single" and truth["names"] == ["viscous_friction"]
+    declared = load_model(tmp_path / "declared.toml")
+    assert [e.name for e in declared.effects] == ["standby", "copper_loss"]
+    for true, run in zip(made.runs, seen.runs, strict=True):
+        power = np.interp(run.power_time, true.played.time, true.power)
+        error = run.power - power
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(made.instruments.noise, rel=0.25)
+        moved = np.interp(run.time, true.played.time, true.played.position[:, 0]) - run.position[:, 0]
+        assert np.abs(moved).max() < 5 * made.instruments.position_resolution + 2e-3
+
+
+def test_sets_repeat_by_seed_and_differ_between_seeds(tmp_path: Path) -> None:
+    sets = [
+        make_set(tmp_path / str(k), "z1", ["payload"], seed=seed, motions=2, poses=1)
+        for k, seed in enumerate((5, 5, 6))
+    ]
+    texts = ["".join(f.read_text() for f in sorted(s.folder.glob("*.csv"))) for s in sets]
+    assert texts[0] == texts[1] != texts[2]
+
+
+def test_weak_sets_lack_what_they_should(tmp_path: Path) -> None:
+    poses = make_set(tmp_path / "static", "panda", ["armature"], weak="static_only", seed=1)
+    assert all(np.ptp(run.played.position, axis=0).max() == 0 for run in poses.runs)
+    still = make_set(tmp_path / "still", "panda", ["coulomb_friction"], weak="still_joint", seed=1, motions=3, poses=2)
+    assert all(np.ptp(run.played.position[:, 0]) < 2e-3 for run in still.runs)
+    assert any(np.ptp(run.played.position[:, 1]) > 0.1 for run in still.runs)
+
+
+def test_every_motion_stays_within_velocity_limits(tmp_path: Path) -> None:
+    for robot in ("panda", "ur5e", "z1"):
+        made = make_set(tmp_path / robot, robot, seed=9, motions=6, poses=0)
+        for run in made.runs:
+            assert (np.abs(run.played.velocity).max(axis=0) < 1.02 * made.robot.limits.velocity).all()
+
+
+def test_fresh_motions_are_other_motions_of_the_same_arm(tmp_path: Path) -> None:
+    made = make_set(tmp_path / "a", "z1", [ViscousFriction(b=0.7)], seed=3, motions=2, poses=1)
+    fresh = fresh_motions(made, tmp_path / "b", 2)
+    assert fresh.plant == made.plant and fresh.runs[0].start > made.runs[-1].start
+    assert fresh.runs[0].played.position.shape != made.runs[0].played.position.shape
+
+
+def test_every_effect_of_the_table_has_a_size() -> None:
+    from energy_opt.effects import ALL_EFFECTS
+
+    assert {kind.name for kind in ALL_EFFECTS} == {kind.name for kind in SIZES} | {"standby", "copper_loss"}
+
+
+def _arguments(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    cli.add_arguments(parser)
+    return parser.parse_args(list(words))
+
+
+@pytest.fixture
+def move(tmp_path: Path) -> Path:
+    """A trajectory.csv of the z1: 0.8 rad and back in 2 s, columns in another order than the joints."""
+    t = np.linspace(0, 2, 201)
+    swing = 0.4 * (1 - np.cos(np.pi * t))
+    speed = 0.4 * np.pi * np.sin(np.pi * t)
+    joints = arm("z1").joints[::-1]
+    header = ["time", *(f"{j}.position" for j in joints), *(f"{j}.velocity" for j in joints)]
+    path = tmp_path / "move.csv"
+    ways = np.array([0.2, 0.1, 0.3, -0.8, 0.9, 1.0])
+    write_table(path, header, [t, *(w * swing for w in ways), *(w * speed for w in ways)])
+    return path
+
+
+def test_simulate_command(move: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plant = tmp_path / "plant.toml"
+    write_toml(plant, Plant(base_model("z1"), (Cogging(1.0),)).to_document())
+    out = tmp_path / "set"
+    arguments = _arguments(str(move), str(move), "--plant", str(plant), "--out", str(out), "--static", "1", "--json")
+    assert cli.run(arguments) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert len(said["runs"]) == 4 and said["plant"] == ["standby", "copper_loss", "cogging"]
+    seen = read_set(out)
+    assert [run.kind for run in seen.runs] == ["static", "motion", "static", "motion"]
+    assert np.abs(seen.runs[1].position).max(axis=0) == pytest.approx(
+        0.8 * np.array([1, 0.9, 0.8, 0.3, 0.1, 0.2]), abs=5e-3
+    )
+    truth = tomllib.loads((out / "truth.toml").read_text())
+    assert truth["special"][0]["name"] == "cogging"
+
+
+def test_simulate_command_names_faults(move: Path, tmp_path: Path) -> None:
+    plant = tmp_path / "plant.toml"
+    base_model("panda").save(plant)
+    with pytest.raises(BadInput, match=r"panda_joint1\.position"):
+        cli.run(_arguments(str(move), "--plant", str(plant), "--out", str(tmp_path / "x")))
+    base_model("z1").save(plant)
+    for option in (("--noise", "-1"), ("--rate", "0"), ("--rate", "5000"), ("--repeat", "0"), ("--log", "current")):
+        with pytest.raises(BadInput):
+            cli.run(_arguments(str(move), "--plant", str(plant), "--out", str(tmp_path / "x"), *option))

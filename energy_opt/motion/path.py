@@ -1,0 +1,144 @@
+"""Paths in joint space: piecewise cubic C^2 curves q(s) for s in [0, 1] whose first derivative does not vanish.
+
+A path knows nothing of time. Where it was read from a trajectory, it keeps that trajectory and its path speed at both
+ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.files import read_table
+from energy_opt.motion.trajectory import Trajectory, columns_of, read_trajectory
+
+NO_LENGTH = 1e-12  # [rad] shorter than this is no move at all
+TRAJECTORY_PIECES = 200  # cubic pieces of the curve through a trajectory
+
+
+@dataclass(frozen=True)
+class JointPath:
+    """q(s) on s in [0, 1].
+
+    Attributes:
+        knots: (K + 1,) from 0 to 1; the third derivative (of a straight path none) may jump there.
+        coefficients: (4, K, n) [rad] of the powers 0 ... 3 of (s - knots[k]) on piece k.
+        start_speed, end_speed: path speed ds/dt [1/s] with which the move begins and ends.
+        source: the trajectory that the path was taken from, if any.
+    """
+
+    knots: np.ndarray
+    coefficients: np.ndarray
+    start_speed: float = 0.0
+    end_speed: float = 0.0
+    source: Trajectory | None = None
+
+    def __call__(self, s: np.ndarray, order: int = 0) -> np.ndarray:
+        """Derivative of order 0 ... 3 with respect to s, shape (M, n) for s (M,)."""
+        s = np.atleast_1d(np.asarray(s, dtype=float))
+        piece = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.knots) - 2)
+        x = (s - self.knots[piece])[:, None]
+        out = np.zeros((len(s), self.n))
+        for power in range(3, order - 1, -1):
+            factor = float(np.prod(np.arange(power - order + 1, power + 1)))
+            out = out * x + factor * self.coefficients[power, piece]
+        return out
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.coefficients.shape[2])
+
+    @property
+    def start(self) -> np.ndarray:
+        """q(0), (n,) [rad]."""
+        return self(np.zeros(1))[0]
+
+    @property
+    def goal(self) -> np.ndarray:
+        """q(1), (n,) [rad]."""
+        return self(np.ones(1))[0]
+
+    @property
+    def moves(self) -> bool:
+        """False where the path has no length: start and goal coincide and nothing lies between."""
+        return bool(np.abs(self.coefficients[1:]).max() > NO_LENGTH)
+
+
+def straight(start: Sequence[float] | np.ndarray, goal: Sequence[float] | np.ndarray) -> JointPath:
+    """The straight line from `start` to `goal` (n,) [rad]; of no length where they coincide."""
+    a, b = np.asarray(start, dtype=float), np.asarray(goal, dtype=float)
+    flat = np.zeros_like(a)
+    return JointPath(np.array([0.0, 1.0]), np.stack([a, b - a, flat, flat])[:, None, :])
+
+
+def through(waypoints: np.ndarray) -> JointPath:
+    """The natural cubic spline through `waypoints` (K, n) [rad], s in proportion to chord length.
+
+    Waypoints that repeat the one before are passed over.
+    """
+    points = np.atleast_2d(np.asarray(waypoints, dtype=float))
+    chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    points = points[np.concatenate([[True], chord > NO_LENGTH])]
+    if len(points) <= 2:
+        return straight(points[0], points[-1])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return _spline(length / length[-1], points, "natural", "natural")
+
+
+def of_trajectory(trajectory: Trajectory, pieces: int = TRAJECTORY_PIECES) -> JointPath:
+    """The path of a trajectory, s in proportion to arc length, with its path speed at both ends.
+
+    The curve is met exactly at `pieces` + 1 points that are evenly spaced along it, and by a cubic spline between them;
+    standing still on the way leaves no trace. Where the trajectory begins (ends) in motion, so does the path's tangent.
+    """
+    time = trajectory.denser(max(4, -(-4 * pieces // (len(trajectory.time) - 1))))
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(trajectory.sample(time)[0], axis=0), axis=1))])
+    total = float(length[-1])
+    if total <= NO_LENGTH:
+        return replace(straight(trajectory.position[0], trajectory.position[0]), source=trajectory)
+    advance = np.concatenate([[True], np.diff(length) > NO_LENGTH * total])
+    s = np.linspace(0.0, 1.0, pieces + 1)
+    at = np.interp(s * total, length[advance], time[advance])
+    points = trajectory.sample(np.concatenate([time[:1], at[1:-1], time[-1:]]))[0]
+    speed = np.linalg.norm(trajectory.velocity[[0, -1]], axis=1)
+    resting = speed <= 1e-9 * max(1e-9, float(np.abs(trajectory.velocity).max()))
+    ends: list[str | tuple[int, np.ndarray]] = [
+        "not-a-knot" if still else (1, v / norm * total)
+        for v, norm, still in zip(trajectory.velocity[[0, -1]], speed, resting, strict=True)
+    ]
+    path = _spline(s, points, ends[0], ends[1])
+    rates = np.where(resting, 0.0, speed / total)
+    return replace(path, start_speed=float(rates[0]), end_speed=float(rates[1]), source=trajectory)
+
+
+def read_path(path: Path, joints: Sequence[str]) -> JointPath:
+    """A path from a CSV file: a trajectory where it has a column `time`, else waypoints `<joint>.position`.
+
+    Raises:
+        BadInput: the file is not readable, or a joint's position is missing; names file, row and column.
+    """
+    table = read_table(path)
+    if "time" in table:
+        return of_trajectory(read_trajectory(path, joints))
+    points = columns_of(table, joints, "position", str(path))
+    if points is None:
+        raise BadInput(f"{path}: row 1: no column {joints[0]}.position; joints are {', '.join(joints)}")
+    return through(points)
+
+
+def _spline(
+    s: np.ndarray, points: np.ndarray, first: str | tuple[int, np.ndarray], last: str | tuple[int, np.ndarray]
+) -> JointPath:
+    """The cubic spline through `points` (K, n) at `s` (K,) with the given end conditions."""
+    from scipy.interpolate import CubicSpline
+
+    def condition(end: str | tuple[int, np.ndarray]) -> str | tuple[int, np.ndarray]:
+        return (2, np.zeros(points.shape[1])) if end == "natural" else end
+
+    spline = CubicSpline(s, points, bc_type=(condition(first), condition(last)))
+    return JointPath(np.asarray(s), spline.c[::-1].copy())

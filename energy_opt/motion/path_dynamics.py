@@ -1,0 +1,166 @@
+"""The dynamics of an arm that is bound to a path: everything as a function of path acceleration a and squared speed b.
+
+    velocity      q' sqrt(b)
+    acceleration  q' a + q'' b
+    jerk          (q' w + 3 q'' a + q''' b) sqrt(b)          with w = da/ds
+    torque        M a + C b + G                              rigid body, affine
+    motor torque  the rigid body's plus every torque effect
+
+The path is passed forwards, so the sign of a joint's velocity is that of q' and Coulomb friction depends on s alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.effects import Exact, Signals
+from energy_opt.errors import Infeasible
+from energy_opt.motion.path import JointPath
+from energy_opt.motion.timing_law import Timing
+from energy_opt.power import PowerModel, drive_terms
+from energy_opt.power.rigid import rigid_torque
+from energy_opt.robot import Limits, Robot
+
+CRAWL = 1e-9  # [1/s^2] squared path speed that stands for "about to move": friction has its sign, dynamics vanish
+
+
+@dataclass(frozen=True, eq=False)
+class SharedByStructure:
+    """A model that equals any other of the same structure: the key under which built functions are kept."""
+
+    model: PowerModel
+
+    def __hash__(self) -> int:
+        return hash(self.model.structure)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SharedByStructure) and other.model.structure == self.model.structure
+
+
+@lru_cache(maxsize=32)
+def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
+    """(a, b, [q q' q'' M C G] (n, 6), p) -> motor torque and its derivatives with respect to a and b, (n, 1) each."""
+    a, b, at = ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("at", n, 6)
+    q, q1, q2, inertial, centrifugal, gravity = ca.horzsplit(at)
+    tau = inertial * a + centrifugal * b + gravity
+    p = shared.model.symbols(n)
+    x = Signals(q, q1 * ca.sqrt(b), q1 * a + q2 * b, tau, ca.SX(0))
+    tau_m = drive_terms(shared.model, x, p, Exact()).tau_m
+    return ca.Function("motor_torque", [a, b, at, p], [tau_m, ca.jacobian(tau_m, a), ca.jacobian(tau_m, b)])
+
+
+def has_torque_effects(model: PowerModel) -> bool:
+    """Does the motors' torque differ from the rigid body's?"""
+    return any(e.stage == "torque" for e in model.effects)
+
+
+class PathDynamics:
+    """Coefficients at path positions s (M,): q, q1, q2, q3 (path and derivatives), M, C, G (torque); (M, n) each."""
+
+    def __init__(self, robot: Robot, model: PowerModel, path: JointPath, s: np.ndarray) -> None:
+        self.robot, self.model, self.path, self.s = robot, model, path, s
+        self.q, self.q1, self.q2, self.q3 = (path(s, order) for order in range(4))
+        zero = np.zeros_like(self.q)
+        # three inverse dynamics in one call, so that payload and tilt are applied once
+        torque = rigid_torque(
+            model,
+            robot.body,
+            np.concatenate([self.q] * 3),
+            np.concatenate([zero, zero, self.q1]),
+            np.concatenate([zero, self.q1, self.q2]),
+        )
+        self.G, inertial, centrifugal = np.split(torque, 3)
+        self.M, self.C = inertial - self.G, centrifugal - self.G
+
+    def motor_torque(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Torque of the motors (M, n) [N m] by the exact laws, at path accelerations a and squared speeds b (M,)."""
+        if not has_torque_effects(self.model):
+            return self.M * a[:, None] + self.C * b[:, None] + self.G
+        return self._evaluated(a, b)[0]
+
+    def affine_torque(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(ma, mb, m0), (M, n) each: the tangent m0 + ma a + mb b of the motors' torque at (a, b).
+
+        Equal to it everywhere where the effects are affine (Coulomb friction, armature, spring); for viscous friction,
+        which grows with sqrt(b), the tangent lies above it on the driving side.
+        """
+        if not has_torque_effects(self.model):
+            return self.M, self.C, self.G
+        here, ma, mb = self._evaluated(a, b)
+        return ma, mb, here - ma * a[:, None] - mb * np.maximum(b, CRAWL)[:, None]
+
+    def _evaluated(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        n = self.robot.n
+        at = np.stack([self.q, self.q1, self.q2, self.M, self.C, self.G], axis=1)  # (M, 6, n)
+        values = np.repeat(self.model.values(n)[:, None], len(self.s), axis=1)
+        out = _motor_torque(SharedByStructure(self.model), n)(
+            a[None], np.maximum(b, CRAWL)[None], at.reshape(-1, n).T, values
+        )
+        tau_m, ma, mb = (np.array(x).T for x in out)
+        return tau_m, ma, mb
+
+    def speed_bound(self, velocity: np.ndarray) -> np.ndarray:
+        """Largest squared path speed (M,) [1/s^2] that the velocity limits (n,) allow."""
+        return np.min((velocity / np.maximum(np.abs(self.q1), 1e-12)) ** 2, axis=1)
+
+    def excess(self, timing: Timing, limits: Limits, jerk: bool = True) -> dict[str, np.ndarray]:
+        """By how much each limit is broken, as a fraction of the bound (<= 0 is inside); (M, n) per kind of limit."""
+        b, a, w = (x[:, None] for x in timing.speed(self.s))
+        root = np.sqrt(np.maximum(b, 0.0))
+        out = {
+            "velocity": np.abs(self.q1) * root / limits.velocity - 1,
+            "acceleration": np.abs(self.q1 * a + self.q2 * b) / limits.acceleration - 1,
+            "effort": np.abs(self.motor_torque(a[:, 0], b[:, 0])) / limits.effort - 1,
+        }
+        if jerk and np.isfinite(limits.jerk).any():
+            out["jerk"] = np.abs(self.q1 * w + 3 * self.q2 * a + self.q3 * b) * root / limits.jerk - 1
+        return out
+
+
+def points_of(path: JointPath, count: int) -> np.ndarray:
+    """About `count` evenly spaced path positions, with points close to both sides of every knot of the path."""
+    inner = path.knots[1:-1]
+    return np.unique(np.concatenate([np.linspace(0, 1, count), inner - 1e-9, inner]))
+
+
+def check_path(robot: Robot, dynamics: PathDynamics, limits: Limits) -> None:
+    """What no timing can mend: positions outside the limits, and torque that merely holding the arm would take.
+
+    Raises:
+        Infeasible: names joint, limit, path position and excess.
+    """
+    q, s = dynamics.q, dynamics.s
+    width = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, 1.0)
+    outside = np.maximum(q - limits.upper, limits.lower - q) / width
+    _refuse(robot, s, outside, "position", lambda k, j: _position_text(q[k, j], limits.lower[j], limits.upper[j]))
+    zero = np.zeros(len(s))
+    holding = np.abs(dynamics.motor_torque(zero, zero))
+    _refuse(
+        robot,
+        s,
+        holding / limits.effort - 1,
+        "effort",
+        lambda k, j: f"moving slowly takes {holding[k, j]:.4g} N m, the limit is {limits.effort[j]:.4g} N m",
+    )
+
+
+def _position_text(q: float, lower: float, upper: float) -> str:
+    return f"position {q:.6g} rad is outside [{lower:.6g}, {upper:.6g}] rad"
+
+
+def _refuse(robot: Robot, s: np.ndarray, excess: np.ndarray, limit: str, text: Callable[[int, int], str]) -> None:
+    k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    if excess[k, j] > 1e-9:
+        where = {0.0: "at the start", 1.0: "at the goal"}.get(float(s[k]), f"at path position {s[k]:.3f}")
+        raise Infeasible(
+            f"{robot.joints[j]}: {text(int(k), int(j))} {where}",
+            joint=robot.joints[j],
+            limit=limit,
+            position=float(s[k]),
+            excess=float(excess[k, j]),
+        )

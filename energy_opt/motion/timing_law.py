@@ -1,0 +1,175 @@
+"""How a path is run through in time: the squared path speed b(s) = (ds/dt)^2 as a quadratic B-spline.
+
+Knots s_0 = 0 < ... < s_N = 1 (both ends threefold) and N + 2 control values c at the Greville points
+g = (0, s_1 / 2, (s_1 + s_2) / 2, ..., 1). At a knot, b lies on the control polygon and the path acceleration
+a = d^2 s/dt^2 = b'(s) / 2 is half the polygon's slope; a is linear in s between knots and continuous everywhere.
+
+On one interval a = a_0 + w x with x = s - s_k, so s(t) solves x'' = a_0 + w x, and everything is closed form: from
+speed v_0 to v_1 over the length h takes 2 / sqrt(w) artanh(sqrt(w) h / (v_0 + v_1)) (w < 0: arctan), at rest ends
+as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from energy_opt.motion.path import JointPath
+from energy_opt.motion.trajectory import Trajectory
+
+ROW_STEP = 0.004  # [s] largest time between two rows of a trajectory
+MIN_ROWS = 200
+CLOSE = 1e-3  # rows nearer to each other than this share of the row step are merged
+HOLD = 1e-3  # [s] duration of a move of no length that was given none
+
+
+def greville(knots: np.ndarray) -> np.ndarray:
+    """Greville points (N + 2,) of the knots (N + 1,)."""
+    padded = np.concatenate([knots[:1], knots, knots[-1:]])
+    return (padded[1:] + padded[:-1]) / 2
+
+
+def knots_of(points: np.ndarray) -> np.ndarray:
+    """The knots (N + 1,) for control values at `points` (N + 2,): the ends, and the middles of the inner intervals."""
+    return np.concatenate([points[:1], (points[1:-2] + points[2:-1]) / 2, points[-1:]])
+
+
+@dataclass(frozen=True)
+class Basis:
+    """b, a = b'/2 and w = b''/2 at points s as linear maps of the three control values c[first : first + 3]."""
+
+    first: np.ndarray  # (M,)
+    b: np.ndarray  # (M, 3)
+    a: np.ndarray  # (M, 3)
+    w: np.ndarray  # (M, 3)
+
+
+def basis(knots: np.ndarray, s: np.ndarray, piece: np.ndarray | None = None) -> Basis:
+    """The quadratic B-splines at `s` (M,); `piece` (M,) says which interval where s is a knot."""
+    k = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2) if piece is None else piece
+    padded = np.concatenate([knots[:1], knots, knots[-1:]])
+    t0, t1, t2, t3 = (padded[k + j] for j in range(4))  # the interval is [t1, t2]
+    h, left, right = t2 - t1, t2 - t0, t3 - t1
+    x, y = s - t1, t2 - s
+    b = np.stack([y * y / (left * h), 1 - y * y / (left * h) - x * x / (right * h), x * x / (right * h)], axis=1)
+    a = np.stack([-y / (left * h), y / (left * h) - x / (right * h), x / (right * h)], axis=1)
+    w = np.stack([1 / (left * h), -1 / (left * h) - 1 / (right * h), 1 / (right * h)], axis=1)
+    return Basis(k, b, a, w)
+
+
+def _tau(w: np.ndarray, x: np.ndarray, v_sum: np.ndarray) -> np.ndarray:
+    """Time to cover the length x on which a grows by w per length, v_sum the sum of the speeds at both ends."""
+    z = x / v_sum
+    k = w * z * z
+    root = np.sqrt(np.abs(k))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # artanh has no value at 1 and beyond, where rounding alone can bring a start from rest
+        exact = np.where(k > 0, np.arctanh(np.minimum(root, 1 - 1e-16)), np.arctan(root)) / root
+    return 2 * z * np.where(root < 1e-4, 1 + k / 3, exact)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """A path and the squared speed along it.
+
+    Attributes:
+        path: where.
+        knots: (N + 1,) of the B-spline.
+        control: (N + 2,) its control values [1/s^2], first and last the squared end speeds.
+        hold: duration [s] where the path has no length.
+    """
+
+    path: JointPath
+    knots: np.ndarray
+    control: np.ndarray
+    hold: float = HOLD
+
+    @cached_property
+    def _pieces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Per interval: v at both knots (2, N), a at its left knot (N,), w (N,)."""
+        c, g = self.control, greville(self.knots)
+        slope = np.diff(c) / np.diff(g)
+        at_knots = np.concatenate([c[:1], c[1:-2] + slope[1:-1] * (self.knots[1:-1] - g[1:-2]), c[-1:]])
+        v = np.sqrt(np.maximum(at_knots, 0.0))
+        a = slope / 2
+        return np.stack([v[:-1], v[1:]]), a[:-1], np.diff(a) / np.diff(self.knots)
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Time at each knot, (N + 1,) [s]."""
+        v, _, w = self._pieces
+        return np.concatenate([[0.0], np.cumsum(_tau(w, np.diff(self.knots), v[0] + v[1]))])
+
+    @property
+    def duration(self) -> float:
+        """Time from start to goal, s."""
+        return float(self.times[-1]) if self.path.moves else self.hold
+
+    def speed(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """b = (ds/dt)^2, a = d^2 s/dt^2 and w = da/ds at s (M,)."""
+        at = basis(self.knots, s)
+        c = self.control[at.first[:, None] + np.arange(3)]
+        return (at.b * c).sum(1), (at.a * c).sum(1), (at.w * c).sum(1)
+
+    def time_at(self, s: np.ndarray) -> np.ndarray:
+        """Time at path positions s (M,), s."""
+        k = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.knots) - 2)
+        v, a, w = self._pieces
+        x = s - self.knots[k]
+        speed = np.sqrt(np.maximum(v[0, k] ** 2 + 2 * a[k] * x + w[k] * x * x, 0.0))
+        total = v[0, k] + speed
+        return self.times[k] + np.where(x > 0, _tau(w[k], x, np.where(total > 0, total, np.inf)), 0.0)
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """s, ds/dt and d^2 s/dt^2 at times (M,) from 0 to the duration."""
+        k = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.knots) - 2)
+        v, a, w = self._pieces
+        v0, a0, t, w = v[0, k], a[k], time - self.times[k], w[k]
+        z = np.sqrt(np.abs(w)) * t
+        small = z < 1e-3
+        safe = np.where(small, 1.0, z)
+        sign = np.sign(w)
+        z2 = sign * z * z
+        # sinh(z)/z and (cosh(z) - 1)/z^2, for w < 0 with sin and cos
+        first = np.where(small, 1 + z2 / 6, np.where(w > 0, np.sinh(safe), np.sin(safe)) / safe)
+        half = np.where(w > 0, np.sinh(safe / 2), np.sin(safe / 2)) / safe
+        second = np.where(small, 0.5 + z2 / 24, 2 * half**2)
+        x = v0 * t * first + a0 * t * t * second
+        s = np.clip(self.knots[k] + x, self.knots[k], self.knots[k + 1])
+        return s, v0 * (1 + z2 * second) + a0 * t * first, a0 + w * x
+
+    def slowed(self, duration: float) -> Timing:
+        """The same timing stretched evenly to `duration` (s); speeds at moving ends shrink with it."""
+        if not self.path.moves:
+            return replace(self, hold=duration)
+        return replace(self, control=self.control * (self.duration / duration) ** 2)
+
+    def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
+        """Rows at most 4 ms apart and at least 200 of them, one at every knot of timing and path.
+
+        Position, velocity and acceleration of a row are exactly those of path(s(t)); the third derivative jumps only at
+        rows, so that the quintic polynomials between them follow the curve closely.
+        """
+        if not self.path.moves:
+            q = np.repeat(self.path.start[None], 3, axis=0)
+            return Trajectory(joints, np.linspace(0, self.hold, 3), q, np.zeros_like(q), np.zeros_like(q))
+        time = self._row_times()
+        s, v, a = self.at(time)
+        s[-1] = 1.0
+        v[[0, -1]] = np.sqrt(self.control[[0, -1]])
+        q1, q2 = self.path(s, 1), self.path(s, 2)
+        v, a = v[:, None], a[:, None]
+        return Trajectory(joints, time, self.path(s), q1 * v, q1 * a + q2 * v * v)
+
+    def _row_times(self) -> np.ndarray:
+        duration = self.duration
+        step = min(ROW_STEP, duration / (MIN_ROWS - 1))
+        marks = np.unique(np.concatenate([self.times, self.time_at(self.path.knots[1:-1])]))
+        keep = np.concatenate([[True], np.diff(marks) > CLOSE * step])
+        marks = marks[keep & (marks < duration - CLOSE * step)]
+        marks = np.append(marks, duration)
+        counts = np.ceil(np.diff(marks) / step - 1e-9).astype(int)
+        share = np.concatenate([np.arange(count) / count for count in counts])
+        return np.append(np.repeat(marks[:-1], counts) + share * np.repeat(np.diff(marks), counts), duration)

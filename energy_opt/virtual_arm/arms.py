@@ -110,8 +110,8 @@ SIZES: dict[type[Effect], Draw] = {
     e.CoulombFriction: lambda rng, arm: {"tau_c": _scaled(rng, arm.friction, 0.7, 1.6)},
     e.ViscousFriction: lambda rng, arm: {"b": _scaled(rng, arm.friction, 0.8, 1.8)},
     e.StribeckFriction: lambda rng, arm: {
-        "tau_s": _scaled(rng, arm.friction, 1.2, 2.2),
-        "v_s": rng.uniform(0.12, 0.3),
+        "tau_s": _scaled(rng, arm.friction, 2.0, 3.5),
+        "v_s": rng.uniform(0.15, 0.35),
     },
     e.LoadFriction: lambda rng, arm: {"mu": _scaled(rng, (1.0,) * len(arm.friction), 0.05, 0.11)},
     e.Armature: lambda rng, arm: {"inertia": _scaled(rng, arm.rotor, 0.9, 1.8)},

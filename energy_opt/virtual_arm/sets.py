@@ -82,10 +82,14 @@ def base_model(robot: str) -> PowerModel:
     return PowerModel(robot, (Standby(power=data.standby), CopperLoss(r_over_kt2=data.r_over_kt2)))
 
 
-def draw_instruments(rng: np.random.Generator) -> Instruments:
-    """Instruments as found: noise 0.3 to 2 W (mostly below 1 W), 125 Hz, one set in three with a meter of its own."""
+def draw_instruments(robot: str, rng: np.random.Generator) -> Instruments:
+    """Instruments as found: 125 Hz, one set in three with a meter of its own.
+
+    Noise from 0.3 W to 2 % of the arm's standby, at most 2 W, evenly spread on a logarithmic scale.
+    """
+    loudest = min(2.0, 0.02 * ARMS[robot].standby)
     return Instruments(
-        noise=float(np.round(np.exp(rng.uniform(np.log(0.3), np.log(2.0))), 2)),
+        noise=float(np.round(np.exp(rng.uniform(np.log(0.3), np.log(loudest))), 2)),
         power_resolution=float(rng.choice([0.02, 0.05, 0.1])),
         position_resolution=float(rng.choice([5e-6, 2e-5])),
         meter_rate=float(rng.choice([50.0, 100.0])) if rng.random() < 1 / 3 else None,
@@ -117,7 +121,7 @@ def make_set(
         category: what truth.toml calls it; by default clean, single, double, unlisted or weak.
         declared: the owner's model, if not the arm's own standby and copper loss.
         instruments: how it is measured; drawn from the seed by default.
-        weak: "static_only": poses and no motion; "still_joint": the joint with the most friction never moves.
+        weak: "static_only": poses and no motion; "still_joint": one joint, drawn, never moves.
         motions, poses: how many runs of each.
 
     Raises:
@@ -132,8 +136,8 @@ def make_set(
     for effect in given:
         true = true.replaced(effect)
     odd = tuple(draw_special(x, robot, rng) if isinstance(x, str) else x for x in specials)
-    seen = instruments or draw_instruments(rng)
-    still = (int(np.argmax(ARMS[robot].friction)),) if weak == "still_joint" else ()
+    seen = instruments or draw_instruments(robot, rng)
+    still = (int(rng.integers(body.n)),) if weak == "still_joint" else ()
     references = excitation(body, rng, 0 if weak == "static_only" else motions, poses, still)
     plant, owned = Plant(true, odd), declared or base_model(robot)
     names = [effect.name for effect in given]

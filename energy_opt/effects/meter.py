@@ -1,29 +1,134 @@
-"""What the meter makes of the true power. These never belong to an energy: they explain a log, not an arm."""
+"""What the meter makes of the true power. These never belong to an energy: they explain a log, not an arm.
+
+Each is linear in the power, so one law serves the reading and, column by column, its derivatives with respect to all
+that the power depends on. `sensitivity` is the exact derivative of the same discrete law by the effect's own number.
+Before a run's first sample the power is taken to have been what it was at that sample.
+"""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
 from energy_opt.effects.base import Effect, Parameter
 
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
-class MeterDelay(Effect):
+SHORTEST_LAG = 1e-4  # [s] a lag below this is none
+
+
+class MeterEffect(Effect):
+    """Acts on the power of one run over time."""
+
+    stage = "meter"
+
+    @classmethod
+    def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """What the meter shows (N, ...) [W] at `time` (N,) [s] when the power there is `power` (N, ...)."""
+        raise NotImplementedError
+
+    @classmethod
+    def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """Derivative (N,) of the reading of `power` (N,) by the effect's parameter."""
+        raise NotImplementedError
+
+
+class MeterDelay(MeterEffect):
     """The meter shows at time t the power of time t - delay."""
 
     name = "meter_delay"
-    stage = "meter"
     parameters = (Parameter("delay", "s", 0.0, -5.0, 5.0),)
 
+    @classmethod
+    def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        if value == 0:
+            return power
+        return _spline(time, power)(np.clip(time - value, time[0], time[-1]))
 
-class MeterFilter(Effect):
-    """First-order lag of the meter: time_constant * dy/dt + y = p."""
+    @classmethod
+    def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        shifted = time - value
+        inside = (shifted >= time[0]) & (shifted <= time[-1])
+        slope = _spline(time, power)(np.clip(shifted, time[0], time[-1]), 1)
+        return np.where(inside, -slope, 0.0)
+
+
+class MeterFilter(MeterEffect):
+    """First-order lag of the meter: time_constant * dy/dt + y = p.
+
+    Solved exactly for a power that is linear between samples: with h the step and s = h / time_constant,
+    y[k+1] = e y[k] + c1 p[k] + c2 p[k+1], e = exp(-s), c1 = (1 - e) / s - e, c2 = 1 - (1 - e) / s.
+    """
 
     name = "meter_filter"
-    stage = "meter"
     parameters = (Parameter("time_constant", "s", 0.0, 0.0, 10.0),)
 
+    @classmethod
+    def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        if value < SHORTEST_LAG:
+            return power
+        e, c1, c2 = _weights(_step(time) / value)
+        return power[:1] + _recursion(e, c1, c2, power - power[:1])
 
-class MeterGain(Effect):
+    @classmethod
+    def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        if value < SHORTEST_LAG:
+            return -_spline(time, power)(time, 1)
+        h = _step(time)
+        s = h / value
+        e, c1, c2 = _weights(s)
+        de = -e  # by s; likewise the two below
+        dc2 = (1 - e) / s**2 - e / s
+        dc1 = -dc2 - de
+        driven = power - power[0]
+        y = _recursion(e, c1, c2, driven)
+        forcing = np.zeros_like(y)
+        forcing[1:] = de * y[:-1] + dc1 * driven[:-1] + dc2 * driven[1:]
+        by_s = _recursion(e, 0.0, 1.0, forcing)
+        return by_s * (-h / value**2)
+
+
+class MeterGain(MeterEffect):
     """The meter reads gain times the truth."""
 
     name = "meter_gain"
-    stage = "meter"
     parameters = (Parameter("gain", "1", 1.0, 0.1, 10.0),)
+
+    @classmethod
+    def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        return value * power
+
+    @classmethod
+    def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        return power.copy()
+
+
+METER_EFFECTS: tuple[type[MeterEffect], ...] = (MeterDelay, MeterFilter, MeterGain)  # in the order in which they act
+
+
+def _spline(time: np.ndarray, power: np.ndarray) -> CubicSpline:
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(time, power)
+
+
+def _step(time: np.ndarray) -> float:
+    return float(time[-1] - time[0]) / (len(time) - 1)
+
+
+def _weights(s: float) -> tuple[float, float, float]:
+    e = float(np.exp(-s))
+    rest = -float(np.expm1(-s)) / s
+    return e, rest - e, 1 - rest
+
+
+def _recursion(e: float, c1: float, c2: float, x: np.ndarray) -> np.ndarray:
+    """y[0] = 0, y[k+1] = e y[k] + c1 x[k] + c2 x[k+1], along the first axis."""
+    from scipy.signal import lfilter
+
+    y = lfilter([c2, c1], [1.0, -e], x, axis=0)
+    start = c2 * x[:1]  # what lfilter put into y[0]
+    decay = e ** np.arange(len(x)).reshape(-1, *([1] * (x.ndim - 1)))
+    return y - decay * start

@@ -1,0 +1,128 @@
+"""Measured runs as one table of samples: bins of meter readings with the motion and the rigid body's torque there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
+from energy_opt.robot import RigidBody
+
+BIN = 0.02  # [s] readings closer than this are averaged
+REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise says
+
+
+@dataclass(frozen=True)
+class Samples:
+    """N samples of R runs, run after run.
+
+    Attributes:
+        q, v, a: (N, n) rad, rad/s, rad/s^2. t: (N,) set time, s.
+        power: (N,) measured, W. readings: how many meter readings stand in a sample's mean, (N,).
+        run: (N,) index of the run. slices: where each run lies. files, kinds: of the runs.
+        temperature: (N, n) degC or nan.
+    """
+
+    body: RigidBody
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    t: np.ndarray
+    power: np.ndarray
+    run: np.ndarray
+    slices: tuple[slice, ...]
+    files: tuple[str, ...]
+    kinds: tuple[str, ...]
+    temperature: np.ndarray
+    noise: float
+    clock: bool
+
+    @property
+    def n(self) -> int:
+        return self.q.shape[1]
+
+    def part(self, runs: Sequence[int]) -> Samples:
+        """The samples of some runs only, with what was computed of them."""
+        rows = np.concatenate([np.arange(self.slices[r].start, self.slices[r].stop) for r in runs])
+        lengths = [self.slices[r].stop - self.slices[r].start for r in runs]
+        ends = np.cumsum([0, *lengths])
+        out = Samples(
+            self.body, self.q[rows], self.v[rows], self.a[rows], self.t[rows], self.power[rows],
+            np.repeat(np.arange(len(runs)), lengths),
+            tuple(slice(int(x), int(y)) for x, y in zip(ends[:-1], ends[1:], strict=True)),
+            tuple(self.files[r] for r in runs), tuple(self.kinds[r] for r in runs), self.temperature[rows],
+            self.noise, self.clock,
+        )  # fmt: skip
+        for name in ("free_torque", "gravity_torque", "free_regressor", "gravity_regressor"):
+            if name in self.__dict__:
+                out.__dict__[name] = self.__dict__[name][rows]
+        return out
+
+    @cached_property
+    def free_torque(self) -> np.ndarray:
+        """Rigid torque without gravity and payload, (N, n) N m."""
+        return self.body.torque(self.q, self.v, self.a, None, np.zeros(3))
+
+    @cached_property
+    def gravity_torque(self) -> np.ndarray:
+        """d tau / d gravity of the bare arm, (N, n, 3)."""
+        rest = np.zeros_like(self.v)
+        return np.stack([self.body.torque(self.q, rest, rest, None, unit) for unit in np.eye(3)], axis=2)
+
+    @cached_property
+    def free_regressor(self) -> np.ndarray:
+        """d tau / d (last link's inertial parameters) without gravity, (N, n, 10)."""
+        return self.body.payload_regressor(self.q, self.v, self.a, np.zeros(3))
+
+    @cached_property
+    def gravity_regressor(self) -> np.ndarray:
+        """The same for unit gravity along x, y, z, at rest: (N, n, 10, 3)."""
+        rest = np.zeros_like(self.v)
+        return np.stack([self.body.payload_regressor(self.q, rest, rest, unit) for unit in np.eye(3)], axis=3)
+
+
+def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
+    """All runs of a set as samples, and the smoothing that the data chose."""
+    smoothing = choose_smoothing(measured.runs)
+    parts = [_bins(run, smoothing.cutoff) for run in measured.runs]
+    lengths = [len(p[0]) for p in parts]
+    ends = np.cumsum([0, *lengths])
+    slices = tuple(slice(int(x), int(y)) for x, y in zip(ends[:-1], ends[1:], strict=True))
+    t, power, q, v, a, temperature = (np.concatenate(column) for column in zip(*parts, strict=True))
+    first = min(float(run.start + run.time[0]) for run in measured.runs)
+    samples = Samples(
+        measured.robot.body, q, v, a, t - first, power, np.repeat(np.arange(len(parts)), lengths), slices,
+        tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), temperature,
+        _meter_noise(power, slices), measured.clock,
+    )  # fmt: skip
+    return samples, smoothing
+
+
+def _bins(run: Run, cutoff: float) -> tuple[np.ndarray, ...]:
+    step = float(np.median(np.diff(run.power_time)))
+    count = max(1, int(BIN / step + 0.5))
+    whole = len(run.power) // count * count
+    time = run.power_time[:whole].reshape(-1, count).mean(axis=1)
+    power = run.power[:whole].reshape(-1, count).mean(axis=1)
+    moved = np.ptp(run.position, axis=0)
+    k = kinematics(run, time, cutoff)
+    q, v, a = k.q, k.v, k.a
+    if moved.max() < 2e-3:
+        q, v, a = np.tile(run.position.mean(axis=0), (len(time), 1)), np.zeros_like(v), np.zeros_like(a)
+    v = np.where(np.abs(v) < REST, 0.0, v)
+    temperature = np.full_like(q, np.nan)
+    if run.temperature is not None:
+        temperature = np.column_stack([np.interp(time, run.time, column) for column in run.temperature.T])
+    return run.start + time, power, q, v, a, temperature
+
+
+def _meter_noise(power: np.ndarray, slices: Sequence[slice]) -> float:
+    """Standard deviation of a sample's noise, W, from third differences: what no smooth power explains.
+
+    Robust (median of runs), so that kinks and steps of the true power do not count.
+    """
+    levels = [np.sqrt(np.mean(np.diff(power[s], 3) ** 2) / 20) for s in slices if s.stop - s.start > 12]
+    return max(float(np.median(levels)), 1e-3) if levels else 1.0

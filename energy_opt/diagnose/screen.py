@@ -1,0 +1,180 @@
+"""Candidates for the next effect, judged by how much of the residual their linearised columns would take away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.diagnose.fit import Fit, bounded_least_squares
+from energy_opt.diagnose.predict import predict
+from energy_opt.diagnose.samples import Samples
+from energy_opt.diagnose.terms import Term, chart
+from energy_opt.effects import ALL_EFFECTS, Effect
+from energy_opt.effects.meter import METER_EFFECTS, MeterGain
+from energy_opt.power import PowerModel
+
+LAGS = (0.02, 0.06, 0.15, 0.4)  # [s] at which delays and lags of the meter are tried
+SPEEDS = (0.03, 0.1, 0.3)  # [rad/s] Stribeck velocities tried
+TIMES = (8.0, 30.0, 120.0, 500.0)  # [s] time constants tried
+WAKE = 0.02  # share of the meter noise below which a column shows nothing
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A term that may be added, its columns (N, c) at the current model, bounds of their weights, and a start."""
+
+    term: Term
+    columns: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    origin: np.ndarray  # numbers z at weight 0
+
+    def start(self, weights: np.ndarray) -> np.ndarray:
+        """Numbers z to start a fit from, given the columns' best weights."""
+        z = self.origin.copy()
+        z[: len(weights)] += weights
+        return z
+
+
+def candidates(current: Fit, declared: PowerModel, samples: Samples) -> Iterator[Candidate]:
+    """Every effect of the table that the hypothesis does not free already, in each of its variants."""
+    n, taken = samples.n, set(current.names)
+    model = current.model
+    for kind in ALL_EFFECTS:
+        if kind.name in taken:
+            continue
+        held = declared.get(kind.name)
+        if held is not None:
+            yield from _declared(kind, held, model, declared, samples)
+        elif kind in METER_EFFECTS:
+            yield from _meter(kind, model, declared, samples)
+        elif kind.name == "winding_temperature" and model.get("copper_loss") is None:
+            continue
+        else:
+            yield from _absent(kind, model, declared, samples, n)
+
+
+def _modes(kind: type[Effect]) -> tuple[str, ...]:
+    per_joint = any(p.size == "joint" for p in kind.parameters)
+    if kind.name == "gravity_spring":
+        return ("joint",)
+    return ("shared", "joint") if per_joint else ("number",)
+
+
+def _declared(
+    kind: type[Effect], held: Effect, model: PowerModel, declared: PowerModel, samples: Samples
+) -> Iterator[Candidate]:
+    p = predict(model, samples)
+    where = dict(zip((e.name for e in model.effects), model.slices(samples.n), strict=True))
+    jacobian = p.jacobian[:, where[kind.name]]
+    options = tuple(f"{k}={v}" for k, v in sorted(held.choices.items()))
+    per_joint = any(q.size == "joint" for q in kind.parameters)
+    zero = not np.any(held.full(samples.n))
+    modes = (("shared", "joint") if zero else ("scale", "joint")) if per_joint else ("number",)
+    for mode in modes:
+        if kind.name == "payload" and float(held.values["mass"][0]) == 0.0:
+            continue
+        term = Term(kind.name, mode, options, declared=True)
+        c = chart(term, declared, samples.n)
+        z0 = _numbers(c.matrix, c.base, held.full(samples.n), kind.name, samples.n)
+        yield Candidate(term, jacobian @ c.slope(z0), c.lower - z0, c.upper - z0, z0)
+
+
+def _numbers(matrix: np.ndarray, base: np.ndarray, values: np.ndarray, name: str, n: int) -> np.ndarray:
+    from energy_opt.diagnose.terms import to_chart
+
+    return np.linalg.lstsq(matrix, to_chart(name, values, n) - base, rcond=None)[0]
+
+
+def _meter(kind: type[Effect], model: PowerModel, declared: PowerModel, samples: Samples) -> Iterator[Candidate]:
+    term = Term(kind.name, "number")
+    now = predict(model, samples).reading
+    if kind is MeterGain:
+        yield Candidate(term, now[:, None], np.array([-0.9]), np.array([9.0]), np.array([1.0]))
+        return
+    for lag in LAGS:
+        for sign in (1.0, -1.0) if kind.name == "meter_delay" else (1.0,):
+            key = kind.parameters[0].name
+            column = predict(model.replaced(kind(**{key: sign * lag})), samples).reading - now
+            yield Candidate(term, column[:, None] / lag, np.array([0.0]), np.array([3 * lag]), np.array([0.0]), )  # fmt: skip
+
+
+def _absent(
+    kind: type[Effect], model: PowerModel, declared: PowerModel, samples: Samples, n: int
+) -> Iterator[Candidate]:
+    shapes: tuple[float, ...] = (0.0,)
+    if kind.name == "stribeck_friction":
+        shapes = SPEEDS
+    elif kind.name in ("winding_temperature", "standby_drift"):
+        shapes = TIMES
+    words = [f"{key}={word}" for key, choices in kind.options.items() for word in choices] or [""]
+    for word in words:
+        options = (word,) if word else ()
+        for shape in shapes:
+            values = kind.neutral(n).full(n)
+            if shape:
+                values[-1] = shape
+            if kind.name == "payload":
+                values[0] = 1e-3
+            effect = Term(kind.name, "joint", options).effect(values, n)
+            if kind.name == "gravity_spring":
+                effect.values["stiffness"][:] = 1e-9
+            trial = model.replaced(effect)
+            p = predict(trial, samples)
+            where = dict(zip((e.name for e in trial.effects), trial.slices(n), strict=True))
+            jacobian = p.jacobian[:, where[kind.name]]
+            for mode in _modes(kind):
+                term = Term(kind.name, mode, options)
+                c = chart(term, declared, n)
+                x0 = effect.full(n)
+                z0 = _numbers(c.matrix, c.base, x0, kind.name, n)
+                columns = jacobian @ c.slope(z0)
+                if shape:
+                    columns = columns[:, :-1]
+                width = columns.shape[1]
+                yield Candidate(term, columns, (c.lower - z0)[:width], (c.upper - z0)[:width], z0)
+
+
+def gain(current: Fit, candidate: Candidate, samples: Samples) -> tuple[float, np.ndarray]:
+    """By how much the loss falls when the columns are added (linearised, bounded), and their weights."""
+    columns = candidate.columns
+    alive = np.linalg.norm(columns, axis=0) > 1e-9
+    weights = np.zeros(columns.shape[1])
+    if not alive.any():
+        return 0.0, weights
+    apart, residual = orthogonal(current, columns[:, alive])
+    size = np.maximum(np.linalg.norm(apart, axis=0), 1e-12)
+    q, r = np.linalg.qr(apart / size)
+    k = len(size)
+    r = np.vstack([r, 1e-6 * np.eye(k)])
+    target = np.concatenate([q.T @ residual, np.zeros(k)])
+    x = bounded_least_squares(r, target, candidate.lower[alive] * size, candidate.upper[alive] * size)
+    left = residual - (apart / size) @ x
+    weights[alive] = x / size
+    return float(residual @ residual - left @ left) / samples.noise**2, weights
+
+
+def orthogonal(current: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns and residual less what the hypothesis' own free numbers already reach."""
+    if not current.jacobian.shape[1]:
+        return columns, current.residual
+    q = basis(current.jacobian)
+    return columns - q @ (q.T @ columns), current.residual - q @ (q.T @ current.residual)
+
+
+def basis(jacobian: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the columns' span."""
+    size = np.linalg.norm(jacobian, axis=0)
+    u, s, _ = np.linalg.svd(jacobian[:, size > 0] / size[size > 0], full_matrices=False)
+    return u[:, s > 1e-9 * (s[0] if len(s) else 1.0)]
+
+
+def best_of(found: Sequence[tuple[float, Candidate, np.ndarray]]) -> list[tuple[float, Candidate, np.ndarray]]:
+    """The best start of each term, by gain, best first."""
+    by_term: dict[Term, tuple[float, Candidate, np.ndarray]] = {}
+    for row in found:
+        if row[1].term not in by_term or row[0] > by_term[row[1].term][0]:
+            by_term[row[1].term] = row
+    return sorted(by_term.values(), key=lambda row: -row[0])

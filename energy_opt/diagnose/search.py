@@ -1,0 +1,142 @@
+"""Search for the hypothesis that explains the residual: a beam over sets of effects and unlisted structures.
+
+A hypothesis is scored by loss / f + ln(N) * (free numbers) + PRICE * (effects), lower is better, where f >= 1 is the
+noise's long-run variance over its variance (samples that repeat each other count less).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from energy_opt.diagnose.fit import Extra, Fit, fit
+from energy_opt.diagnose.samples import Samples
+from energy_opt.diagnose.screen import Candidate, best_of, candidates, gain
+from energy_opt.diagnose.terms import Term
+from energy_opt.diagnose.unlisted import exclusive, structures
+from energy_opt.power import PowerModel
+
+BEAM = 4
+TRIED = 6  # candidates fitted per hypothesis and round
+DEEPEST = 6
+FEW = 6  # iterations while growing; the best are then fitted to the end
+PRICE = 14.0  # per effect, for the many that are looked at
+EXTRA_PRICE = 21.0  # per unlisted structure, whose setting is scanned
+
+Key = tuple[frozenset[Term], frozenset[tuple[str, int]]]
+
+
+@dataclass
+class Search:
+    """All hypotheses fitted so far, by what they add."""
+
+    samples: Samples
+    declared: PowerModel
+    inflation: float = 1.0
+    fits: dict[Key, Fit] = field(default_factory=dict)
+    polished: set[Key] = field(default_factory=set)
+    looked: dict[Key, list[tuple[float, Candidate, np.ndarray]]] = field(default_factory=dict)
+
+    def price(self, numbers: int, terms: int, extras: int) -> float:
+        """What free numbers and effects cost."""
+        return float(np.log(len(self.samples.power))) * numbers + PRICE * terms + EXTRA_PRICE * extras
+
+    def score(self, f: Fit) -> float:
+        """Lower is better."""
+        return f.loss / self.inflation + self.price(f.count, len(f.terms), len(f.extras))
+
+    def ranked(self) -> list[Fit]:
+        """All hypotheses, best first."""
+        return sorted(self.fits.values(), key=self.score)
+
+    def hypothesis(
+        self, terms: tuple[Term, ...], starts: list[np.ndarray], extras: tuple[Extra, ...], thorough: bool = False
+    ) -> Fit:
+        """The fit of these terms and structures; fitted once, and to the end where `thorough`."""
+        key = _key(terms, extras)
+        held = self.fits.get(key)
+        if held is not None and (not thorough or key in self.polished):
+            return held
+        if held is not None:
+            terms, starts, extras = held.terms, list(held.numbers), held.extras
+        new = fit(self.samples, self.declared, terms, starts, extras, 30 if thorough else FEW)
+        if thorough:
+            self.polished.add(key)
+        if held is None or new.loss < held.loss:
+            self.fits[key] = new
+        return self.fits[key]
+
+    def add(self, base: Fit, candidate: Candidate, weights: np.ndarray) -> Fit:
+        """`base` with a candidate more."""
+        return self.hypothesis(
+            (*base.terms, candidate.term), [*base.numbers, candidate.start(weights)], base.extras
+        )
+
+    def add_extra(self, base: Fit, extra: Extra) -> Fit:
+        """`base` with a structure more."""
+        return self.hypothesis(base.terms, list(base.numbers), (*base.extras, extra))
+
+    def polish(self, f: Fit) -> Fit:
+        """The same hypothesis fitted to the end."""
+        return self.hypothesis(f.terms, list(f.numbers), f.extras, thorough=True)
+
+    def without(self, base: Fit, index: int) -> Fit:
+        """`base` less one term."""
+        terms = tuple(t for k, t in enumerate(base.terms) if k != index)
+        starts = [z for k, z in enumerate(base.numbers) if k != index]
+        return self.hypothesis(terms, starts, base.extras, thorough=True)
+
+    def without_extra(self, base: Fit, index: int) -> Fit:
+        """`base` less one structure."""
+        extras = tuple(e for k, e in enumerate(base.extras) if k != index)
+        return self.hypothesis(base.terms, list(base.numbers), extras, thorough=True)
+
+    def proposals(self, base: Fit) -> list[tuple[float, Candidate, np.ndarray]]:
+        """Candidates for the next effect with their linearised gain less the price of their numbers, best first."""
+        key = _key(base.terms, base.extras)
+        if key not in self.looked:
+            found = []
+            for candidate in candidates(base, self.declared, self.samples):
+                gained, weights = gain(base, candidate, self.samples)
+                numbers = len(candidate.origin)
+                found.append((gained / self.inflation - self.price(numbers, 1, 0), candidate, weights))
+            self.looked[key] = best_of(found)
+        return self.looked[key]
+
+    def extra_proposals(self, base: Fit) -> Iterator[tuple[float, Extra]]:
+        """Unlisted structures whose linearised gain is worth their price."""
+        for gained, extra in structures(base, self.samples):
+            value = gained / self.samples.noise**2 / self.inflation - self.price(extra.columns.shape[1] + 1, 0, 1)
+            if value > 0 and exclusive(extra, base.terms):
+                yield value, extra
+
+
+def _key(terms: tuple[Term, ...], extras: tuple[Extra, ...]) -> Key:
+    return (frozenset(terms), frozenset((e.family, e.joint) for e in extras))
+
+
+def search(samples: Samples, declared: PowerModel) -> Search:
+    """Look for effects until the best hypothesis gains nothing by one more."""
+    out = Search(samples, declared)
+    beam = [out.hypothesis((), [], ())]
+    for _ in range(DEEPEST):
+        grown: dict[int, Fit] = {}
+        for rank, base in enumerate(beam):
+            base = out.polish(base) if rank == 0 else base
+            terms = [row for row in out.proposals(base) if row[0] > 0][:TRIED]
+            extras = sorted(out.extra_proposals(base), key=lambda row: -row[0])[:3]
+            if rank == 0 and not terms and not extras:
+                return out
+            for _, candidate, weights in terms:
+                new = out.add(base, candidate, weights)
+                grown[id(new)] = new
+            for _, extra in extras:
+                new = out.add_extra(base, extra)
+                grown[id(new)] = new
+        best = out.score(beam[0])
+        beam = sorted(grown.values(), key=out.score)[:BEAM]
+        if not beam or out.score(out.polish(beam[0])) >= best:
+            break
+    return out

@@ -1,0 +1,155 @@
+"""From training samples and a declared model to a verdict: which effects, which rivals, what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.diagnose.evidence import Leftover, inflation, leftover
+from energy_opt.diagnose.fit import Fit
+from energy_opt.diagnose.samples import Samples
+from energy_opt.diagnose.search import Search, search
+from energy_opt.power import PowerModel
+
+TOLERANCE = 6.0  # rivals whose score is this near cannot be told from the best
+RIVALS = 5  # tried in place of each accepted effect
+MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
+KEPT_SHARE = 0.8  # of the explained residual that effects must hold to be named beside unlisted structure
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What the training runs say.
+
+    Attributes:
+        root: the declared model as it is. best: the hypothesis with the best score, structures included.
+        accepted: the hypothesis whose effects are claimed.
+        verdict: see CONTRACT.md. rivals: hypotheses that fit equally well, the accepted one first.
+        left: what `accepted` leaves. idle: joints (indices) that never move.
+    """
+
+    search: Search
+    root: Fit
+    best: Fit
+    accepted: Fit
+    verdict: str
+    rivals: tuple[Fit, ...]
+    left: Leftover
+    idle: tuple[int, ...]
+
+
+def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
+    """Run the search and judge it.
+
+    Args:
+        samples: the training runs.
+        declared: the owner's model.
+        moving: (n,) True for the joints that move somewhere in the set.
+    """
+    found = search(samples, declared)
+    root = found.hypothesis((), [], ())
+    best = _refine(found, found.ranked()[0])
+    found.inflation = inflation(best, samples)
+    if found.inflation > 1:
+        found.looked.clear()
+    best = _refine(found, found.ranked()[0])
+    idle = tuple(int(j) for j in np.flatnonzero(~moving))
+    listed = _listed(found, root, best)
+    left = leftover(best, samples)
+    if best.extras or left.structured:
+        accepted = _kept(found, root, best, left)
+        verdict = "unexplained"
+        rivals: tuple[Fit, ...] = (accepted,)
+    else:
+        accepted = listed
+        rivals = _rivals(found, accepted)
+        verdict = "explained" if accepted.terms else "nothing_missing"
+        if len(rivals) > 1:
+            verdict = "ambiguous"
+    if idle:
+        verdict = "insufficient" if verdict != "ambiguous" else verdict
+    return Trace(found, root, best, _per_joint(found, accepted), verdict, rivals, leftover(accepted, samples), idle)
+
+
+def _refine(found: Search, start: Fit) -> Fit:
+    """Swap and drop terms until the score no longer falls."""
+    best = found.polish(start)
+    for _ in range(8):
+        before = found.score(best)
+        options = [found.without_extra(best, k) for k in range(len(best.extras))]
+        for k in range(len(best.terms)):
+            less = found.without(best, k)
+            options.append(less)
+            for _, candidate, weights in found.proposals(less)[:RIVALS]:
+                options.append(found.add(less, candidate, weights))
+        for _, candidate, weights in found.proposals(best)[:2]:
+            if _ > 0:
+                options.append(found.add(best, candidate, weights))
+        if options:
+            near = sorted(options, key=found.score)[:3]
+            polished = [found.polish(f) for f in near]
+            top = min(polished, key=found.score)
+            if found.score(top) < before - 1e-6:
+                best = top
+                continue
+        break
+    return best
+
+
+def _listed(found: Search, root: Fit, best: Fit) -> Fit:
+    """The best hypothesis without unlisted structures."""
+    if not best.extras:
+        return best
+    return found.polish(next(f for f in found.ranked() if not f.extras))
+
+
+def _kept(found: Search, root: Fit, best: Fit, left: Leftover) -> Fit:
+    """Effects that stand beside unlisted structure: only those that hold most of what can be explained."""
+    if not best.terms:
+        return root
+    effects_only = found.hypothesis(best.terms, list(best.numbers), (), thorough=True)
+    explainable = root.loss - len(found.samples.power)
+    share = (root.loss - effects_only.loss) / explainable if explainable > 0 else 0.0
+    return effects_only if share > KEPT_SHARE else root
+
+
+def _rivals(found: Search, accepted: Fit) -> tuple[Fit, ...]:
+    """Hypotheses with other effects, no more of them, whose score is as good."""
+    limit = found.score(accepted) + TOLERANCE
+    out = {frozenset(accepted.names): accepted}
+    for f in found.ranked():
+        if found.score(f) > limit + 40:
+            break
+        names = frozenset(f.names)
+        if f.extras or names in out or len(f.terms) > len(accepted.terms):
+            continue
+        f = found.polish(f)
+        if found.score(f) <= limit:
+            out[names] = f
+    return tuple(out.values())
+
+
+def _per_joint(found: Search, accepted: Fit) -> Fit:
+    """One number per joint in place of a shared one where the data carry it."""
+    best = accepted
+    for k, term in enumerate(accepted.terms):
+        if term.mode not in ("shared", "scale"):
+            continue
+        joint = replace(term, mode="joint")
+        terms = tuple(joint if i == k else t for i, t in enumerate(best.terms))
+        starts = [_spread(best, i, found.samples.n) if i == k else z for i, z in enumerate(best.numbers)]
+        trial = found.hypothesis(terms, starts, best.extras, thorough=True)
+        if (best.loss - trial.loss) / found.inflation > 2 * (trial.count - best.count):
+            best = trial
+    return best
+
+
+def _spread(f: Fit, index: int, n: int) -> np.ndarray:
+    """The numbers of a shared term, one per joint."""
+    from energy_opt.diagnose.terms import chart, to_chart
+
+    term, own = f.terms[index], f.charts[index]
+    joint = chart(replace(term, mode="joint"), f.model.without(term.name), n)
+    x = to_chart(term.name, own.values(f.numbers[index]), n)
+    return np.linalg.lstsq(joint.matrix, x, rcond=None)[0]

@@ -110,8 +110,8 @@ class _Loader(yaml.SafeLoader):
     """YAML with the angle tags of ROS parameter files (`!degrees 360.0`)."""
 
 
-_Loader.add_constructor("!degrees", lambda loader, node: math.radians(float(loader.construct_scalar(node))))
-_Loader.add_constructor("!radians", lambda loader, node: float(loader.construct_scalar(node)))
+_Loader.add_constructor("!degrees", lambda loader, node: math.radians(float(str(node.value))))
+_Loader.add_constructor("!radians", lambda loader, node: float(str(node.value)))
 
 
 def read_yaml(path: Path) -> Any:

@@ -4,7 +4,7 @@ The power of an arm is built in stages, and every effect belongs to exactly one 
 
     rigid      changes the rigid body itself            tau = RNEA(q, v, a; payload, gravity)
     torque     adds to the motor's torque               tau_m = tau + sum of torque effects
-    copper     heat in a joint's winding                c_j = r_j * tau_m,j^2 (times a factor that grows with temperature)
+    copper     heat in a joint's winding                c_j = r_j * tau_m,j^2 (times a factor that grows as it warms)
     drive      what becomes of negative drive power     d_j = tau_m,j * v_j + c_j  ->  p
     power      adds to the power of the whole arm       p + ...
     supply     between the drives and the meter         p / eta
@@ -164,7 +164,7 @@ class Effect:
             raise BadInput(f"effect {self.name}: {p.name} = {value!r} is not a number [{p.unit}]") from None
         if isinstance(value, bool) or number.ndim != 1 or not np.isfinite(number).all():
             raise BadInput(f"effect {self.name}: {p.name} = {value!r} is not a finite number or list [{p.unit}]")
-        if p.size == "scalar" and number.size != 1 or isinstance(p.size, int) and number.size != p.size:
+        if p.size != "joint" and number.size != p.count(1):
             raise BadInput(f"effect {self.name}: {p.name} has {number.size} values; expected {p.count(1)}")
         if (number < p.lower).any() or (number > p.upper).any():
             raise BadInput(f"effect {self.name}: {p.name} = {value!r} is outside [{p.lower:g}, {p.upper:g}] {p.unit}")
@@ -199,7 +199,7 @@ class Effect:
         return out
 
     @classmethod
-    def from_full(cls, vector: Sequence[float], joints: int, **choices: str) -> Effect:
+    def from_full(cls, vector: Sequence[float] | np.ndarray, joints: int, **choices: str) -> Effect:
         """The effect with the values of `vector`, laid out as `full`."""
         values, at = {}, 0
         for p in cls.parameters:

@@ -86,7 +86,7 @@ class Scorer:
         total = float(weight @ power)
         standby = sum(by_effect.get(name, 0.0) for name in ("standby", "standby_drift"))
         stored = self.stored(trajectory)
-        payload, gravity = rigid_inputs(self.model, self.robot.body)
+        payload, _ = rigid_inputs(self.model, self.robot.body)
         for name, changed in (("payload", payload is not None), ("base_tilt", self.model.get("base_tilt") is not None)):
             if changed:  # its share of the rigid body's mechanical work, against the model without it
                 tau = rigid_torque(self.model, self.robot.body, q, v, a)

@@ -1,7 +1,7 @@
 """A sampled trajectory: the rows of trajectory.csv, and the curve that these rows stand for.
 
-Between two rows the curve is the quintic polynomial with the rows' positions, velocities and accelerations, so position,
-velocity and acceleration are continuous and everything that is judged can be recomputed from the file alone.
+Between two rows the curve is the quintic polynomial with the rows' positions, velocities and accelerations, so these
+three are continuous and everything that is judged can be recomputed from the file alone.
 """
 
 from __future__ import annotations

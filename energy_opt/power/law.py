@@ -1,9 +1,9 @@
 """The law of the drives: from motion and rigid-body torque to electrical power, split by effect.
 
-    tau_m = tau + sum of torque effects
-    d_j   = tau_m,j v_j + c_j               drive power of joint j, c_j its copper loss
-    p     = regeneration(d) + sum of power effects
-    P     = p / eta                         at the meter, meter effects aside
+tau_m = tau + sum of torque effects
+d_j   = tau_m,j v_j + c_j               drive power of joint j, c_j its copper loss
+p     = regeneration(d) + sum of power effects
+P     = p / eta                         at the meter, meter effects aside
 """
 
 from __future__ import annotations
@@ -80,12 +80,17 @@ def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT) -
 
 def drive_function(model: PowerModel, joints: int, kinks: Kinks = EXACT) -> tuple[ca.Function, tuple[str, ...]]:
     """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order."""
-    x = Signals(*(ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau")), ca.SX.sym("t"))
+    q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
+    x = Signals(q, v, a, tau, ca.SX.sym("t"))
     p = model.symbols(joints)
     terms = drive_terms(model, x, p, kinks)
     inputs = [x.q, x.v, x.a, x.tau, x.t, p]
     parts = ca.vertcat(*terms.parts.values())
     function = ca.Function(
-        "drive", inputs, [terms.tau_m, terms.power, parts], ["q", "v", "a", "tau", "t", "p"], ["tau_m", "power", "parts"]
+        "drive",
+        inputs,
+        [terms.tau_m, terms.power, parts],
+        ["q", "v", "a", "tau", "t", "p"],
+        ["tau_m", "power", "parts"],
     )
     return function, tuple(terms.parts)

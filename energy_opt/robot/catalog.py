@@ -22,9 +22,7 @@ class Entry:
 
 
 CATALOG: dict[str, Entry] = {
-    "panda": Entry(
-        "panda_description/urdf/panda.urdf", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-    ),
+    "panda": Entry("panda_description/urdf/panda.urdf", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}),
     "ur3": Entry("ur_description/urdf/ur3_robot.urdf"),
     "ur5": Entry("ur_description/urdf/ur5_robot.urdf"),
     "ur10": Entry("ur_description/urdf/ur10_robot.urdf"),

@@ -10,7 +10,6 @@ from typing import Any
 from energy_opt.bench.executors import cluster, local
 from energy_opt.bench.journal import Journal
 from energy_opt.bench.progress import Progress
-from energy_opt.bench.report import write_report
 from energy_opt.bench.rows import Record, Row, write_parquet
 from energy_opt.bench.runner import run_tasks
 from energy_opt.bench.suite import Suite
@@ -49,6 +48,8 @@ def run_batch(
     Raises:
         BadInput: `out` holds an unfinished batch and `resume` is False, or the scheduler does not answer.
     """
+    from energy_opt.bench.report import write_report
+
     wanted = {task.key: task for task in suite.tasks}
     header = {"suite": suite.name, "digest": suite.digest}
     with Journal(out, header, resume=resume) as journal:

@@ -101,7 +101,7 @@ def _change(a: Row, b: Row) -> dict[str, Any] | None:
 
 
 def _energy(pairs: Sequence[tuple[Row, Row]]) -> dict[str, Any]:
-    both = [(a, b) for a, b in pairs if a["energy_total"] is not None and b["energy_total"] is not None]
+    both = [(a, b) for a, b in pairs if a["status"] == b["status"] == "solved"]
     sums = {
         f"{part}_{when}": sum(pair[k][f"energy_{part}"] for pair in both)
         for part in ("total", "loss")

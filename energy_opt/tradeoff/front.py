@@ -171,7 +171,7 @@ class _Tracer:
             neighbour = best
             for k in order:
                 neighbour = self._improve(k, neighbour)
-        for order in (reversed(up), reversed(down)):
+        for order in (up[::-1], down[::-1]):
             beyond: Point | None = None
             for k in order:
                 if beyond is not None and beyond.trajectory is not None:

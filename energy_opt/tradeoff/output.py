@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt import plots
 from energy_opt.files import write_json, write_text
 from energy_opt.tradeoff.cycle import Cycle
 from energy_opt.tradeoff.front import Front, Point
@@ -30,10 +29,11 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
     }
     if cycle is not None:
         best = front.cycle_minimum
+        over = None if best is None else _over_cycle(best)
         out["cycle"] = {
             "length": cycle.length,
             "idle_power": cycle.idle_power,
-            "minimum": None if best is None else {"duration": best.duration, **_over_cycle(best)},
+            "minimum": None if best is None or over is None else {"duration": best.duration, **over},
             "at_free_minimum": None if front.minimum is None else _over_cycle(front.minimum),
         }
     return out
@@ -94,6 +94,8 @@ def write(out: Path, front: Front, found: dict[str, Any]) -> None:
 
 def _plot(path: Path, front: Front) -> None:
     """Energy split into standby, holding, loss and stored, with the optima; over the cycle where there is one."""
+    from energy_opt import plots
+
     cyclic = front.cycle_minimum is not None
     shown = [p for p in front.points if p.energy is not None and (p.waiting is not None or not cyclic)]
     if not shown:

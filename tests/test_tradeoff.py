@@ -1,0 +1,151 @@
+"""The front of energy against duration: its logic on a planner with known answers, then the real one."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from energy_opt.effects import CopperLoss, Standby
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion.score import Energy
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel, source_method_2
+from energy_opt.robot import load_robot
+from energy_opt.tradeoff import Cycle, trace
+from energy_opt.tradeoff.output import document, table, write
+
+FASTEST = 1.0
+
+
+@dataclass(frozen=True)
+class KnownMove:
+    """What the front needs of a move."""
+
+    duration: float | None = None
+    max_duration: float | None = None
+
+
+def law(branch: int, duration: float) -> float:
+    """Energy of two families of local optima; the second is the better one from 2 s on."""
+    return 10 * duration + 40 / duration**3 + 2 * (2 - duration) * branch
+
+
+class TwoOptima:
+    """A planner that stays in the family of its start, and finds the second family unaided only beyond 3.5 s."""
+
+    def __init__(self):
+        self.solves = 0
+
+    def minimum_time(self, move):
+        return FASTEST
+
+    def solve(self, move, warm=()):
+        self.solves += 1
+        if move.duration is not None and move.duration < FASTEST - 1e-9:
+            raise Infeasible("too fast", limit="duration", shortest_duration=FASTEST)
+        starts = {int(t.position[0, 0]) for t in warm} | {int(move.duration is not None and move.duration > 3.5)}
+        grid = [move.duration] if move.duration is not None else np.linspace(1, 6, 5001)
+        energy, duration, branch = min((law(b, d), d, b) for d in grid for b in starts)
+        standby = 10 * duration
+        trajectory = Trajectory(
+            ("j",), np.array([0.0, duration]), np.full((2, 1), float(branch)), np.zeros((2, 1)), np.zeros((2, 1))
+        )
+        found = Energy(energy, standby, 0.0, energy - standby)
+        return SimpleNamespace(status="solved", energy=found, trajectory=trajectory)
+
+
+def test_better_optima_spread_both_ways():
+    durations = np.linspace(1.0, 5.0, 33)
+    front = trace(TwoOptima(), None, KnownMove(), durations=durations)
+    best = [min(law(0, d), law(1, d)) for d in durations]
+    assert [p.total for p in front.points] == pytest.approx(best, rel=1e-12)
+    assert front.fastest.duration == FASTEST
+
+
+def test_minimum_is_not_read_off_the_grid():
+    front = trace(TwoOptima(), None, KnownMove(), durations=[1.0, 2.0, 5.0])
+    assert min(abs(front.minimum.duration - d) for d in (1.0, 2.0, 5.0)) > 0.05
+    assert front.minimum.total <= min(p.total for p in front.points)
+
+
+def test_too_short_durations_are_marked_with_a_reason():
+    front = trace(TwoOptima(), None, KnownMove(), durations=[0.5, 0.9, 1.5])
+    assert [p.status for p in front.points] == ["infeasible", "infeasible", "solved"]
+    assert "shorter than the fastest move, 1 s" in front.points[0].reason
+    rows = table(front).splitlines()
+    assert rows[0] == "duration,energy_total,energy_standby,energy_loss,status"
+    assert rows[1] == "0.5,,,,infeasible"
+
+
+def test_interrupted_front_keeps_what_is_there():
+    class Interrupted(TwoOptima):
+        def solve(self, move, warm=()):
+            if self.solves == 6:
+                raise KeyboardInterrupt
+            return super().solve(move, warm)
+
+    front = trace(Interrupted(), None, KnownMove(), durations=np.linspace(1, 5, 9))
+    assert front.interrupted
+    assert sum(p.status == "solved" for p in front.points) == 5
+    assert front.minimum is not None
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return load_robot("panda")
+
+
+GOAL = np.array([1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4])
+START = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+
+
+def test_waiting_costs_standby_and_holding(panda):
+    model = source_method_2()
+    zero = np.zeros((1, panda.n))
+    gravity = panda.body.torque(GOAL[None], zero, zero)
+    wait = Cycle(panda, model, GOAL, 5.0).waiting(2.0)
+    assert wait.standby == pytest.approx(3 * 88.04, rel=1e-12)
+    assert wait.holding == pytest.approx(3 * 0.0036 * float(np.sum(gravity**2)), rel=1e-12)
+    idle = Cycle(panda, model, GOAL, 5.0, idle_power=20.0).waiting(2.0)
+    assert (idle.standby, idle.holding) == (pytest.approx(60.0), pytest.approx(wait.holding))
+    assert Cycle(panda, model, GOAL, 5.0).waiting(5.0).total == 0.0
+
+
+@pytest.mark.parametrize(("length", "idle"), [(0.0, None), (-1.0, None), (5.0, -1.0), (np.inf, None)])
+def test_impossible_cycles(panda, length, idle):
+    with pytest.raises(BadInput):
+        Cycle(panda, source_method_2(), GOAL, length, idle)
+
+
+def test_cycle_weighs_the_wait_against_a_slower_move(panda):
+    """With the arm's own standby waiting is as dear as moving, so slow is best; with none, the free optimum is."""
+    model = PowerModel("panda", (Standby(power=10.0), CopperLoss(r_over_kt2=0.0)))
+    durations = np.linspace(1, 3, 9)
+    dear = trace(TwoOptima(), None, KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0))
+    assert dear.cycle_minimum.duration == pytest.approx(3.0, abs=0.02)
+    cheap = trace(TwoOptima(), None, KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0, 0.0))
+    assert cheap.cycle_minimum.duration == pytest.approx(cheap.minimum.duration, rel=2e-3)
+    half = trace(TwoOptima(), None, KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0, 6.0))
+    fine = np.linspace(1, 3, 4001)
+    costs = [min(law(0, d), law(1, d)) + 6 * (3 - d) for d in fine]
+    assert half.cycle_minimum.cycle_total == pytest.approx(min(costs), rel=1e-4)
+    with pytest.raises(Infeasible, match="shorter than the fastest"):
+        trace(TwoOptima(), None, KnownMove(), cycle=Cycle(panda, model, GOAL, 0.8))
+
+
+def test_files(tmp_path, panda):
+    cycle = Cycle(panda, source_method_2(), GOAL, 4.0)
+    front = trace(TwoOptima(), None, KnownMove(), durations=[0.5, 1, 2, 3, 4], cycle=cycle)
+    found = document(front, robot="panda", joints=panda.joints, mode="retime", cycle=cycle)
+    write(tmp_path, front, found)
+    read = json.loads((tmp_path / "tradeoff.json").read_text())
+    assert {"points", "minimum", "fastest", "cycle"} <= set(read)
+    assert read["minimum"].keys() >= {"duration", "energy_total"}
+    assert read["points"][0]["status"] == "infeasible"
+    assert read["cycle"]["minimum"]["energy_total"] <= read["cycle"]["at_free_minimum"]["energy_total"]
+    assert (tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
+    assert len((tmp_path / "tradeoff.csv").read_text().splitlines()) == 6

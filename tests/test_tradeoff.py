@@ -129,7 +129,8 @@ def test_cycle_weighs_the_wait_against_a_slower_move(panda):
     assert dear.cycle_minimum.duration == pytest.approx(3.0, abs=0.02)
     cheap = trace(TwoOptima(), None, KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0, 0.0))
     assert cheap.cycle_minimum.duration == pytest.approx(cheap.minimum.duration, rel=2e-3)
-    half = trace(TwoOptima(), None, KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0, 6.0))
+    wide = np.linspace(1, 5, 17)
+    half = trace(TwoOptima(), None, KnownMove(), durations=wide, cycle=Cycle(panda, model, GOAL, 3.0, 6.0))
     fine = np.linspace(1, 3, 4001)
     costs = [min(law(0, d), law(1, d)) + 6 * (3 - d) for d in fine]
     assert half.cycle_minimum.cycle_total == pytest.approx(min(costs), rel=1e-4)

@@ -166,6 +166,13 @@ def test_placeholder_limits_are_replaced_and_named(tmp_path: Path) -> None:
     assert not any(w.startswith("second:") for w in robot.warnings)
 
 
+def test_doubtful_limits_are_named_and_kept(tmp_path: Path) -> None:
+    """A limit far beyond what such an arm could use is said to be doubtful, but nobody's number is overruled."""
+    robot = load_robot(two_joints(tmp_path, effort="5000", velocity="1000"))
+    assert robot.limits.effort[0] == 5000 and robot.limits.velocity[0] == 1000
+    assert [w.startswith("first:") and "as stated" in w for w in robot.warnings] == [True, True]
+
+
 def test_massless_last_link_is_named(tmp_path: Path) -> None:
     robot = load_robot(two_joints(tmp_path, mass="0", inertia="0"))
     assert any(w.startswith("second:") and "no mass" in w for w in robot.warnings)

@@ -16,6 +16,8 @@ from energy_opt.files import read_yaml
 ASSUMED_VELOCITY = np.pi  # [rad/s] where no limit is known
 ASSUMED_ACCELERATION = 10.0  # [rad/s^2] where neither acceleration nor effort is limited
 PLACEHOLDER = 1e4  # a velocity or effort limit of this size or more is no limit
+DOUBTFUL_VELOCITY = 100.0  # [rad/s] a limit from here on is named, but used
+DOUBTFUL_EFFORT = 100.0  # likewise, in multiples of the torque that holds the whole arm out straight
 
 _KEYS = {
     "position": ("min_position", "max_position"),
@@ -97,8 +99,11 @@ def _number(row: dict[str, Any], key: str, where: str) -> float | None:
     return float(value)
 
 
-def with_assumptions(limits: Limits, joints: Sequence[str]) -> tuple[Limits, list[str]]:
-    """Replace zero, missing and placeholder limits by assumptions, each named in a warning."""
+def with_assumptions(limits: Limits, joints: Sequence[str], holding: float) -> tuple[Limits, list[str]]:
+    """Replace zero, missing and placeholder limits by assumptions, each named in a warning; doubtful ones are named.
+
+    `holding` is the torque [N m] that holds the whole arm out straight, as a measure of what an effort limit can be.
+    """
     warnings: list[str] = []
     lower, upper = limits.lower.copy(), limits.upper.copy()
     velocity, effort, acceleration = limits.velocity.copy(), limits.effort.copy(), limits.acceleration.copy()
@@ -109,7 +114,15 @@ def with_assumptions(limits: Limits, joints: Sequence[str]) -> tuple[Limits, lis
         if not 0 < velocity[j] < PLACEHOLDER:
             warnings.append(f"{joint}: velocity limit {velocity[j]:g} rad/s; assumed: {ASSUMED_VELOCITY:.4g} rad/s")
             velocity[j] = ASSUMED_VELOCITY
-        if not 0 < effort[j] < PLACEHOLDER:
+        elif velocity[j] >= DOUBTFUL_VELOCITY:
+            warnings.append(f"{joint}: velocity limit {velocity[j]:g} rad/s (a placeholder?); assumed: as stated")
+        if 0 < effort[j] < PLACEHOLDER:
+            if holding > 0 and effort[j] >= DOUBTFUL_EFFORT * holding:
+                warnings.append(
+                    f"{joint}: effort limit {effort[j]:g} N m, {effort[j] / holding:.0f} times what holds the arm out "
+                    "straight (a placeholder?); assumed: as stated"
+                )
+        else:
             warnings.append(f"{joint}: effort limit {effort[j]:g} N m; assumed: none")
             effort[j] = np.inf
             if not np.isfinite(acceleration[j]):

@@ -70,8 +70,14 @@ def load_robot(name_or_urdf: str, *, limits: Path | None = None, lock: Mapping[s
     for file in (published, limits):
         if file is not None:
             merged = overlay(merged, body.joints, file)
-    merged, warnings = with_assumptions(merged, body.joints)
+    merged, warnings = with_assumptions(merged, body.joints, _holding(body.tree()))
     return Robot(name, merged, body, path, locked, (*warnings, *_doubtful_inertias(body.tree())))
+
+
+def _holding(links: Sequence[Link]) -> float:
+    """Weight of the moving links times their summed reach (1 m at least), N m."""
+    reach = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in links)
+    return 9.81 * sum(link.mass for link in links) * max(reach, 1.0)
 
 
 def _doubtful_inertias(links: Sequence[Link]) -> list[str]:

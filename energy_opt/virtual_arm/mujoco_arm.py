@@ -120,6 +120,15 @@ class MujocoArm:
             out[k] = d.qfrc_inverse
         return out
 
+    def _inertia(self) -> np.ndarray:
+        """Diagonal of the mass matrix in the present pose, (n,)."""
+        n = len(self.joints)
+        column, out = np.empty(n), np.empty(n)
+        for j, unit in enumerate(np.eye(n)):
+            self.mujoco.mj_mulM(self.model, self.data, column, unit)
+            out[j] = column[j]
+        return out
+
     def play(self, position: np.ndarray, velocity: np.ndarray) -> Played:
         """Follow a reference given at every time step, (N, n) rad and rad/s; starts at rest, settled on its first row.
 
@@ -136,9 +145,7 @@ class MujocoArm:
         q[:] = position[0]
         v[:] = 0
         mujoco.mj_forward(m, d)
-        inertia = np.empty((n, n))
-        mujoco.mj_fullM(m, d, inertia)
-        kp = BANDWIDTH**2 * (np.diag(inertia) + NOMINAL_INERTIA)
+        kp = BANDWIDTH**2 * (self._inertia() + NOMINAL_INERTIA)
         kd = 2 * kp / BANDWIDTH
         tau = bias.copy()
         travel, heading = np.ones(n), np.zeros(n)

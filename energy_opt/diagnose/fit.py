@@ -18,7 +18,7 @@ ENOUGH = 0.02  # a step that lowers the loss by less ends the fit
 
 @dataclass(frozen=True)
 class Extra:
-    """Linear columns (N, c) that no library effect has: an unlisted structure, by family, joint and setting."""
+    """Linear columns (N, c), times the samples' weight, that no library effect has: an unlisted structure, by family, joint and setting."""
 
     family: str
     joint: int
@@ -33,7 +33,7 @@ class Fit:
     Attributes:
         terms, extras: what it adds; `starts` the free numbers of each term, `weights` those of the extras.
         model: the declared model with the terms' values.
-        residual: (N,) W; jacobian: (N, K) by all free numbers; loss: sum of squares over the meter's noise variance.
+        residual: (N,) W and jacobian (N, K) by all free numbers, both times the samples' weight; loss: sum of squares over the meter's noise variance.
     """
 
     terms: tuple[Term, ...]
@@ -75,6 +75,7 @@ def fit(
     cuts = np.cumsum([len(c.lower) for c in charts])[:-1] if charts else []
     added = np.column_stack([e.columns for e in extras]) if extras else np.zeros((len(samples.power), 0))
     scale = 1 / samples.noise
+    trust = samples.weight
 
     def state(z: np.ndarray, weights: np.ndarray | None) -> tuple[PowerModel, np.ndarray, np.ndarray, np.ndarray, float]:
         model = declared
@@ -84,8 +85,9 @@ def fit(
         p = predict(model, samples)
         where = dict(zip((e.name for e in model.effects), model.slices(samples.n), strict=True))
         columns = [p.jacobian[:, where[c.term.name]] @ c.slope(x) for c, x in zip(charts, parts, strict=True)]
-        jacobian = np.column_stack([*columns, added]) if columns or added.size else np.zeros((len(p.reading), 0))
-        residual = samples.power - p.reading
+        own = np.column_stack(columns) * trust[:, None] if columns else np.zeros((len(trust), 0))
+        jacobian = np.column_stack([own, added])
+        residual = (samples.power - p.reading) * trust
         if added.shape[1]:
             if weights is None:
                 weights = np.linalg.lstsq(added, residual, rcond=None)[0]

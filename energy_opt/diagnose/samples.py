@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, k
 from energy_opt.robot import RigidBody
 
 BIN = 0.02  # [s] readings closer than this are averaged
+SLACK = 2e-3  # [s] by which motion and meter may be apart
 REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise says
 
 
@@ -24,6 +25,8 @@ class Samples:
         power: (N,) measured, W. readings: how many meter readings stand in a sample's mean, (N,).
         run: (N,) index of the run. slices: where each run lies. files, kinds: of the runs.
         temperature: (N, n) degC or nan.
+        weight: (N,) the meter's noise over that of the whole comparison, see `weighted`.
+        noise: standard deviation of a sample's meter noise, W. clock: True where the log states every run's set time.
     """
 
     body: RigidBody
@@ -37,6 +40,7 @@ class Samples:
     files: tuple[str, ...]
     kinds: tuple[str, ...]
     temperature: np.ndarray
+    weight: np.ndarray
     noise: float
     clock: bool
 
@@ -54,7 +58,7 @@ class Samples:
             np.repeat(np.arange(len(runs)), lengths),
             tuple(slice(int(x), int(y)) for x, y in zip(ends[:-1], ends[1:], strict=True)),
             tuple(self.files[r] for r in runs), tuple(self.kinds[r] for r in runs), self.temperature[rows],
-            self.noise, self.clock,
+            self.weight[rows], self.noise, self.clock,
         )  # fmt: skip
         for name in ("free_torque", "gravity_torque", "free_regressor", "gravity_regressor"):
             if name in self.__dict__:
@@ -87,7 +91,7 @@ class Samples:
 def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     """All runs of a set as samples, and the smoothing that the data chose."""
     smoothing = choose_smoothing(measured.runs)
-    parts = [_bins(run, smoothing.cutoff) for run in measured.runs]
+    parts = [_bins(run, smoothing) for run in measured.runs]
     lengths = [len(p[0]) for p in parts]
     ends = np.cumsum([0, *lengths])
     slices = tuple(slice(int(x), int(y)) for x, y in zip(ends[:-1], ends[1:], strict=True))
@@ -96,19 +100,29 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     samples = Samples(
         measured.robot.body, q, v, a, t - first, power, np.repeat(np.arange(len(parts)), lengths), slices,
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), temperature,
-        _meter_noise(power, slices), measured.clock,
+        np.ones(len(t)), _meter_noise(power, slices), measured.clock,
     )  # fmt: skip
     return samples, smoothing
 
 
-def _bins(run: Run, cutoff: float) -> tuple[np.ndarray, ...]:
+def weighted(samples: Samples, power: np.ndarray) -> Samples:
+    """The same samples, trusted less where power changes fast: clocks and motion are known to `SLACK` only.
+
+    Args:
+        power: (N,) W, a model's reading; its slope times `SLACK` adds to the meter's noise.
+    """
+    slope = np.concatenate([np.gradient(power[s], samples.t[s]) for s in samples.slices])
+    return replace(samples, weight=1 / np.sqrt(1 + (SLACK * slope / samples.noise) ** 2))
+
+
+def _bins(run: Run, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
     step = float(np.median(np.diff(run.power_time)))
     count = max(1, int(BIN / step + 0.5))
     whole = len(run.power) // count * count
     time = run.power_time[:whole].reshape(-1, count).mean(axis=1)
     power = run.power[:whole].reshape(-1, count).mean(axis=1)
     moved = np.ptp(run.position, axis=0)
-    k = kinematics(run, time, cutoff)
+    k = kinematics(run, time, smoothing)
     q, v, a = k.q, k.v, k.a
     if moved.max() < 2e-3:
         q, v, a = np.tile(run.position.mean(axis=0), (len(time), 1)), np.zeros_like(v), np.zeros_like(a)

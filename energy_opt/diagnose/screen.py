@@ -139,7 +139,7 @@ def _absent(
 
 def gain(current: Fit, candidate: Candidate, samples: Samples) -> tuple[float, np.ndarray]:
     """By how much the loss falls when the columns are added (linearised, bounded), and their weights."""
-    columns = candidate.columns
+    columns = candidate.columns * samples.weight[:, None]
     alive = np.linalg.norm(columns, axis=0) > 1e-9
     weights = np.zeros(columns.shape[1])
     if not alive.any():

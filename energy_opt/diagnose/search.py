@@ -14,7 +14,7 @@ import numpy as np
 from energy_opt.diagnose.fit import Extra, Fit, fit
 from energy_opt.diagnose.samples import Samples
 from energy_opt.diagnose.screen import Candidate, best_of, candidates, gain
-from energy_opt.diagnose.terms import Term
+from energy_opt.diagnose.terms import RESOLVED_LAG, Term, negligible
 from energy_opt.diagnose.unlisted import exclusive, structures
 from energy_opt.power import PowerModel
 
@@ -24,6 +24,8 @@ DEEPEST = 6
 FEW = 6  # iterations while growing; the best are then fitted to the end
 PRICE = 14.0  # per effect, for the many that are looked at
 EXTRA_PRICE = 21.0  # per unlisted structure, whose setting is scanned
+
+LAGGING = {"meter_delay", "meter_filter"}
 
 Key = tuple[frozenset[Term], frozenset[tuple[str, int]]]
 
@@ -44,7 +46,13 @@ class Search:
         return float(np.log(len(self.samples.power))) * numbers + PRICE * terms + EXTRA_PRICE * extras
 
     def score(self, f: Fit) -> float:
-        """Lower is better."""
+        """Lower is better; infinite where an effect's values are too small to be claimed."""
+        if any(negligible(c.term, c.values(z)) for c, z in zip(f.charts, f.numbers, strict=True)):
+            return float("inf")
+        if LAGGING <= set(f.names):
+            both = [float(c.values(z)[0]) for c, z in zip(f.charts, f.numbers, strict=True) if c.term.name in LAGGING]
+            if abs(sum(both)) < RESOLVED_LAG:
+                return float("inf")
         return f.loss / self.inflation + self.price(f.count, len(f.terms), len(f.extras))
 
     def ranked(self) -> list[Fit]:

@@ -33,6 +33,7 @@ TIGHTER: dict[tuple[str, str], tuple[float, float]] = {
     ("gear_efficiency", "eta"): (0.2, 1.0),
     ("supply_efficiency", "eta"): (0.2, 1.0),
 }
+RESOLVED_LAG = 0.01  # [s] a smaller delay or lag of the meter is not told from smoothing
 SPRING, PAYLOAD = "gravity_spring", "payload"
 SMALL = 1e-9  # [N m/rad] a spring's stiffness is kept this far from 0 while its rest position is sought
 
@@ -195,3 +196,10 @@ def _blocks(kind: type[Effect], n: int) -> list[list[int]]:
         out += [rows] if p.size == "joint" else [[r] for r in rows]
         at += p.count(n)
     return out
+
+
+def negligible(term: Term, values: np.ndarray) -> bool:
+    """True where the values are below what readings can resolve, so that the effect must not be claimed."""
+    if term.name in ("meter_delay", "meter_filter"):
+        return bool(np.abs(values).max() < RESOLVED_LAG)
+    return False

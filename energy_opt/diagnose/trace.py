@@ -8,7 +8,8 @@ import numpy as np
 
 from energy_opt.diagnose.evidence import Leftover, inflation, leftover
 from energy_opt.diagnose.fit import Fit
-from energy_opt.diagnose.samples import Samples
+from energy_opt.diagnose.predict import predict
+from energy_opt.diagnose.samples import Samples, weighted
 from energy_opt.diagnose.search import Search, search
 from energy_opt.power import PowerModel
 
@@ -47,6 +48,7 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
         declared: the owner's model.
         moving: (n,) True for the joints that move somewhere in the set.
     """
+    samples = weighted(samples, predict(declared, samples).reading)
     found = search(samples, declared)
     root = found.hypothesis((), [], ())
     best = _refine(found, found.ranked()[0])

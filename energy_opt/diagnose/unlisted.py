@@ -61,7 +61,7 @@ def structures(current: Fit, samples: Samples) -> Iterator[tuple[float, Extra]]:
     """
     q = basis(current.jacobian) if current.jacobian.shape[1] else np.zeros((len(samples.power), 0))
     residual = current.residual - q @ (q.T @ current.residual)
-    w = torque_weight(current, samples)
+    w = torque_weight(current, samples) * samples.weight[:, None]
     taken = {(e.family, e.joint) for e in current.extras}
     v, n = samples.v, samples.n
     way = np.minimum(travel(samples), 20.0)
@@ -105,7 +105,7 @@ def _in_time(
     if ("step", -1) not in taken:
         instants = np.quantile(t, np.linspace(0, 1, STEPS + 2)[1:-1])
         edges = [(t[a.stop - 1] + t[b.start]) / 2 for a, b in zip(samples.slices[:-1], samples.slices[1:], strict=True)]
-        columns = [(t >= at).astype(float)[:, None] for at in [*instants, *edges]]
+        columns = [((t >= at) * samples.weight)[:, None] for at in [*instants, *edges]]
         gains = [_gain(c, residual, q) for c in columns]
         best = int(np.argmax(gains))
         yield gains[best], Extra("step", -1, float([*instants, *edges][best]), columns[best])
@@ -113,7 +113,7 @@ def _in_time(
         best_wave: tuple[float, float, np.ndarray] = (-1.0, 0.0, np.zeros((0, 0)))
         for period in PERIODS:
             phase = 2 * np.pi * t / period
-            columns = np.column_stack([f(k * phase) for k in (1, 2, 3, 4, 5) for f in (np.sin, np.cos)])
+            columns = np.column_stack([f(k * phase) * samples.weight for k in (1, 2, 3, 4, 5) for f in (np.sin, np.cos)])
             gained = _gain(columns, residual, q)
             if gained > best_wave[0]:
                 best_wave = (gained, float(period), columns)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.differentiate import kinematics
+from energy_opt.measured.differentiate import choose_smoothing, kinematics
 from energy_opt.measured.log import read_log
 from energy_opt.measured.sets import Run, collect, robot_of
 from energy_opt.robot import Robot
@@ -45,7 +45,8 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
                 f"[{low + margin:.4g}, {high - margin:.4g}]; is the unit right?"
             )
     if run.velocity is not None and len(run.time) > 16:
-        own = kinematics(_positions_only(run), run.time, 10.0).v
+        positions = _positions_only(run)
+        own = kinematics(positions, run.time, choose_smoothing([positions])).v
         for j, joint in enumerate(robot.joints):
             spread = float(np.std(own[:, j]))
             off = float(np.sqrt(np.mean((run.velocity[:, j] - own[:, j]) ** 2)))

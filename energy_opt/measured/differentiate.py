@@ -1,4 +1,4 @@
-"""Positions to velocities and accelerations without phase shift, with a cut-off that the data choose.
+"""Positions to velocities and accelerations without phase shift, with cut-offs that the data choose, run by run.
 
 The smoother minimises sum (y - x)^2 + lambda * sum (third difference of x)^2. Its response at frequency f is
 1 / (1 + (sin(pi f dt) / sin(pi f_c dt))^6), one half at the cut-off f_c, with no phase and natural ends.
@@ -14,25 +14,26 @@ import numpy as np
 from energy_opt.measured.sets import Run
 
 CUTOFFS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0)  # [Hz]
+MOVED = 0.01  # [rad] a joint that moves less in a run tells nothing of noise in motion
 EXCESS = 1.15  # residual variance over that of noise alone, above which a cut-off takes away signal
-MARGIN = 1.3  # the cut-off used, over the smallest that leaves the signal whole
 
 
 @dataclass(frozen=True)
 class Smoothing:
-    """The chosen cut-off [Hz] and the noise of the position readings that it was judged against [rad]."""
+    """Noise of the readings that every cut-off is judged against: positions [rad], logged velocities [rad/s]."""
 
-    cutoff: float
     position_noise: float
+    velocity_noise: float
 
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Position, velocity and acceleration (N, n) at the times asked for."""
+    """Position, velocity and acceleration (N, n) at the times asked for, and the cut-offs used (n,) Hz."""
 
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    cutoffs: np.ndarray
 
 
 def _uniform(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -72,54 +73,70 @@ def _noise_gain(cutoff: float, step: float) -> float:
 
 
 def choose_smoothing(runs: Sequence[Run]) -> Smoothing:
-    """The lowest cut-off that takes away nothing but noise, over the runs that move, with some margin.
+    """Noise of positions and velocities over the runs that move: what lies above the highest usable cut-off."""
+    moving = [r for r in runs if np.ptp(r.position, axis=0).max() > MOVED]
+    velocities = [(r.time, r.velocity) for r in moving if r.velocity is not None]
+    return Smoothing(_noise([(r.time, r.position) for r in moving]), _noise(velocities))
 
-    The noise is what lies above the highest usable cut-off; a cut-off is too low when the variance it removes exceeds
-    `EXCESS` times what that noise explains.
+
+def _noise(signals: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Standard deviation of white noise that explains what the highest cut-off removes; median over the columns."""
+    levels: list[float] = []
+    for time, values in signals:
+        grid, even = _uniform(time, values)
+        step = float(grid[1] - grid[0])
+        usable = _usable(step)
+        removed = np.mean((even - smooth(even, step, usable[-1])) ** 2, axis=0) / _noise_gain(usable[-1], step)
+        levels += [float(x) for x in removed[np.ptp(even, axis=0) > MOVED]]
+    return float(np.sqrt(np.median(levels))) if levels else 0.0
+
+
+def _usable(step: float) -> list[float]:
+    return [c for c in CUTOFFS if c < 0.3 / step] or [0.3 / step]
+
+
+def choose_cutoffs(values: np.ndarray, step: float, noise: float) -> np.ndarray:
+    """For each column the lowest cut-off (n,) [Hz] that takes away nothing but noise.
+
+    Args:
+        values: (N, n), evenly sampled.
+        step: s.
+        noise: standard deviation of a reading's noise.
     """
-    moving = [r for r in runs if np.ptp(r.position, axis=0).max() > 0.01]
-    if not moving:
-        return Smoothing(CUTOFFS[0], 0.0)
-    signals = []
-    for run in moving:
-        grid, q = _uniform(run.time, run.position)
-        signals.append((q[:, np.ptp(q, axis=0) > 0.01], float(grid[1] - grid[0])))
-    step = float(np.median([s for _, s in signals]))
-    usable = [c for c in CUTOFFS if c < 0.3 / step]
-    if not usable:
-        return Smoothing(0.45 / step, 0.0)
-
-    def removed(cutoff: float) -> float:
-        total = sum(float(np.sum((q - smooth(q, s, cutoff)) ** 2)) for q, s in signals)
-        return total / sum(q.size for q, _ in signals)
-
-    noise = removed(usable[-1]) / _noise_gain(usable[-1], step)
-    best = usable[-1]
-    for cutoff in reversed(usable):
-        if removed(cutoff) > EXCESS * noise * _noise_gain(cutoff, step):
-            break
-        best = cutoff
-    return Smoothing(min(best * MARGIN, 0.45 / step), float(np.sqrt(noise)))
+    out = np.full(values.shape[1], np.nan)
+    usable = _usable(step)
+    for cutoff in usable:
+        removed = np.mean((values - smooth(values, step, cutoff)) ** 2, axis=0)
+        fits = removed <= EXCESS * noise**2 * _noise_gain(cutoff, step)
+        out = np.where(np.isnan(out) & fits, cutoff, out)
+    return np.where(np.isnan(out), usable[-1], out)
 
 
-def kinematics(run: Run, at: np.ndarray, cutoff: float) -> Kinematics:
+def kinematics(run: Run, at: np.ndarray, noise: Smoothing) -> Kinematics:
     """Position, velocity and acceleration at times `at` (M,) [s on the run's clock].
 
     Logged velocity and acceleration are used where there are any (smoothed alike); the rest is differentiated.
     """
     from scipy.interpolate import make_interp_spline
 
-    def spline(values: np.ndarray, order: int):  # type: ignore[no-untyped-def]
+    def spline(values: np.ndarray, level: float):  # type: ignore[no-untyped-def]
         grid, even = _uniform(run.time, values)
-        return make_interp_spline(grid, smooth(even, float(grid[1] - grid[0]), cutoff), k=order)
+        step = float(grid[1] - grid[0])
+        cutoffs = choose_cutoffs(even, step, level)
+        smoothed = even.copy()
+        for cutoff in np.unique(cutoffs):
+            columns = cutoffs == cutoff
+            smoothed[:, columns] = smooth(even[:, columns], step, float(cutoff))
+        return make_interp_spline(grid, smoothed, k=5), cutoffs
 
-    position = spline(run.position, 5)
+    position, cutoffs = spline(run.position, noise.position_noise)
     q = position(at)
     if run.velocity is None:
         v, a = position.derivative(1)(at), position.derivative(2)(at)
     else:
-        velocity = spline(run.velocity, 5)
+        velocity, cutoffs = spline(run.velocity, noise.velocity_noise)
         v, a = velocity(at), velocity.derivative(1)(at)
     if run.acceleration is not None:
-        a = spline(run.acceleration, 3)(at)
-    return Kinematics(q, v, a)
+        grid, even = _uniform(run.time, run.acceleration)
+        a = make_interp_spline(grid, even, k=3)(at)
+    return Kinematics(q, v, a, cutoffs)

@@ -1,0 +1,100 @@
+"""Files: whole or absent when written; the fault named with row and column when read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from energy_opt.errors import BadInput
+from energy_opt.files import read_table, read_yaml, replacing, to_json, write_table, write_text
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "out.txt"
+    write_text(path, "old")
+    with pytest.raises(RuntimeError), replacing(path) as aside:
+        aside.write_text("half of the n")
+        raise RuntimeError("power cut")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]  # nothing is left lying about
+
+
+def test_folders_are_made_and_refusals_are_clear(tmp_path: Path) -> None:
+    write_text(tmp_path / "a" / "b" / "c.txt", "x")
+    assert (tmp_path / "a/b/c.txt").read_text() == "x"
+    with pytest.raises(BadInput, match="cannot be written"):
+        write_text(tmp_path / "a/b/c.txt/d.txt", "x")
+
+
+def test_json_is_strict() -> None:
+    value = {
+        "a": np.array([1.0, np.nan]),
+        "b": np.float64(np.inf),
+        "c": np.int64(3),
+        "d": np.bool_(True),
+        "e": Path("x"),
+    }
+    assert json.loads(to_json(value)) == {"a": [1.0, None], "b": None, "c": 3, "d": True, "e": "x"}
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
+def test_tables_keep_every_digit(tmp_path: Path, numbers: list[float]) -> None:
+    path = tmp_path / "table.csv"
+    write_table(path, ["time", "x"], [np.arange(len(numbers), dtype=float), np.array(numbers)])
+    np.testing.assert_array_equal(read_table(path)["x"], numbers)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "row 1: no header"),
+        ("time,x\n", "row 2: no data"),
+        ("time,x,x\n0,1,2\n", "row 1: column 'x' stands there twice"),
+        ("time,x\n0,1\n1\n", "row 3: 1 cells, the header has 2"),
+        ("time,x\n0,1\n1,two\n", "row 3, column x: 'two' is not a number"),
+        ("time,x\n0,1\nnan,2\n", "row 3, column time: 'nan' is not finite"),
+        ("time,x\n0,inf\n", "row 2, column x: 'inf' is not finite"),
+        ("time,x\n0,\n", "row 2, column x: '' is not a number"),
+    ],
+)
+def test_faults_in_tables_are_named(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=r"table\.csv: ") as caught:
+        read_table(path)
+    assert says in str(caught.value)
+
+
+def test_spreadsheets_habits_are_understood(tmp_path: Path) -> None:
+    """A byte-order mark, spaces after commas, Windows line ends and a blank last line are no faults."""
+    path = tmp_path / "table.csv"
+    path.write_bytes(b"\xef\xbb\xbftime, x\r\n0, 1.5\r\n1, 2.5\r\n\r\n")
+    table = read_table(path)
+    np.testing.assert_array_equal(table["x"], [1.5, 2.5])
+    np.testing.assert_array_equal(table["time"], [0, 1])
+
+
+def test_missing_and_binary_files(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="No such file"):
+        read_table(tmp_path / "absent.csv")
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(BadInput, match="not UTF-8"):
+        read_table(tmp_path / "binary.csv")
+
+
+def test_yaml_angles(tmp_path: Path) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_text("a: !degrees 180.0\nb: !radians 2\n")
+    assert read_yaml(path) == {"a": pytest.approx(np.pi), "b": 2.0}
+    path.write_text("a: !degrees many\n")
+    with pytest.raises(BadInput, match="not valid YAML"):
+        read_yaml(path)
+    path.write_text("a: !!python/object/apply:os.getcwd []\n")  # nothing is ever run
+    with pytest.raises(BadInput, match="not valid YAML"):
+        read_yaml(path)

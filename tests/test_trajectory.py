@@ -1,0 +1,188 @@
+"""Trajectories: the curve between rows, files, and the energy of a motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from energy_opt.effects import BY_NAME
+from energy_opt.errors import BadInput
+from energy_opt.motion.score import Scorer
+from energy_opt.motion.trajectory import Trajectory, read_trajectory
+from energy_opt.power import PowerModel, source_method_2
+from energy_opt.robot import load_robot
+
+JOINTS = ("a", "b")
+
+
+def wave(rows: int) -> Trajectory:
+    """sin(t) and t^5 / 100 - t^2 over 2 s."""
+    t = np.linspace(1.0, 3.0, rows)
+    q = np.column_stack([np.sin(t), t**5 / 100 - t**2])
+    v = np.column_stack([np.cos(t), t**4 / 20 - 2 * t])
+    a = np.column_stack([-np.sin(t), t**3 / 5 - 2])
+    return Trajectory(JOINTS, t, q, v, a)
+
+
+def test_the_curve_is_the_quintic_through_the_rows() -> None:
+    curve = wave(21)
+    t = np.linspace(1.0, 3.0, 501)
+    q, v, a, jerk = curve.sample(t)
+    np.testing.assert_allclose(q[:, 1], t**5 / 100 - t**2, atol=1e-12)  # a quintic is met exactly
+    np.testing.assert_allclose(v[:, 1], t**4 / 20 - 2 * t, atol=1e-11)
+    np.testing.assert_allclose(a[:, 1], t**3 / 5 - 2, atol=1e-9)
+    np.testing.assert_allclose(jerk[:, 1], 3 * t**2 / 5, atol=1e-7)
+    np.testing.assert_allclose(q[:, 0], np.sin(t), atol=1e-10)  # error of order h^6
+    rows = curve.sample(curve.time)
+    for got, expected in zip(rows, (curve.position, curve.velocity, curve.acceleration), strict=False):
+        np.testing.assert_allclose(got, expected, atol=1e-12)
+
+
+def test_denser_grid_holds_the_rows() -> None:
+    curve = wave(6)
+    grid = curve.denser(10)
+    assert len(grid) == 51 and (np.diff(grid) > 0).all()
+    np.testing.assert_array_equal(grid[::10], curve.time)
+
+
+def test_slowing_keeps_the_path() -> None:
+    curve = wave(11)
+    slow = curve.slowed(5.0)
+    assert slow.duration == pytest.approx(5.0)
+    share = np.linspace(0, 1, 40)
+    q, v, a, _ = curve.sample(curve.time[0] + share * curve.duration)
+    q2, v2, a2, _ = slow.sample(slow.time[0] + share * slow.duration)
+    np.testing.assert_allclose(q2, q, atol=1e-12)
+    np.testing.assert_allclose(v2 * 2.5, v, atol=1e-11)
+    np.testing.assert_allclose(a2 * 2.5**2, a, atol=1e-9)
+
+
+def test_csv_round_trip_matches_joints_by_name(tmp_path: Path) -> None:
+    curve = wave(9)
+    curve.write_csv(tmp_path / "t.csv")
+    again = read_trajectory(tmp_path / "t.csv", ("b", "a"))
+    np.testing.assert_array_equal(again.position[:, 0], curve.position[:, 1])
+    np.testing.assert_array_equal(again.acceleration[:, 1], curve.acceleration[:, 0])
+
+
+def test_positions_alone_are_enough(tmp_path: Path) -> None:
+    t = np.linspace(0, 1, 101)
+    lines = ["time,a.position,b.position", *(f"{x!r},{float(np.sin(x))!r},{x!r}" for x in t.tolist())]
+    (tmp_path / "t.csv").write_text("\n".join(lines))
+    curve = read_trajectory(tmp_path / "t.csv", JOINTS)
+    np.testing.assert_allclose(curve.velocity[:, 0], np.cos(t), atol=1e-5)
+    np.testing.assert_allclose(curve.acceleration[:, 0], -np.sin(t), atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("a.position,b.position\n0,0\n1,1\n", "no column time"),
+        ("time,a.position\n0,0\n1,1\n", "column b.position is missing, though a.position is there"),
+        ("time,x\n0,0\n1,1\n", "no column a.position; joints are a, b"),
+        ("time,a.position,b.position\n0,0,0\n1,1,1\n1,2,2\n", "row 4, column time: 1 does not come after 1"),
+        ("time,a.position,b.position\n0,0,0\n", "one row"),
+    ],
+)
+def test_faulty_trajectories(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(BadInput) as caught:
+        read_trajectory(tmp_path / "t.csv", JOINTS)
+    assert says in str(caught.value)
+
+
+def test_message_is_a_joint_trajectory(tmp_path: Path) -> None:
+    curve = wave(4)
+    curve.write_yaml(tmp_path / "t.yaml")
+    message = yaml.safe_load((tmp_path / "t.yaml").read_text())
+    assert message["joint_names"] == ["a", "b"] and len(message["points"]) == 4
+    last = message["points"][-1]
+    assert last["positions"] == curve.position[-1].tolist() and last["velocities"] == curve.velocity[-1].tolist()
+    stamp = last["time_from_start"]
+    assert stamp["sec"] + stamp["nanosec"] * 1e-9 == pytest.approx(curve.duration, abs=1e-9)
+    assert 0 <= stamp["nanosec"] < 10**9
+
+
+def swing(name: str, seconds: float = 1.5) -> Trajectory:
+    """A rest-to-rest quintic of all joints of a robot, away from its first limits."""
+    robot = load_robot(name)
+    middle = (np.nan_to_num(robot.limits.lower, neginf=-1) + np.nan_to_num(robot.limits.upper, posinf=1)) / 2
+    x = np.linspace(0, 1, 101)[:, None]
+    shape, slope, bend = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - 3 * x + 2 * x**2)
+    delta = np.linspace(0.3, 0.6, robot.n) * (-1) ** np.arange(robot.n)
+    q, v, a = middle + shape * delta, slope * delta / seconds, bend * delta / seconds**2
+    return Trajectory(robot.joints, x[:, 0] * seconds, q, v, a)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e", "kinova"])
+def test_energy_of_the_source_model_against_a_plain_sum(name: str) -> None:
+    """Trapezoids over 20001 samples of tau.v + r |tau|^2 + p0, with nothing of the scorer in them."""
+    robot, motion = load_robot(name), swing(name)
+    energy = Scorer(robot, source_method_2(name)).energy(motion)
+    t = np.linspace(0, motion.duration, 20001)
+    q, v, a, _ = motion.sample(t)
+    tau = robot.body.torque(q, v, a)
+    power = np.sum(tau * v, axis=1) + 0.0036 * np.sum(tau**2, axis=1) + 88.04
+    assert energy.total == pytest.approx(np.sum((power[1:] + power[:-1]) / 2 * np.diff(t)), rel=1e-7)
+    assert energy.standby == pytest.approx(88.04 * 1.5, rel=1e-12)
+    assert energy.loss == pytest.approx(energy.by_effect["copper_loss"], rel=1e-6, abs=1e-7)
+    assert energy.stored == pytest.approx(energy.by_effect["mechanical"], abs=1e-7)  # between two states of rest
+
+
+def test_energy_adds_up_with_every_effect() -> None:
+    model = PowerModel(
+        "panda",
+        (
+            BY_NAME["standby"](power=80.0),
+            BY_NAME["copper_loss"](r_over_kt2=0.004),
+            BY_NAME["coulomb_friction"](tau_c=1.5),
+            BY_NAME["viscous_friction"](b=2.0),
+            BY_NAME["armature"](inertia=0.2),
+            BY_NAME["gravity_spring"](stiffness=3.0, rest=0.1),
+            BY_NAME["payload"](mass=2.0, com=[0.0, 0.02, 0.1]),
+            BY_NAME["base_tilt"](roll=0.1, pitch=-0.2),
+            BY_NAME["regeneration"](efficiency=0.4, level="joint"),
+            BY_NAME["inverter_loss"](c=0.1),
+            BY_NAME["motion_power"](power=6.0),
+            BY_NAME["supply_efficiency"](eta=0.9),
+        ),
+    )
+    energy = Scorer(load_robot("panda"), model).energy(swing("panda"))
+    assert set(energy.by_effect) == {e.name for e in model.effects} | {"mechanical"}
+    assert sum(energy.by_effect.values()) == pytest.approx(energy.total, rel=1e-12)
+    assert energy.standby + energy.stored + energy.loss == pytest.approx(energy.total, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "effect", [{"armature": {"inertia": 0.3}}, {"gravity_spring": {"stiffness": 5.0, "rest": 0.4}}]
+)
+def test_what_only_stores_energy_loses_none(effect: dict[str, dict[str, float]]) -> None:
+    """Rotors and springs give back what they take: without losses the work is the change of stored energy."""
+    model = PowerModel("ur5e", tuple(BY_NAME[name](**values) for name, values in effect.items()))
+    energy = Scorer(load_robot("ur5e"), model).energy(swing("ur5e"))
+    assert energy.loss == pytest.approx(0.0, abs=1e-6) and abs(energy.stored) > 1
+
+
+def test_turning_gravity_and_base_together_changes_nothing() -> None:
+    """Tilting the base under an upright axis by nothing, or around it: energy stays; tilted otherwise it does not."""
+    robot, motion = load_robot("ur5e"), swing("ur5e")
+    plain = Scorer(robot, source_method_2("ur5e")).energy(motion).total
+    whole_turn = source_method_2("ur5e").replaced(BY_NAME["base_tilt"](roll=0.0, pitch=0.0))
+    assert Scorer(robot, whole_turn).energy(motion).total == pytest.approx(plain, rel=1e-12)
+    tilted = source_method_2("ur5e").replaced(BY_NAME["base_tilt"](roll=0.3, pitch=0.0))
+    assert abs(Scorer(robot, tilted).energy(motion).total - plain) > 0.1
+
+
+def test_rows_carry_torque_and_power(tmp_path: Path) -> None:
+    robot, motion = load_robot("z1"), swing("z1")
+    filled = Scorer(robot, source_method_2("z1")).filled(motion)
+    filled.write_csv(tmp_path / "t.csv")
+    header = (tmp_path / "t.csv").read_text().splitlines()[0].split(",")
+    kinds = ("position", "velocity", "acceleration", "effort")
+    assert header == ["time", *(f"{joint}.{kind}" for kind in kinds for joint in robot.joints), "power"]
+    np.testing.assert_allclose(
+        filled.effort, robot.body.torque(motion.position, motion.velocity, motion.acceleration), rtol=1e-12
+    )

@@ -11,9 +11,10 @@ from energy_opt.bench.executors import cluster, local
 from energy_opt.bench.journal import Journal
 from energy_opt.bench.progress import Progress
 from energy_opt.bench.rows import Record, Row, write_parquet
-from energy_opt.bench.runner import run_tasks
+from energy_opt.bench.runner import Solver, run_tasks
 from energy_opt.bench.suite import Suite
 from energy_opt.bench.summary import summarize
+from energy_opt.bench.work import solve_task
 from energy_opt.files import write_json
 
 
@@ -35,6 +36,7 @@ def run_batch(
     resume: bool = False,
     scheduler: str | None = None,
     quiet: bool = True,
+    solve: Solver = solve_task,
 ) -> Batch:
     """Run what is left of a suite: results.jsonl as it goes, then results.parquet, report.html and summary.json.
 
@@ -44,6 +46,7 @@ def run_batch(
         jobs: processes on this machine; ignored with `scheduler`.
         resume: go on from what an earlier run left in `out`.
         scheduler: address of a Dask cluster that computes instead.
+        solve: what workers do with a task; must be importable there.
 
     Raises:
         BadInput: `out` holds an unfinished batch and `resume` is False, or the scheduler does not answer.
@@ -64,7 +67,7 @@ def run_batch(
         left = [task for task in suite.tasks if task.key not in records]
         interrupted = False
         try:
-            for record in run_tasks(left, place, progress.show):
+            for record in run_tasks(left, place, progress.show, solve):
                 journal.append(record)
                 records[record["key"]] = record
                 progress.count(record["row"]["status"] == "solved")

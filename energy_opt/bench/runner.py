@@ -16,7 +16,12 @@ from energy_opt.errors import EnergyOptError
 TICK = 0.5  # s between two looks at the clock for the progress line
 
 
-def run_tasks(tasks: Sequence[Task], place: Opener, tick: Callable[[], None] = lambda: None) -> Iterator[Record]:
+Solver = Callable[[Task], Record]
+
+
+def run_tasks(
+    tasks: Sequence[Task], place: Opener, tick: Callable[[], None] = lambda: None, solve: Solver = solve_task
+) -> Iterator[Record]:
     """Records of all tasks, in the order in which they come.
 
     Tasks that were in the hands of a pool whose worker died are tried again, each alone; the one that kills its
@@ -24,10 +29,10 @@ def run_tasks(tasks: Sequence[Task], place: Opener, tick: Callable[[], None] = l
     """
     left = deque(sorted(tasks, key=_by_build(tasks)))
     while left:
-        suspects = yield from _drain(left, place, tick)
+        suspects = yield from _drain(left, place, tick, solve)
         for task in suspects:
             alone = deque([task])
-            if (yield from _drain(alone, lambda: local(1), tick)):
+            if (yield from _drain(alone, lambda: local(1), tick, solve)):
                 yield failed(task, "the worker process died while it solved this move")
 
 
@@ -38,7 +43,9 @@ def _by_build(tasks: Sequence[Task]) -> Callable[[Task], tuple[int, int]]:
     return lambda task: (group[task.index], task.index)
 
 
-def _drain(left: deque[Task], place: Opener, tick: Callable[[], None]) -> Generator[Record, None, list[Task]]:
+def _drain(
+    left: deque[Task], place: Opener, tick: Callable[[], None], solve: Solver
+) -> Generator[Record, None, list[Task]]:
     """Run tasks from `left` until it is empty or a worker dies; returns the tasks that were under way when one did."""
     running: dict[Future[Record], Task] = {}
     suspects: list[Task] = []
@@ -46,7 +53,7 @@ def _drain(left: deque[Task], place: Opener, tick: Callable[[], None]) -> Genera
         while (left and not suspects) or running:
             while left and not suspects and len(running) < at.window:
                 try:
-                    running[at.executor.submit(solve_task, left[0])] = left[0]
+                    running[at.executor.submit(solve, left[0])] = left[0]
                 except BrokenExecutor:
                     if not running:
                         suspects.append(left.popleft())

@@ -128,9 +128,9 @@ class Task:
 
     @property
     def key(self) -> str:
-        """A digest of all that decides the result and of nothing else (its place in the suite may change)."""
+        """A digest of all that decides the result (neither its place in the suite nor what makes it fast)."""
         content = dataclasses.asdict(self)
-        del content["index"]
+        del content["index"], content["compile"]
         text = json.dumps(plain(content), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 

@@ -1,0 +1,93 @@
+"""Batches: does a second worker pay, and does memory stay flat?
+
+    python benchmarks/batch.py [--moves 2000]
+
+Speed: the same moves with one and with two workers, alternating, in one run; the ratio of moves per second, start of
+the workers included, of the better of each. Memory: that many short moves through one worker; its resident memory
+after the first hundred against every later move. Exit code 1 where a bound is not held.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from energy_opt.bench import load_suite, run_batch
+from energy_opt.bench.journal import NAME, read_journal
+from energy_opt.files import to_json, write_text
+
+SPEEDUP = 1.7
+DRIFT = 0.10
+WARM_UP = 100  # moves that a worker may take to reach its size
+
+SUITE = """format = "energy-opt/suite/1"
+name = "{name}"
+robots = ["{robot}"]
+random = {{ count = {count}, seed = 7, range = 0.6 }}
+modes = ["{mode}"]
+durations = ["1.5x"]
+"""
+
+
+def suite_of(folder: Path, name: str, count: int, mode: str = "retime", robot: str = "panda"):
+    path = folder / f"{name}.toml"
+    write_text(path, SUITE.format(name=name, count=count, mode=mode, robot=robot))
+    return load_suite(path)
+
+
+def speedup(folder: Path, moves: int, rounds: int) -> dict[str, float | int]:
+    """Moves per second with one and two workers."""
+    suite = suite_of(folder, "speed", moves, mode="reshape")
+    run_batch(suite_of(folder, "warm", 12, mode="reshape"), folder / "warm", jobs=1)  # fill the compile cache
+    best = {1: 0.0, 2: 0.0}
+    for k in range(rounds):
+        for jobs in best:
+            batch = run_batch(suite, folder / f"speed{k}{jobs}", jobs=jobs)
+            best[jobs] = max(best[jobs], batch.summary["run"]["moves_per_second"])
+    return {"moves": moves, "one": best[1], "two": best[2], "ratio": best[2] / best[1], "must": SPEEDUP}
+
+
+def memory(folder: Path, moves: int, mode: str) -> dict[str, float | int | str]:
+    """Resident memory of one worker over many moves, as shares of what it is after the first hundred."""
+    out = folder / f"memory_{mode}"
+    run_batch(suite_of(folder, out.name, moves, mode), out, jobs=1)
+    sizes = np.array([record["worker"]["memory"] for record in read_journal(out / NAME)[1]], dtype=float)
+    first = np.median(sizes[WARM_UP : WARM_UP + 20])
+    later = sizes[WARM_UP:] / first
+    return {
+        "mode": mode,
+        "moves": len(sizes),
+        "megabytes": first / 1e6,
+        "least": float(later.min()),
+        "most": float(later.max()),
+        "must": DRIFT,
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--moves", type=int, default=2000, help="moves of the memory run (2000)")
+    parser.add_argument("--speed-moves", type=int, default=40, help="moves of the speed run (40)")
+    parser.add_argument("--rounds", type=int, default=2, help="rounds of the speed run (2)")
+    args = parser.parse_args()
+    if args.moves < 2 * WARM_UP:
+        parser.error(f"--moves: at least {2 * WARM_UP}")
+    with tempfile.TemporaryDirectory() as name:
+        found = {
+            "speedup": speedup(Path(name), args.speed_moves, args.rounds),
+            "memory": [memory(Path(name), args.moves, mode) for mode in ("retime", "reshape")],
+            "cores": len(os.sched_getaffinity(0)),
+            "load": os.getloadavg()[0],
+        }
+    sys.stdout.write(to_json(found))
+    flat = all(1 - DRIFT <= row["least"] and row["most"] <= 1 + DRIFT for row in found["memory"])
+    return 0 if found["speedup"]["ratio"] >= SPEEDUP and flat else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

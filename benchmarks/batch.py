@@ -85,7 +85,7 @@ def main() -> int:
             "load": os.getloadavg()[0],
         }
     sys.stdout.write(to_json(found))
-    flat = all(1 - DRIFT <= row["least"] and row["most"] <= 1 + DRIFT for row in found["memory"])
+    flat = all(row["least"] >= 1 - DRIFT and row["most"] <= 1 + DRIFT for row in found["memory"])
     return 0 if found["speedup"]["ratio"] >= SPEEDUP and flat else 1
 
 

@@ -2,8 +2,8 @@
 
     python benchmarks/tradeoff.py
 
-A cold solve builds the problem and solves one reshape from nothing. The front builds once and warm-starts; both are
-measured in one run, in the same process, on the same move, and without compiled functions. Exit code 1 beyond the bound.
+A cold solve builds the problem and solves one reshape from nothing. The front builds once and warm-starts. Both are
+measured in one run, in one process, on one move and without compiled functions. Exit code 1 beyond the bound.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def main() -> int:
         Planner(robot, model, Settings(compile="never")).solve(Move(START, GOAL, mode="reshape", duration=2.0))
         times.append(time.perf_counter() - begin)
     begin = time.perf_counter()
-    front = trace(*planners(robot, model, Settings(compile="never"), move), move)
+    front = trace(*planners(robot, model, Settings(compile="never"), move.mode), move)
     spent = time.perf_counter() - begin
     cold = float(np.median(times))
     solved = sum(point.status == "solved" for point in front.points)

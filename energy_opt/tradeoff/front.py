@@ -19,7 +19,9 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tradeoff.cycle import Cycle, Waiting
 
 if TYPE_CHECKING:
-    from energy_opt.motion import Move, Planner
+    from energy_opt.motion import Move, Planner, Settings
+    from energy_opt.power import PowerModel
+    from energy_opt.robot import Robot
 
 COUNT = 20  # points where none are asked for
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
@@ -59,6 +61,14 @@ class Front:
     cycle_minimum: Point | None = None
     solves: int = 0
     interrupted: bool = False
+
+
+def planners(robot: Robot, model: PowerModel, settings: Settings, mode: str) -> tuple[Planner, Planner | None]:
+    """The planners that `trace` needs for moves of one mode: for energy, and for the fastest move (None to retime)."""
+    from energy_opt.motion import Planner
+
+    fastest = None if mode == "retime" else Planner(robot, model, replace(settings, objective="time"))
+    return Planner(robot, model, settings), fastest
 
 
 def trace(

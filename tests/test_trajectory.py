@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -166,14 +167,18 @@ def test_what_only_stores_energy_loses_none(effect: dict[str, dict[str, float]])
     assert energy.loss == pytest.approx(0.0, abs=1e-6) and abs(energy.stored) > 1
 
 
-def test_turning_gravity_and_base_together_changes_nothing() -> None:
-    """Tilting the base under an upright axis by nothing, or around it: energy stays; tilted otherwise it does not."""
-    robot, motion = load_robot("ur5e"), swing("ur5e")
-    plain = Scorer(robot, source_method_2("ur5e")).energy(motion).total
-    whole_turn = source_method_2("ur5e").replaced(BY_NAME["base_tilt"](roll=0.0, pitch=0.0))
-    assert Scorer(robot, whole_turn).energy(motion).total == pytest.approx(plain, rel=1e-12)
-    tilted = source_method_2("ur5e").replaced(BY_NAME["base_tilt"](roll=0.3, pitch=0.0))
-    assert abs(Scorer(robot, tilted).energy(motion).total - plain) > 0.1
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_turning_gravity_and_robot_together_changes_nothing(name: str) -> None:
+    """A base rolled by an angle, and one pitched by it with the upright first joint a quarter turn further, feel alike."""
+    robot, motion = load_robot(name), swing(name)
+    turned = replace(motion, position=motion.position + np.pi / 2 * np.eye(robot.n)[0])
+    tilt, model = BY_NAME["base_tilt"], source_method_2(name)
+    rolled = Scorer(robot, model.replaced(tilt(roll=0.3, pitch=0.0))).energy(motion)
+    pitched = Scorer(robot, model.replaced(tilt(roll=0.0, pitch=0.3))).energy(turned)
+    upright = Scorer(robot, model).energy(motion)
+    assert pitched.total == pytest.approx(rolled.total, rel=1e-12)
+    assert abs(upright.total - rolled.total) > 0.1
+    assert Scorer(robot, model).energy(turned).total == pytest.approx(upright.total, rel=1e-12)
 
 
 def test_rows_carry_torque_and_power(tmp_path: Path) -> None:

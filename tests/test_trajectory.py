@@ -169,7 +169,7 @@ def test_what_only_stores_energy_loses_none(effect: dict[str, dict[str, float]])
 
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
 def test_turning_gravity_and_robot_together_changes_nothing(name: str) -> None:
-    """A base rolled by an angle, and one pitched by it with the upright first joint a quarter turn further, feel alike."""
+    """A rolled base, and one pitched as far with the upright first joint a quarter turn on, feel alike."""
     robot, motion = load_robot(name), swing(name)
     turned = replace(motion, position=motion.position + np.pi / 2 * np.eye(robot.n)[0])
     tilt, model = BY_NAME["base_tilt"], source_method_2(name)

@@ -1,1 +1,5 @@
 """Tracing the residual of measured power to the effect that the declared model lacks."""
+
+from energy_opt.diagnose.diagnosis import Diagnosis, diagnose, write
+
+__all__ = ["Diagnosis", "diagnose", "write"]

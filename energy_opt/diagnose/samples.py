@@ -26,7 +26,9 @@ class Samples:
         run: (N,) index of the run. slices: where each run lies. files, kinds: of the runs.
         temperature: (N, n) degC or nan.
         weight: (N,) the meter's noise over that of the whole comparison, see `weighted`.
-        noise: standard deviation of a sample's meter noise, W. clock: True where the log states every run's set time.
+        noise: standard deviation of a sample's meter noise, W. floor: of a single reading, W.
+        clock: True where the log states every run's set time.
+        readings: set time (M,) and power (M,) of every single reading, run by run.
     """
 
     body: RigidBody
@@ -42,7 +44,9 @@ class Samples:
     temperature: np.ndarray
     weight: np.ndarray
     noise: float
+    floor: float
     clock: bool
+    readings: tuple[tuple[np.ndarray, np.ndarray], ...]
 
     @property
     def n(self) -> int:
@@ -58,7 +62,7 @@ class Samples:
             np.repeat(np.arange(len(runs)), lengths),
             tuple(slice(int(x), int(y)) for x, y in zip(ends[:-1], ends[1:], strict=True)),
             tuple(self.files[r] for r in runs), tuple(self.kinds[r] for r in runs), self.temperature[rows],
-            self.weight[rows], self.noise, self.clock,
+            self.weight[rows], self.noise, self.floor, self.clock, tuple(self.readings[r] for r in runs),
         )  # fmt: skip
         for name in ("free_torque", "gravity_torque", "free_regressor", "gravity_regressor"):
             if name in self.__dict__:
@@ -100,7 +104,9 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     samples = Samples(
         measured.robot.body, q, v, a, t - first, power, np.repeat(np.arange(len(parts)), lengths), slices,
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), temperature,
-        np.ones(len(t)), _meter_noise(power, slices), measured.clock,
+        np.ones(len(t)), _meter_noise([power[s] for s in slices]),
+        _meter_noise([r.power for r in measured.runs]), measured.clock,
+        tuple((run.start + run.power_time - first, run.power) for run in measured.runs),
     )  # fmt: skip
     return samples, smoothing
 
@@ -133,10 +139,10 @@ def _bins(run: Run, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
     return run.start + time, power, q, v, a, temperature
 
 
-def _meter_noise(power: np.ndarray, slices: Sequence[slice]) -> float:
-    """Standard deviation of a sample's noise, W, from third differences: what no smooth power explains.
+def _meter_noise(powers: Sequence[np.ndarray]) -> float:
+    """Standard deviation of a reading's noise, W, from third differences: what no smooth power explains.
 
     Robust (median of runs), so that kinks and steps of the true power do not count.
     """
-    levels = [np.sqrt(np.mean(np.diff(power[s], 3) ** 2) / 20) for s in slices if s.stop - s.start > 12]
+    levels = [np.sqrt(np.mean(np.diff(x, 3) ** 2) / 20) for x in powers if len(x) > 12]
     return max(float(np.median(levels)), 1e-3) if levels else 1.0

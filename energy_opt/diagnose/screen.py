@@ -156,6 +156,27 @@ def gain(current: Fit, candidate: Candidate, samples: Samples) -> tuple[float, n
     return float(residual @ residual - left @ left) / samples.noise**2, weights
 
 
+def sprung_joints(current: Fit, candidate: Candidate, samples: Samples) -> Candidate:
+    """A spring on those joints only where one shows: joints are added while each is worth its two numbers."""
+    n = samples.n
+    price = 2 * np.log(len(samples.power)) + 4
+    chosen: list[int] = []
+    reached = 0.0
+    while len(chosen) < n:
+        trials = [(gain(current, _columns(candidate, [*chosen, j], n), samples)[0], j) for j in range(n) if j not in chosen]
+        best, joint = max(trials)
+        if best - reached < price and chosen:
+            break
+        chosen, reached = [*chosen, joint], best
+    return _columns(candidate, sorted(chosen), n)
+
+
+def _columns(spring: Candidate, joints: list[int], n: int) -> Candidate:
+    rows = [*joints, *(n + j for j in joints)]
+    term = spring.term.with_joints(tuple(joints))
+    return Candidate(term, spring.columns[:, rows], spring.lower[rows], spring.upper[rows], spring.origin[rows])
+
+
 def orthogonal(current: Fit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns and residual less what the hypothesis' own free numbers already reach."""
     if not current.jacobian.shape[1]:

@@ -59,10 +59,13 @@ class Term:
         """The effect with parameters p = values, kept inside its bounds."""
         lower, upper = bounds(self.kind, n)
         choices = dict(option.split("=") for option in self.options)
+        if self.name == SPRING and self.joints is not None:
+            there = np.isin(np.arange(n), self.joints)
+            values = np.where(np.tile(there, 2), values, 0.0)
         return self.kind.from_full(np.clip(values, lower, upper), n, **choices)
 
     def with_joints(self, joints: tuple[int, ...]) -> Term:
-        """The same term with only some joints free."""
+        """The same term with only some joints free; the others keep their declared or neutral values."""
         return replace(self, joints=joints)
 
 

@@ -1,0 +1,102 @@
+"""report.html of a diagnosis: power over time, the residual against what it may go with, evidence and errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from energy_opt.diagnose.diagnosis import Diagnosis
+from energy_opt.diagnose.errors import reading_of
+from energy_opt.diagnose.predict import predict
+from energy_opt.plots import COLOURS, Curve, curves, labelled, new_figure, png
+from energy_opt.report import Report
+
+WORDS = {
+    "explained": "Effects were found, and nothing is left above the noise.",
+    "ambiguous": "The data cannot tell some effects apart; they are listed together.",
+    "nothing_missing": "The declared model is as good as the noise allows.",
+    "unexplained": "Structure is left that no known effect accounts for.",
+    "insufficient": "The data do not excite what would be needed.",
+}
+SHOWN = 12  # runs drawn
+
+
+def page(result: Diagnosis) -> Report:
+    """The report."""
+    d = result.document
+    report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict']}")
+    report.text(WORDS[d["verdict"]])
+    for remark in d["remarks"]:
+        report.warning(remark)
+    report.section("Effects")
+    if d["effects"]:
+        rows = [
+            [row["name"], name, value, row["ci95"].get(name), row["share_of_residual"], row["p_value"],
+             f"{row['runs_improved'][0]} of {row['runs_improved'][1]}"]
+            for row in d["effects"] for name, value in row["parameters"].items()
+        ]  # fmt: skip
+        header = ["effect", "parameter", "value", "95 % interval", "share of residual", "p", "left-out runs improved"]
+        report.table(header, rows, digits=3)
+    else:
+        report.text("None is claimed.")
+    if d["alternatives"]:
+        report.text("Sets that fit equally well: " + "; ".join(" + ".join(names) for names in d["alternatives"]))
+    report.section("Error before and after")
+    rows = []
+    for when in ("before", "after"):
+        for part in ("train", "holdout"):
+            e = d["error"][when][part]
+            if e is not None:
+                rows.append([f"{when}, {part}", e["energy_percent"], e["energy_percent_ci95"], e["power_rmse"],
+                             e["power_rmse_ci95"]])  # fmt: skip
+    report.table(["", "energy [%]", "95 %", "power RMSE [W]", "95 %"], rows)
+    report.facts({"noise floor [W]": d["error"]["noise_floor"]})
+    report.section("What the residual goes with")
+    report.table(
+        ["signal", "joint", "strength"], [[r["signal"], r["joint"], r["strength"]] for r in d["residual_goes_with"]], 3
+    )
+    report.picture(_residuals(result))
+    report.section("Power over time")
+    report.picture(_power(result))
+    report.section("Evidence for each candidate")
+    report.text("Loss is the sum of squared residuals over the meter's noise; the score adds the price of free numbers.")
+    report.table(
+        ["effects", "structures outside the table", "numbers", "loss per sample", "score"],
+        [[", ".join(r["effects"]) or "declared model", ", ".join(r["structures"]), r["numbers"], r["loss_per_sample"],
+          r["score"]] for r in d["evidence"]],
+    )  # fmt: skip
+    return report
+
+
+def _power(result: Diagnosis) -> bytes:
+    """Measured, declared and calibrated power of every run (the first `SHOWN` of them)."""
+    samples = result.samples
+    moving = [k for k, kind in enumerate(samples.kinds) if kind == "motion"] or list(range(len(samples.kinds)))
+    shown = moving[:SHOWN]
+    declared, after = reading_of(result.declared, samples), reading_of(result.model, samples)
+    figure, axes = new_figure((len(shown) + 1) // 2, 2, height=2.2)
+    for k, run in enumerate(shown):
+        time, power = samples.readings[run]
+        where = "holdout" if run in result.holdout else "train"
+        at = labelled(axes[k // 2, k % 2], "set time [s]", "power [W]", f"{samples.files[run]} ({where})")
+        at.plot(time, power, color="#bbbbbb", linewidth=0.8, label="measured")
+        curves(at, [Curve("declared", time, declared[run]), Curve("calibrated", time, after[run])])
+    return png(figure)
+
+
+def _residuals(result: Diagnosis) -> bytes:
+    """The calibrated model's residual against time, speed, torque and temperature."""
+    samples = result.samples
+    p = predict(result.model, samples)
+    before, after = samples.power - predict(result.declared, samples).reading, samples.power - p.reading
+    speed = np.abs(samples.v).max(axis=1)
+    torque = np.linalg.norm(p.tau, axis=1)
+    panels = [("set time [s]", samples.t), ("fastest joint [rad/s]", speed), ("torque, norm [N m]", torque)]
+    if np.isfinite(samples.temperature).all():
+        panels.append(("mean joint temperature [degC]", samples.temperature.mean(axis=1)))
+    figure, axes = new_figure((len(panels) + 1) // 2, 2, height=2.6)
+    for k, (name, x) in enumerate(panels):
+        at = labelled(axes[k // 2, k % 2], name, "residual [W]")
+        at.plot(x, before, ".", color=COLOURS[1], markersize=1.5, alpha=0.4, label="declared")
+        at.plot(x, after, ".", color=COLOURS[0], markersize=1.5, alpha=0.4, label="calibrated")
+        at.legend(fontsize=7)
+    return png(figure)

@@ -1,0 +1,159 @@
+"""IPOPT on functions written in NumPy: exact sparse derivatives, no expression graph, set up in a millisecond."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+OPTIONS: dict[str, object] = {
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "print_time": False,
+    "ipopt.nlp_scaling_method": "none",
+    "no_nlp_grad": True,
+    "calc_lam_p": False,
+    "error_on_fail": False,
+}
+WARM: dict[str, object] = {
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-6,
+    "warm_start_bound_frac": 1e-6,
+    "warm_start_slack_bound_push": 1e-6,
+    "warm_start_slack_bound_frac": 1e-6,
+    "warm_start_mult_bound_push": 1e-6,
+    "mu_init": 1e-5,
+}
+
+
+class Problem(Protocol):
+    """min f(x) subject to bounds on x and g(x); Jacobian and upper triangle of the Hessian with fixed patterns."""
+
+    jacobian_pattern: ca.Sparsity
+    hessian_pattern: ca.Sparsity
+
+    def cost(self, x: np.ndarray) -> float: ...
+    def gradient(self, x: np.ndarray) -> np.ndarray: ...
+    def rows(self, x: np.ndarray) -> np.ndarray: ...
+    def jacobian(self, x: np.ndarray) -> np.ndarray: ...
+    def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Where IPOPT stopped: point, multipliers of rows and of bounds on x, status and number of iterations."""
+
+    x: np.ndarray
+    row_multipliers: np.ndarray
+    bound_multipliers: np.ndarray
+    success: bool
+    status: str
+    iterations: int
+
+
+class _Callback(ca.Callback):
+    """A CasADi function whose value is computed by `evaluate` (DM arguments in, list of DM or arrays out)."""
+
+    def __init__(
+        self,
+        name: str,
+        inputs: dict[str, ca.Sparsity],
+        outputs: dict[str, ca.Sparsity],
+        evaluate: Callable[..., Sequence[object]],
+    ) -> None:
+        ca.Callback.__init__(self)
+        self._in, self._out = list(inputs.items()), list(outputs.items())
+        self._evaluate = evaluate
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self._in)
+
+    def get_n_out(self) -> int:
+        return len(self._out)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return self._in[i][1]
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return self._out[i][1]
+
+    def get_name_in(self, i: int) -> str:
+        return self._in[i][0]
+
+    def get_name_out(self, i: int) -> str:
+        return self._out[i][0]
+
+    def eval(self, arguments: list[ca.DM]) -> Sequence[object]:
+        return self._evaluate(*arguments)
+
+
+def _array(x: ca.DM) -> np.ndarray:
+    return np.asarray(x.full()).ravel()
+
+
+def solve(
+    problem: Problem,
+    x0: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    row_bounds: tuple[np.ndarray, np.ndarray],
+    options: dict[str, object],
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Answer:
+    """Minimise from x0; `options` are IPOPT's, without the prefix.
+
+    `multipliers` (of the bounds on x, of the rows) make it a warm start. Ctrl-C ends it with "User_Requested_Stop".
+    """
+    if multipliers is not None:
+        options = {**WARM, **options}
+    x_shape, none = ca.Sparsity.dense(len(x0), 1), ca.Sparsity(0, 0)
+    one, g_shape = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(len(row_bounds[0]), 1)
+    jac, hess = problem.jacobian_pattern, problem.hessian_pattern
+    xp = {"x": x_shape, "p": none}
+    nlp = _Callback(
+        "nlp", xp, {"f": one, "g": g_shape}, lambda x, p: [problem.cost(_array(x)), problem.rows(_array(x))]
+    )
+    grad_f = _Callback(
+        "nlp_grad_f",
+        xp,
+        {"f": one, "grad_f_x": x_shape},
+        lambda x, p: [problem.cost(_array(x)), problem.gradient(_array(x))],
+    )
+    jac_g = _Callback(
+        "nlp_jac_g",
+        xp,
+        {"g": g_shape, "jac_g_x": jac},
+        lambda x, p: [problem.rows(_array(x)), ca.DM(jac, problem.jacobian(_array(x)))],
+    )
+    hess_lag = _Callback(
+        "nlp_hess_l",
+        {**xp, "lam_f": one, "lam_g": g_shape},
+        {"triu_hess_gamma_x_x": hess},
+        lambda x, p, f, g: [ca.DM(hess, problem.hessian(_array(x), float(f), _array(g)))],
+    )
+    solver = ca.nlpsol(
+        "ipopt",
+        "ipopt",
+        nlp,
+        {
+            **OPTIONS,
+            **{f"ipopt.{key}": value for key, value in options.items()},
+            "grad_f": grad_f,
+            "jac_g": jac_g,
+            "hess_lag": hess_lag,
+        },
+    )
+    warm = {} if multipliers is None else {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
+    r = solver(x0=x0, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1], **warm)
+    stats = solver.stats()
+    return Answer(
+        np.clip(_array(r["x"]), *bounds),
+        _array(r["lam_g"]),
+        _array(r["lam_x"]),
+        bool(stats["success"]),
+        str(stats["return_status"]),
+        int(stats["iter_count"]),
+    )

@@ -1,0 +1,100 @@
+"""What is asked of the optimizer: a move, and how to go about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.motion.nodes import OBJECTIVES
+from energy_opt.motion.path import JointPath
+from energy_opt.motion.trajectory import Trajectory
+
+Mode = Literal["retime", "reshape"]
+
+
+@dataclass(frozen=True)
+class Move:
+    """A joint move between fixed ends.
+
+    Attributes:
+        start, goal: (n,) [rad].
+        mode: "retime" keeps the path, "reshape" is free to change it.
+        duration: exactly this long [s]; max_duration: at most; neither: free.
+        path: the path to follow (retime) or to start from (reshape); a straight line in joint space by default.
+        via: points (n,) [rad] that a reshaped move passes, in order, at times of its own choice.
+        input: a trajectory that was given, the baseline "input"; its end velocities are kept.
+    """
+
+    start: np.ndarray
+    goal: np.ndarray
+    mode: Mode = "reshape"
+    duration: float | None = None
+    max_duration: float | None = None
+    path: JointPath | None = None
+    via: tuple[np.ndarray, ...] = ()
+    input: Trajectory | None = None
+
+    def __post_init__(self) -> None:
+        if self.mode not in ("retime", "reshape"):
+            raise BadInput(f"--mode {self.mode!r}; expected retime or reshape")
+        if self.duration is not None and self.max_duration is not None:
+            raise BadInput("both --duration and --max-duration are given; give one")
+        for name, value in (("--duration", self.duration), ("--max-duration", self.max_duration)):
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise BadInput(f"{name} {value:g}: not a duration; expected seconds above 0")
+        if self.via and self.mode == "retime":
+            raise BadInput("--via belongs to --mode reshape; for retime give the points as a --path file")
+        for what, q in (("--start", self.start), ("--goal", self.goal), *(("--via", q) for q in self.via)):
+            if np.asarray(q).shape != np.asarray(self.start).shape or not np.isfinite(q).all():
+                raise BadInput(f"{what}: expected {np.asarray(self.start).size} finite joint positions [rad]")
+
+    @property
+    def end_velocities(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity (n,) [rad/s] at start and goal: the input trajectory's, else rest."""
+        if self.input is None:
+            return np.zeros_like(self.start), np.zeros_like(self.goal)
+        return self.input.velocity[0], self.input.velocity[-1]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to solve.
+
+    Attributes:
+        starts: how many starting points a reshaping tries, the straight one included; they are seeded.
+        seed: of the starting points.
+        compile: "auto", "always" or "never" (see `compile`).
+        objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
+        solver: "ipopt".
+        dynamics: source of the symbolic dynamics (see `dynamics`).
+        verify_samples: samples of the certificate; None for ten between every two rows.
+        end_acceleration: "zero" or "free".
+        controls: control points per joint of a reshaped move.
+    """
+
+    starts: int = 6
+    seed: int = 0
+    compile: str = "auto"
+    objective: str = "energy"
+    solver: str = "ipopt"
+    dynamics: str = "auto"
+    verify_samples: int | None = None
+    end_acceleration: str = "zero"
+    controls: int = 28
+
+    def __post_init__(self) -> None:
+        if self.starts < 1:
+            raise BadInput(f"--starts {self.starts}; expected 1 or more")
+        if self.objective not in OBJECTIVES:
+            raise BadInput(f"objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
+        if self.solver != "ipopt":
+            raise BadInput(f"--solver {self.solver!r}; expected ipopt")
+        if self.end_acceleration not in ("zero", "free"):
+            raise BadInput(f"--end-acceleration {self.end_acceleration!r}; expected zero or free")
+        if self.verify_samples is not None and self.verify_samples < 100:
+            raise BadInput(f"--verify-samples {self.verify_samples}; expected 100 or more")
+        if self.controls < 10:
+            raise BadInput(f"--controls {self.controls}; expected 10 or more")

@@ -1,0 +1,106 @@
+"""The functions of one collocation node: all of a problem that depends on the robot and its model.
+
+Everything else in a reshaping problem is linear algebra with constant matrices, so these few functions are what is
+differentiated, compiled and cached. A node's variables are z = (q, q', q'', T): position and its derivatives with
+respect to u = t / T, and the duration; then v = q' / T and a = q'' / T^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from energy_opt.dynamics import torque_function
+from energy_opt.effects import BaseTilt, Payload, Regeneration, Signals, Smooth, SupplyEfficiency
+from energy_opt.errors import BadInput
+from energy_opt.power import DriveTerms, PowerModel, drive_terms
+from energy_opt.robot import RigidBody
+
+OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
+
+
+@dataclass(frozen=True)
+class NodeFunctions:
+    """CasADi functions of one node; `u` is its place in [0, 1], `p` the model's values.
+
+    cost: (z, u, p) -> (e, de/dz) with e the rate of the objective per unit of u.
+    torque: (z, u, p) -> (tau_m, d tau_m / dz).
+    curvature: (z, u, p, s, lam) -> Hessian of s e + lam^T tau_m, dense (nz, nz).
+    value: (z, u, p) -> (e, tau_m), without derivatives.
+    """
+
+    cost: ca.Function
+    torque: ca.Function
+    curvature: ca.Function
+    value: ca.Function
+
+    def as_list(self) -> list[ca.Function]:
+        return [self.cost, self.torque, self.curvature, self.value]
+
+
+def symbolic_torque(
+    model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str
+) -> ca.SX:
+    """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`."""
+    gravity, mass, com = ca.SX(ca.DM(body.gravity)), ca.SX(0), ca.SX.zeros(3)
+    for effect, where in zip(model.effects, model.slices(body.n), strict=True):
+        if isinstance(effect, Payload):
+            values = Payload.split(p[where], body.n)
+            mass, com = values.mass, values.com
+        if isinstance(effect, BaseTilt):
+            gravity = BaseTilt.gravity(gravity, BaseTilt.split(p[where], body.n))
+    return torque_function(body, dynamics)(q, v, a, gravity, mass, com)
+
+
+def conservative_power(model: PowerModel, terms: DriveTerms, p: ca.SX, joints: int) -> ca.SX:
+    """The part of the power whose integral depends on the ends only, W.
+
+    The work of the rigid body's torque, of rotors and of springs is the change of stored energy, whatever the path; it
+    reaches the meter times efficiency / eta. Left in the cost it would add nothing but a way for the solver to exploit
+    the quadrature of a term that changes sign; what remains of the cost is never negative.
+    """
+    share = ca.SX(1)
+    for effect, where in zip(model.effects, model.slices(joints), strict=True):
+        if isinstance(effect, Regeneration):
+            share *= Regeneration.split(p[where], joints).efficiency
+        if isinstance(effect, SupplyEfficiency):
+            share /= SupplyEfficiency.split(p[where], joints).eta
+    stored = (terms.parts[name] for name in ("mechanical", "armature", "gravity_spring") if name in terms.parts)
+    return share * sum(stored)
+
+
+def node_functions(
+    model: PowerModel, body: RigidBody, objective: str = "energy", dynamics: str = "auto"
+) -> NodeFunctions:
+    """Build the node functions of a model's structure on a robot; values enter as parameters.
+
+    Objectives: "energy" (J, less the work that only the ends decide), and what others minimise: "torque" (integral of |tau_m|^2), "power_squared" (integral of
+    sum (tau_m v)^2), "path_length" (integral of |q'|^2 over u), "time" (T).
+    """
+    if objective not in OBJECTIVES:
+        raise BadInput(f"objective {objective!r}; expected one of {', '.join(OBJECTIVES)}")
+    n = body.n
+    q, q1, q2 = (ca.SX.sym(name, n) for name in ("q", "q1", "q2"))
+    duration, u = ca.SX.sym("T"), ca.SX.sym("u")
+    p = model.symbols(n)
+    v, a = q1 / duration, q2 / duration**2
+    tau = symbolic_torque(model, body, q, v, a, p, dynamics)
+    terms = drive_terms(model, Signals(q, v, a, tau, u * duration), p, Smooth())
+    rate = {
+        "energy": lambda: duration * (terms.power - conservative_power(model, terms, p, n)),
+        "torque": lambda: duration * ca.dot(terms.tau_m, terms.tau_m),
+        "power_squared": lambda: duration * ca.sumsqr(terms.tau_m * v),
+        "path_length": lambda: ca.dot(q1, q1),
+        "time": lambda: duration,
+    }[objective]()
+    z, s, lam = ca.vertcat(q, q1, q2, duration), ca.SX.sym("s"), ca.SX.sym("lam", n)
+    jacobian = ca.densify(ca.jacobian(terms.tau_m, z))
+    hessian = ca.densify(ca.hessian(s * rate + ca.dot(lam, terms.tau_m), z)[0])
+    names = ["z", "u", "p"]
+    return NodeFunctions(
+        cost=ca.Function("cost", [z, u, p], [rate, ca.densify(ca.gradient(rate, z))], names, ["e", "grad"]),
+        torque=ca.Function("torque", [z, u, p], [terms.tau_m, jacobian], names, ["tau", "jac"]),
+        curvature=ca.Function("curvature", [z, u, p, s, lam], [hessian], [*names, "s", "lam"], ["hess"]),
+        value=ca.Function("value", [z, u, p], [rate, terms.tau_m], names, ["e", "tau"]),
+    )

@@ -1,0 +1,398 @@
+"""The reshaping problem as a nonlinear program: control points in, energy and limits out, exact derivatives.
+
+Unknowns x = (free control points, point by point; T; times of via points). At a node u_k, z_k = (q, q', q'', T) is
+affine in x, z_k = L_k x + z0, and L_k touches only the six control points of the node's knot span and T. So with the
+node functions' derivatives g_k and C_k
+
+    gradient  sum_k w_k L_k^T g_k            Hessian  sum_k L_k^T C_k L_k
+
+where L_k = (basis values) kron (identity over joints): both sums are small batched products, and the Hessian is banded
+but for the row of T. Nothing is differentiated here. Rows, all as shares of their bound in [-1, 1]:
+
+    q'_ij / (V_j T)    q''_ij / (A_j T^2)    q'''_ij / (J_j T^3)    tau_m,j(z_k) / tau_j
+    via points: q(u_i) - Q_i = 0 at an unknown u_i
+
+q'_ij is the i-th control point of joint j's derivative. A spline lies in the hull of its control points, so these rows
+hold a limit everywhere, not at nodes only; and there is one of them for every degree of freedom, so that a limit which
+is active along an arc gives independent rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from energy_opt.motion.nodes import NodeFunctions
+from energy_opt.motion.nodeval import Batch
+from energy_opt.motion.spline import DEGREE, Basis
+
+LOCAL = DEGREE + 1  # control points that a node touches
+EFFORT = 4  # the kind of a torque row; kinds 1 to 3 are derivatives of position
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What is fixed about a program's form.
+
+    Attributes:
+        joints: n.
+        basis: the B-splines.
+        per_span: Gauss nodes per knot span.
+        free_acceleration: end accelerations are free; else zero.
+        vias: number of via points.
+    """
+
+    joints: int
+    basis: Basis
+    per_span: int = 3
+    free_acceleration: bool = False
+    vias: int = 0
+
+    @property
+    def pinned(self) -> int:
+        """Control points at each end that the end conditions determine."""
+        return 2 if self.free_acceleration else 3
+
+    @property
+    def free(self) -> int:
+        """Free control points."""
+        return self.basis.controls - 2 * self.pinned
+
+    @property
+    def unknowns(self) -> int:
+        return self.joints * self.free + 1 + self.vias
+
+    @cached_property
+    def grid(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes u (K,) and weights (K,): Gauss nodes of every span, and its breakpoints with weight zero."""
+        u, w = self.basis.gauss(self.per_span)
+        u = np.concatenate([u, self.basis.breaks])
+        w = np.concatenate([w, np.zeros(len(self.basis.breaks))])
+        order = np.argsort(u, kind="stable")
+        return u[order], w[order]
+
+    @cached_property
+    def matrices(self) -> list[np.ndarray]:
+        """Basis matrices at the nodes for derivatives 0 to 3, (K, controls) each."""
+        return [self.basis.matrix(self.grid[0], order) for order in range(4)]
+
+    @cached_property
+    def spans(self) -> np.ndarray:
+        """First control point that each node touches, (K,)."""
+        inside = np.searchsorted(self.basis.breaks, self.grid[0], side="right") - 1
+        return np.clip(inside, 0, len(self.basis.breaks) - 2)
+
+    @cached_property
+    def local(self) -> np.ndarray:
+        """Basis values of the touched control points for derivatives 0 to 3, (K, 4, 6)."""
+        columns = self.spans[:, None] + np.arange(LOCAL)
+        return np.stack([np.take_along_axis(m, columns, axis=1) for m in self.matrices], axis=1)
+
+    @cached_property
+    def sites(self) -> list[np.ndarray]:
+        """Matrices (sites, controls) to the control points of velocity, acceleration and jerk (times powers of T)."""
+        return [self.basis.polygon(order) for order in (1, 2, 3)]
+
+    @cached_property
+    def site_local(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each of `sites`: first control point that a site touches (S,), and its six coefficients (S, 6)."""
+        out = []
+        for matrix in self.sites:
+            first = np.minimum(np.argmax(np.abs(matrix) > 0, axis=1), self.basis.controls - LOCAL)
+            out.append((first, np.take_along_axis(matrix, first[:, None] + np.arange(LOCAL), axis=1)))
+        return out
+
+    @cached_property
+    def end_slopes(self) -> np.ndarray:
+        """Control-point offsets (2, pinned) per unit of u-velocity at the start and the end, acceleration zero."""
+        zero, one = np.zeros(1), np.ones(1)
+        acceleration = None if self.free_acceleration else zero
+        return np.stack([self.basis.ends(zero, one, acceleration, last)[:, 0] for last in (False, True)])
+
+
+@dataclass(frozen=True)
+class Ends:
+    """What is fixed at both ends, and what must be passed: q, v (n,) and via points (vias, n)."""
+
+    start: np.ndarray
+    goal: np.ndarray
+    v_start: np.ndarray
+    v_goal: np.ndarray
+    via: np.ndarray
+
+
+class Pattern:
+    """What all programs of one shape share: index maps of unknowns, the Hessian's pattern and its scatter matrix."""
+
+    def __init__(self, shape: Shape) -> None:
+        s = self.shape = shape
+        n, count = s.joints, len(s.grid[0])
+        self.time = n * s.free  # index of T
+        points = s.spans[:, None] + np.arange(LOCAL) - s.pinned
+        index = points[:, :, None] * n + np.arange(n)
+        index = np.where(((points >= 0) & (points < s.free))[:, :, None], index, -1)
+        self.index = index.reshape(count, LOCAL * n)  # unknown of each touched (control point, joint), -1 if pinned
+
+    def positions(self, rows: np.ndarray, columns: np.ndarray, pattern: ca.Sparsity) -> np.ndarray:
+        """Where entries (rows, columns) lie among a pattern's nonzeros."""
+        lookup = np.full(pattern.shape, -1)
+        r, c = pattern.get_triplet()
+        lookup[r, c] = np.arange(len(r))
+        return lookup[rows, columns]
+
+    @cached_property
+    def hessian(self) -> ca.Sparsity:
+        """Upper triangle: the band of control points that share a span, and full columns of T and the via times."""
+        s, size = self.shape, self.shape.unknowns
+        full = np.zeros((size, size), dtype=bool)
+        for index in np.unique(self.index, axis=0):
+            used = index[index >= 0]
+            full[np.ix_(used, used)] = True
+        full[:, self.time :] = True
+        r, c = np.nonzero(np.triu(full))
+        order = np.lexsort((r, c))
+        self._lookup = np.full((size, size), -1)
+        self._lookup[r[order], c[order]] = np.arange(len(order))
+        assert s.unknowns == size
+        return ca.Sparsity.triplet(size, size, r[order].tolist(), c[order].tolist())
+
+    @cached_property
+    def lookup(self) -> np.ndarray:
+        """(unknowns, unknowns) -> index among the Hessian's nonzeros, -1 outside."""
+        _ = self.hessian
+        return self._lookup
+
+    def scatter(self, nodes: np.ndarray) -> csr_matrix:
+        """Sparse matrix that sums per-node blocks (nodes, 6n, 6n) into the Hessian's nonzeros."""
+        index = self.index[nodes]
+        a = np.broadcast_to(index[:, :, None], (*index.shape, index.shape[1]))
+        b = np.broadcast_to(index[:, None, :], a.shape)
+        keep = ((a >= 0) & (b >= 0) & (a <= b)).ravel()
+        target = self.lookup[a.ravel()[keep], b.ravel()[keep]]
+        return csr_matrix(
+            (np.ones(len(target)), (target, np.flatnonzero(keep))), shape=(self.hessian.nnz(), keep.size)
+        )
+
+
+class Program:
+    """One nonlinear program in the form that `ipopt.solve` takes.
+
+    Args:
+        rows: (R, 3) integers: kind (1 velocity, 2 acceleration, 3 jerk, 4 effort), site (for effort: node), joint.
+        bounds: (4, n) velocity, acceleration, jerk and effort limits that rows are shares of.
+        parameters: the model's values; scale: what the cost is multiplied by.
+    """
+
+    def __init__(
+        self,
+        pattern: Pattern,
+        nodes: NodeFunctions,
+        ends: Ends,
+        rows: np.ndarray,
+        bounds: np.ndarray,
+        parameters: np.ndarray,
+        scale: float,
+    ) -> None:
+        s = self.shape = pattern.shape
+        self.pattern, self.ends, self.parameters, self.scale = pattern, ends, parameters, scale
+        n = s.joints
+        u, w = s.grid
+        linear = rows[:, 0] != EFFORT
+        rows = np.vstack([rows[linear], rows[~linear]])
+        self._linear, self._effort = rows[: linear.sum()], rows[linear.sum() :]
+        self._bounds = bounds[rows[:, 0] - 1, rows[:, 2]]
+        self._hot = np.unique(self._effort[:, 1])
+        self._needed = np.union1d(np.flatnonzero(w), self._hot)
+        self._quad = np.flatnonzero(w)
+        self._cost = Batch(nodes.cost, len(self._quad))
+        self._curvature = Batch(nodes.curvature, len(self._needed))
+        self._torque = Batch(nodes.torque, len(self._hot)) if len(self._hot) else None
+        self._which = np.searchsorted(self._hot, self._effort[:, 1])
+        self._scatter = pattern.scatter(self._needed)
+        self._slope = np.zeros((s.basis.controls, n))  # d(control points)/dT, of the pinned ends
+        self._slope[: s.pinned] = np.outer(s.end_slopes[0], ends.v_start)
+        self._slope[s.basis.controls - s.pinned :] = np.outer(s.end_slopes[1], ends.v_goal)
+        self._z_slope = np.stack([m @ self._slope for m in s.matrices], axis=1)  # (K, 4, n)
+        kind, site, joint = self._linear.T
+        self._coefficients = np.zeros((len(kind), LOCAL))  # of the touched control points, per unit of bound
+        first = np.zeros(len(kind), dtype=int)
+        for k in (1, 2, 3):
+            here = kind == k
+            start, local = s.site_local[k - 1]
+            first[here], self._coefficients[here] = start[site[here]], local[site[here]]
+        self._coefficients /= self._bounds[: len(kind), None]
+        touched = first[:, None] + np.arange(LOCAL)
+        self._touched = touched, joint[:, None]
+        inside = (touched >= s.pinned) & (touched < s.pinned + s.free)
+        self._row_index = np.where(inside, (touched - s.pinned) * n + joint[:, None], -1)
+        self._row_slope = np.sum(self._coefficients * self._slope[self._touched], axis=1)
+        self._at: np.ndarray | None = None
+        self._build_jacobian()
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(self._linear) + len(self._effort) + self.shape.joints * self.shape.vias
+
+    def points(self, x: np.ndarray) -> np.ndarray:
+        """All control points (controls, n)."""
+        s, t = self.shape, x[self.pattern.time]
+        out = t * self._slope
+        out[: s.pinned] += self.ends.start
+        out[s.basis.controls - s.pinned :] += self.ends.goal
+        out[s.pinned : s.basis.controls - s.pinned] += x[: self.pattern.time].reshape(s.free, s.joints)
+        return out
+
+    def _move(self, x: np.ndarray) -> None:
+        """Evaluate the curve at x, once for all functions that want it."""
+        if self._at is not None and np.array_equal(x, self._at):
+            return
+        self._at = x.copy()
+        self.duration = float(x[self.pattern.time])
+        self._points = self.points(x)
+        self._q = np.stack([m @ self._points for m in self.shape.matrices], axis=1)  # (K, 4, n)
+        count = len(self._q)
+        self._z = np.concatenate([self._q[:, :3].reshape(count, -1), np.full((count, 1), self.duration)], axis=1)
+        rate, slope = self._cost(self._z[self._quad], self.shape.grid[0][self._quad, None], self.parameters)
+        w = self.shape.grid[1][self._quad]
+        self._f = self.scale * float(w @ rate[:, 0])
+        self._g = self.scale * w[:, None] * slope
+        if self._torque is not None:
+            tau, jac = self._torque(self._z[self._hot], self.shape.grid[0][self._hot, None], self.parameters)
+            self._tau, self._tau_z = tau, jac.reshape(len(self._hot), -1, self.shape.joints)  # column-major: (z, joint)
+
+    def cost(self, x: np.ndarray) -> float:
+        self._move(x)
+        return self._f
+
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        self._move(x)
+        s, n = self.shape, self.shape.joints
+        parts = self._g[:, :-1].reshape(-1, 3, n)
+        out = np.zeros(s.unknowns)
+        by_point = sum(s.matrices[o][self._quad].T @ parts[:, o] for o in range(3))
+        out[: self.pattern.time] = by_point[s.pinned : s.basis.controls - s.pinned].ravel()
+        out[self.pattern.time] = self._g[:, -1].sum() + np.sum(by_point * self._slope)
+        return out
+
+    def rows(self, x: np.ndarray) -> np.ndarray:
+        self._move(x)
+        out = self._linear_values() / self.duration ** self._linear[:, 0]
+        if len(self._effort):
+            tau = self._tau[self._which, self._effort[:, 2]] / self._bounds[len(out) :]
+            out = np.concatenate([out, tau])
+        if self.shape.vias:
+            out = np.concatenate([out, (self._via(x, 0) - self.ends.via).ravel()])
+        return out
+
+    def _linear_values(self) -> np.ndarray:
+        """Derivatives with respect to u that linear rows bound, as shares of their bounds at T = 1."""
+        return np.sum(self._coefficients * self._points[self._touched], axis=1)
+
+    def _via(self, x: np.ndarray, order: int) -> np.ndarray:
+        """q or its derivatives at the via times, (vias, n)."""
+        return self.shape.basis.matrix(x[self.pattern.time + 1 :], order) @ self._points
+
+    def _build_jacobian(self) -> None:
+        """The Jacobian's pattern, and where each row's entries go: its six control points or all of a node's, and T."""
+        s, n, t = self.shape, self.shape.joints, self.pattern.time
+        rows, columns = [], []
+        for r in range(len(self._linear)):
+            columns.append(np.append(self._row_index[r], t))
+            rows.append(np.full(LOCAL + 1, r))
+        for r, (_, node, _) in enumerate(self._effort, start=len(self._linear)):
+            columns.append(np.append(self.pattern.index[node], t))
+            rows.append(np.full(LOCAL * n + 1, r))
+        base = len(self._linear) + len(self._effort)
+        for i in range(s.vias):
+            for j in range(n):
+                columns.append(np.concatenate([np.arange(j, t, n), [t, t + 1 + i]]))
+                rows.append(np.full(len(columns[-1]), base + i * n + j))
+        flat_r = np.concatenate([*rows, np.zeros(0, dtype=int)]).astype(int)
+        flat_c = np.concatenate([*columns, np.zeros(0, dtype=int)]).astype(int)
+        self._kept = flat_c >= 0
+        r, c = flat_r[self._kept], flat_c[self._kept]
+        order = np.lexsort((r, c))
+        self._order = order
+        self.jacobian_pattern = ca.Sparsity.triplet(self.count, s.unknowns, r[order].tolist(), c[order].tolist())
+        self.hessian_pattern = self.pattern.hessian
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        self._move(x)
+        s, n, t = self.shape, self.shape.joints, self.duration
+        kind = self._linear[:, 0]
+        by_point = self._coefficients / (t**kind)[:, None]
+        by_time = (self._row_slope - kind * self._linear_values() / t) / t**kind
+        parts = [np.concatenate([by_point, by_time[:, None]], axis=1).ravel()]
+        if len(self._effort):
+            slope = self._tau_z[self._which, :, self._effort[:, 2]] / self._bounds[len(kind) :, None]  # (R, nz)
+            parts.append(self._through_nodes(slope, self._effort[:, 1]).ravel())
+        if s.vias:
+            basis = s.basis.matrix(x[self.pattern.time + 1 :])
+            speed = self._via(x, 1)
+            inner = slice(s.pinned, s.basis.controls - s.pinned)
+            for i in range(s.vias):
+                for j in range(n):
+                    parts.append(basis[i, inner])
+                    parts.append(np.array([basis[i] @ self._slope[:, j], speed[i, j]]))
+        return np.concatenate(parts)[self._kept][self._order]
+
+    def _through_nodes(self, slope: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """Row vectors d/dz (R, nz) at nodes -> d/d(touched control points, T), (R, 6n + 1)."""
+        n = self.shape.joints
+        parts = slope[:, :-1].reshape(-1, 3, n)
+        by_point = np.einsum("rdi,rda->ria", self.shape.local[nodes, :3], parts).reshape(len(slope), -1)
+        by_time = slope[:, -1] + np.sum(parts * self._z_slope[nodes, :3], axis=(1, 2))
+        return np.concatenate([by_point, by_time[:, None]], axis=1)
+
+    def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+        self._move(x)
+        s, n, t = self.shape, self.shape.joints, self.duration
+        needed, time = self._needed, self.pattern.time
+        lam = np.zeros((len(s.grid[0]), n))
+        first = len(self._linear)
+        effort = slice(first, first + len(self._effort))
+        np.add.at(lam, (self._effort[:, 1], self._effort[:, 2]), multipliers[effort] / self._bounds[effort])
+        weight = self.scale * factor * s.grid[1][needed, None]
+        (blocks,) = self._curvature(self._z[needed], s.grid[0][needed, None], self.parameters, weight, lam[needed])
+        nz = 3 * n + 1
+        c = blocks.reshape(len(needed), nz, nz)
+        b = s.local[needed, :3]  # (K, 3, 6)
+        core = c[:, : 3 * n, : 3 * n].reshape(len(needed), 3, n * 3 * n)
+        half = np.matmul(b.transpose(0, 2, 1), core).reshape(len(needed), LOCAL, n, 3, n)
+        block = np.matmul(half.transpose(0, 1, 2, 4, 3), b[:, None, None])  # (K, 6, n, n, 6)
+        block = block.transpose(0, 1, 2, 4, 3).reshape(-1)
+        out = self._scatter @ block
+        # The column of T: C_k applied to dz/dT = (moving ends, 1).
+        z_slope = np.concatenate([self._z_slope[needed, :3].reshape(len(needed), -1), np.ones((len(needed), 1))], axis=1)
+        towards = np.matmul(c, z_slope[:, :, None])[:, :, 0]
+        column = np.zeros(s.unknowns)
+        local = self._through_nodes(towards, needed)
+        index = self.pattern.index[needed]
+        keep = index >= 0
+        np.add.at(column, index[keep], local[:, :-1][keep])
+        column[time] = local[:, -1].sum()
+        # Linear rows: value b x / T^k has second derivatives -k b / T^(k+1) with (x, T), k (k + 1) b x / T^(k+2) with T.
+        if first:
+            kind = self._linear[:, 0]
+            share = multipliers[:first] / t**kind
+            cross = -(kind * share / t)[:, None] * self._coefficients
+            keep = self._row_index >= 0
+            np.add.at(column, self._row_index[keep], cross[keep])
+            value, slope = self._linear_values(), self._row_slope
+            column[time] += np.sum(share * kind * ((kind + 1) * value / t - 2 * slope) / t)
+        out[self.pattern.lookup[: time + 1, time]] += column[: time + 1]
+        for i in range(s.vias):
+            via = time + 1 + i
+            first_via = first + len(self._effort) + i * n
+            m = multipliers[first_via : first_via + n]
+            basis = s.basis.matrix(x[via : via + 1], 1)[0]
+            inner = slice(s.pinned, s.basis.controls - s.pinned)
+            out[self.pattern.lookup[:time, via]] += np.outer(basis[inner], m).ravel()
+            out[self.pattern.lookup[time, via]] += basis @ self._slope @ m
+            out[self.pattern.lookup[via, via]] += (s.basis.matrix(x[via : via + 1], 2) @ self._points @ m)[0]
+        return out

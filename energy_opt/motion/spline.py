@@ -1,0 +1,86 @@
+"""Clamped quintic B-splines on [0, 1]: basis matrices, quadrature on the knot spans, least-squares fit.
+
+Knots are packed towards the ends, where a move from rest has to build up its acceleration from zero: breakpoints
+u_i = (1 - p) x_i + p (1 - cos(pi x_i)) / 2 for evenly spaced x_i, with the packing p between 0 and 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+DEGREE = 5  # C^4: acceleration and jerk are smooth
+PACKING = 0.8  # 0: evenly spaced knots, 1: Chebyshev-like clustering at the ends
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Quintic B-splines with `controls` control points on knots packed towards both ends."""
+
+    controls: int
+    packing: float = PACKING
+
+    @cached_property
+    def breaks(self) -> np.ndarray:
+        """Distinct knots, (controls - DEGREE + 1,)."""
+        x = np.linspace(0, 1, self.controls - DEGREE + 1)
+        return (1 - self.packing) * x + self.packing * (1 - np.cos(np.pi * x)) / 2
+
+    @cached_property
+    def knots(self) -> np.ndarray:
+        """The clamped knot vector, (controls + DEGREE + 1,)."""
+        return np.concatenate([np.zeros(DEGREE), self.breaks, np.ones(DEGREE)])
+
+    def matrix(self, u: np.ndarray, order: int = 0) -> np.ndarray:
+        """Derivative of `order` of every basis function at u (M,): (M, controls)."""
+        spline = BSpline(self.knots, np.eye(self.controls), DEGREE)
+        return (spline.derivative(order) if order else spline)(np.clip(u, 0.0, 1.0))
+
+    def polygon(self, order: int) -> np.ndarray:
+        """Control points of the derivative of `order` from those of the curve, (controls - order, controls).
+
+        The derivative lies in the hull of its control points: bounds on them hold everywhere between the nodes.
+        """
+        out = np.eye(self.controls)
+        for k in range(order):
+            degree, count = DEGREE - k, self.controls - k
+            knots = self.knots[k : len(self.knots) - k]
+            gap = knots[1 + degree : count + degree] - knots[1:count]
+            out = degree * np.diff(out, axis=0) / gap[:, None]
+        return out
+
+    def gauss(self, per_span: int) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and weights of Gauss quadrature over every knot span, (spans * per_span,) each."""
+        x, w = np.polynomial.legendre.leggauss(per_span)
+        span = np.diff(self.breaks)[:, None]
+        return (self.breaks[:-1, None] + span * (x + 1) / 2).ravel(), (span * w / 2).ravel()
+
+    def ends(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray | None, last: bool
+    ) -> np.ndarray:
+        """Control points (2 or 3, n) that give position, velocity and, if given, acceleration at an end.
+
+        Derivatives are with respect to u. They are the first control points, or with `last` the last ones, in order.
+        """
+        count = 2 if acceleration is None else 3
+        at = np.array([1.0 if last else 0.0])
+        columns = slice(self.controls - count, self.controls) if last else slice(0, count)
+        rows = np.vstack([self.matrix(at, order)[:, columns] for order in range(count)])
+        values = [position, velocity] + ([] if acceleration is None else [acceleration])
+        return np.linalg.solve(rows, np.vstack(values))
+
+    def fit(self, u: np.ndarray, values: np.ndarray, head: np.ndarray, tail: np.ndarray) -> np.ndarray:
+        """Control points (controls, n) closest to `values` (M, n) at u (M,), the first and last ones given."""
+        b = self.matrix(u)
+        inner = slice(len(head), self.controls - len(tail))
+        rest = values - b[:, : len(head)] @ head - b[:, self.controls - len(tail) :] @ tail
+        # A touch of regularisation towards a straight control polygon: samples may leave a control point undetermined.
+        second = np.diff(np.eye(self.controls), 2, axis=0)
+        fixed = second[:, : len(head)] @ head + second[:, self.controls - len(tail) :] @ tail
+        weight = 1e-4
+        rows = np.vstack([b[:, inner], weight * second[:, inner]])
+        free = np.linalg.lstsq(rows, np.vstack([rest, -weight * fixed]), rcond=None)[0]
+        return np.vstack([head, free, tail])

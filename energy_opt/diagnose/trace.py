@@ -16,7 +16,8 @@ from energy_opt.power import PowerModel
 TOLERANCE = 6.0  # rivals whose score is this near cannot be told from the best
 RIVALS = 5  # tried in place of each accepted effect
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
-KEPT_SHARE = 0.8  # of the explained residual that effects must hold to be named beside unlisted structure
+KEPT_SHARE = 0.8  # of what can be explained that effects must hold to be named beside unlisted structure
+OWN_SHARE = 0.5  # and that unlisted structures alone must miss
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
     listed = _listed(found, root, best)
     left = leftover(best, samples)
     if best.extras or left.structured:
-        accepted = _kept(found, root, best, left)
+        accepted = _kept(found, root, best, listed)
         verdict = "unexplained"
         rivals: tuple[Fit, ...] = (accepted,)
     else:
@@ -103,17 +104,22 @@ def _listed(found: Search, root: Fit, best: Fit) -> Fit:
     """The best hypothesis without unlisted structures."""
     if not best.extras:
         return best
-    return found.polish(next(f for f in found.ranked() if not f.extras))
+    return _refine(found, next(f for f in found.ranked() if not f.extras))
 
 
-def _kept(found: Search, root: Fit, best: Fit, left: Leftover) -> Fit:
-    """Effects that stand beside unlisted structure: only those that hold most of what can be explained."""
-    if not best.terms:
+def _kept(found: Search, root: Fit, best: Fit, listed: Fit) -> Fit:
+    """Effects that stand beside unlisted structure: only those that hold what structures cannot.
+
+    Claimed are the effects of the best hypothesis without structures, where they explain `KEPT_SHARE` of what can be
+    explained, and where the effects of the best hypothesis hold `OWN_SHARE` of it that its structures alone do not.
+    """
+    explainable = root.loss - min(best.loss, listed.loss)
+    if not best.terms or not listed.terms or explainable <= 0:
         return root
-    effects_only = found.hypothesis(best.terms, list(best.numbers), (), thorough=True)
-    explainable = root.loss - len(found.samples.power)
-    share = (root.loss - effects_only.loss) / explainable if explainable > 0 else 0.0
-    return effects_only if share > KEPT_SHARE else root
+    alone = found.hypothesis((), [], best.extras, thorough=True) if best.extras else root
+    own = (alone.loss - best.loss) / explainable
+    share = (root.loss - listed.loss) / explainable
+    return listed if share > KEPT_SHARE and own > OWN_SHARE else root
 
 
 def _rivals(found: Search, accepted: Fit) -> tuple[Fit, ...]:

@@ -68,13 +68,19 @@ def read_set(folder: Path, robot: Robot | None = None) -> MeasuredSet:
     if faults:
         more = f" (and {len(faults) - 1} more faults; `energy-opt check` lists them)" if len(faults) > 1 else ""
         raise BadInput(faults[0] + more)
-    return MeasuredSet(log.path.parent, robot, tuple(runs), all(entry.start is not None for entry in log.runs))
+    return MeasuredSet(log.path.parent, robot, tuple(runs), _clock(log))
 
 
-def robot_of(log: LogFile) -> Robot:
-    """The robot that a log names; a URDF's path counts from the set's folder."""
+def _clock(log: LogFile) -> bool:
+    """True where the set time of every run is known."""
+    return len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
+
+
+def robot_of(log: LogFile, limits: Path | None = None) -> Robot:
+    """The robot that a log names; a URDF's path counts from the set's folder. `limits`: a joint_limits.yaml."""
     beside = log.path.parent / log.robot
-    return load_robot(str(beside) if beside.suffix in (".urdf", ".xml") and beside.is_file() else log.robot)
+    name = str(beside) if beside.suffix in (".urdf", ".xml") and beside.is_file() else log.robot
+    return load_robot(name, limits=limits)
 
 
 def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str]]:

@@ -1,0 +1,125 @@
+"""`energy-opt diagnose`: what the declared model lacks, from measured data."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from energy_opt.diagnose import Diagnosis
+    from energy_opt.measured import MeasuredSet
+    from energy_opt.power import PowerModel
+
+HELP = "trace the residual of measured power to the effect that the model lacks"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("set", type=Path, metavar="DIR", help="the measured set: a folder with a log.toml")
+    parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: the one that log.toml names)")
+    parser.add_argument(
+        "--model",
+        type=Path,
+        metavar="DECLARED.toml",
+        help="the declared model (default: mechanical power and the set's own mean power at standstill)",
+    )
+    parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    parser.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="known payload [kg, m], put into the declared model")
+    parser.add_argument("--out", type=Path, default=Path("diagnosis"), metavar="DIR", help="results (default: diagnosis)")
+    parser.add_argument("--json", action="store_true", help="diagnosis.json on stdout")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the holdout and all resampling (0)")
+    parser.add_argument("--quiet", action="store_true", help="no messages")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; returns the exit code."""
+    from energy_opt.diagnose import diagnose, write
+    from energy_opt.files import to_json
+    from energy_opt.measured import read_log, read_set
+    from energy_opt.measured.sets import robot_of
+    from energy_opt.power import load_model
+    from energy_opt.robot import load_robot
+
+    log = read_log(args.set)
+    robot = load_robot(args.robot, limits=args.limits) if args.robot else robot_of(log, args.limits)
+    measured = read_set(args.set, robot)
+    declared = load_model(args.model) if args.model else _level(measured)
+    if args.payload:
+        declared = declared.replaced(payload_from(args.payload))
+    result = diagnose(measured, declared, args.seed)
+    if result.document["verdict"] in ("ambiguous", "insufficient"):
+        _next_motion(result, args.out, args.seed)
+    write(result, args.out)
+    if not args.quiet:
+        print(_summary(result, args.out), file=sys.stderr)
+    if args.json:
+        sys.stdout.write(to_json(result.document))
+    return 0
+
+
+def _level(measured: MeasuredSet) -> PowerModel:
+    """Mechanical power and the mean power while every joint stands still."""
+    from energy_opt.diagnose.samples import take_samples
+    from energy_opt.effects import Standby
+    from energy_opt.errors import BadInput
+    from energy_opt.power import PowerModel
+
+    samples, _ = take_samples(measured)
+    still = (samples.v == 0).all(axis=1)
+    if not still.any():
+        raise BadInput(f"{measured.path}: the arm never stands still, so its static power is unknown; give --model")
+    return PowerModel(measured.robot.name, (Standby(power=float(samples.power[still].mean())),))
+
+
+def payload_from(text: str):  # type: ignore[no-untyped-def]
+    """The payload effect of MASS[,CX,CY,CZ]."""
+    from energy_opt.effects import Payload
+    from energy_opt.errors import BadInput
+
+    try:
+        values = [float(x) for x in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 4):
+        raise BadInput(f"--payload {text!r}: expected MASS or MASS,CX,CY,CZ")
+    return Payload(mass=values[0], com=values[1:] or [0.0, 0.0, 0.0])
+
+
+def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
+    from energy_opt.diagnose.next_motion import propose, save
+
+    motion = propose(result.trace, result.measured.robot, seed)
+    if motion is None:
+        result.document["remarks"].append("No motion tells the alternatives apart: they are the same at the meter.")
+        return
+    name = "next_motion.csv"
+    save(motion, result.model, result.measured.robot, str(out / name))
+    result.document["next_motion"] = name
+    result.document["remarks"].append(
+        f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms."
+    )
+
+
+def _summary(result: Diagnosis, out: Path) -> str:
+    d = result.document
+    lines = [f"verdict: {d['verdict']}"]
+    for row in d["effects"]:
+        refit = " (declared value fitted anew)" if row["refit"] else ""
+        lines.append(f"  {row['name']}{refit}: share of residual {row['share_of_residual']:.2f}, p = {row['p_value']:.3g}")
+    if d["alternatives"]:
+        lines.append("  fit equally well: " + " | ".join(" + ".join(names) or "nothing" for names in d["alternatives"]))
+    for row in d["residual_goes_with"][:3]:
+        lines.append(f"  what is left goes with {row['signal']} {row['joint'] or ''}: {row['strength']:.2f}")
+    for part in ("train", "holdout"):
+        before, after = d["error"]["before"][part], d["error"]["after"][part]
+        if before is not None and after is not None:
+            lines.append(
+                f"{part}: power RMSE {before['power_rmse']:.2f} -> {after['power_rmse']:.2f} W, energy error "
+                f"{before['energy_percent']:.2f} -> {after['energy_percent']:.2f} %"
+            )
+    lines.append(f"noise floor: {d['error']['noise_floor']:.2f} W")
+    lines += [f"note: {remark}" for remark in d["remarks"]]
+    lines.append(f"written: {out / 'diagnosis.json'}, model.toml, report.html")
+    return "\n".join(lines)

@@ -1,0 +1,134 @@
+"""`energy-opt identify`: overhead and copper loss from static poses, by the two methods of the source paper."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from energy_opt.errors import BadInput
+
+if TYPE_CHECKING:
+    from energy_opt.identify import Identification
+    from energy_opt.robot import PointMass, Robot
+
+HELP = "overhead and copper loss from static poses (Methods 1 and 2)"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("set", type=Path, nargs="?", metavar="DIR", help="the measured set: a folder with a log.toml")
+    parser.add_argument("--suggest", type=int, metavar="N", help="propose N static poses that would tell most")
+    parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: the one that log.toml names)")
+    parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    parser.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload held in the poses [kg, m]")
+    parser.add_argument("--out", type=Path, default=Path("identify"), metavar="DIR", help="results (default: identify)")
+    parser.add_argument("--json", action="store_true", help="identify.json on stdout")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the poses drawn for --suggest (0)")
+    parser.add_argument("--quiet", action="store_true", help="no messages")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; returns the exit code."""
+    from energy_opt.robot import load_robot
+
+    if args.set is None and args.suggest is None:
+        raise BadInput("identify needs a measured set (DIR), or --suggest N with --robot")
+    robot = load_robot(args.robot, limits=args.limits) if args.robot else None
+    mass = _mass(args.payload)
+    if args.suggest is not None:
+        return _suggest(args, robot, mass)
+    return _identify(args, robot, mass)
+
+
+def _mass(text: str | None) -> PointMass | None:
+    if not text:
+        return None
+    from energy_opt.cli.diagnose import payload_from
+    from energy_opt.robot import PointMass
+
+    effect = payload_from(text)
+    return PointMass(float(effect.values["mass"][0]), effect.values["com"])
+
+
+def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
+    from energy_opt.files import to_json, write_json
+    from energy_opt.identify import identify, poses_of
+    from energy_opt.measured import read_log, read_set
+    from energy_opt.measured.sets import robot_of
+
+    measured = read_set(args.set, robot or robot_of(read_log(args.set), args.limits))
+    result = identify(measured.robot.name, poses_of(measured, mass))
+    result.model_1().save(args.out / "model_method1.toml")
+    second = result.model_2()
+    if second is not None:
+        second.save(args.out / "model_method2.toml")
+    write_json(args.out / "identify.json", result.document())
+    _plot(result, args.out / "plot.png")
+    if not args.quiet:
+        print(_summary(result, args.out), file=sys.stderr)
+    if args.json:
+        sys.stdout.write(to_json(result.document()))
+    return 0
+
+
+def _plot(result: Identification, path: Path) -> None:
+    import numpy as np
+
+    from energy_opt.plots import COLOURS, labelled, new_figure, save
+
+    figure, axes = new_figure(1, 1, width=7.0, height=4.2)
+    at = labelled(axes[0, 0], "|gravity torque|^2 [(N m)^2]", "static power [W]", f"{result.robot}: static poses")
+    load = np.array([p.load for p in result.poses])
+    at.plot(load, [p.power for p in result.poses], "o", color=COLOURS[0], label="poses")
+    ends = np.array([0.0, load.max() * 1.05])
+    at.plot(ends, np.full(2, result.standby), "--", color=COLOURS[5], label=f"Method 1: {result.standby:.2f} W")
+    if result.line is not None:
+        r, p0 = result.line["r_over_kt2"], result.line["standby"]
+        label = f"Method 2: {p0:.2f} W + {r:.4g} W/(N m)^2, R^2 = {result.line['r_squared']:.3f}"
+        at.plot(ends, p0 + r * ends, color=COLOURS[1], label=label)
+    at.legend(fontsize=8)
+    save(figure, path)
+
+
+def _summary(result: Identification, out: Path) -> str:
+    lines = [f"{len(result.poses)} poses", f"Method 1: overhead {result.standby:.2f} W"]
+    if result.line is not None:
+        ci = result.line["ci95"]
+        lines.append(
+            f"Method 2: overhead {result.line['standby']:.2f} W [{ci['standby'][0]:.2f}, {ci['standby'][1]:.2f}], "
+            f"R/Kt^2 {result.line['r_over_kt2']:.4g} W/(N m)^2 [{ci['r_over_kt2'][0]:.4g}, {ci['r_over_kt2'][1]:.4g}], "
+            f"R^2 = {result.line['r_squared']:.3f}"
+        )
+    if result.word:
+        lines.append(result.word)
+    lines.append(f"written: {out}")
+    return "\n".join(lines)
+
+
+def _suggest(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
+    from energy_opt.files import to_json, write_table
+    from energy_opt.identify import suggest
+    from energy_opt.measured import read_log
+    from energy_opt.measured.sets import robot_of
+
+    if robot is None:
+        if args.set is None:
+            raise BadInput("identify --suggest needs --robot, or a set whose log.toml names one")
+        robot = robot_of(read_log(args.set), args.limits)
+    found = suggest(robot, args.suggest, args.seed, mass)
+    path = args.out / "suggested_poses.csv"
+    header = [*(f"{joint}.position" for joint in robot.joints), "gravity_torque_squared"]
+    write_table(path, header, [*found.poses.T, found.load])
+    if not args.quiet:
+        print(
+            f"{path}: {args.suggest} poses, |gravity torque|^2 from {found.load.min():.4g} to {found.load.max():.4g} "
+            f"(N m)^2; r_over_kt2 to +-{found.width:.3g} W/(N m)^2 per watt of spread about the line",
+            file=sys.stderr,
+        )
+    if args.json:
+        sys.stdout.write(
+            to_json({"robot": robot.name, "joints": list(robot.joints), "poses": found.poses, "load": found.load})
+        )
+    return 0

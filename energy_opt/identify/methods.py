@@ -1,0 +1,169 @@
+"""Static power to overhead and copper loss.
+
+    Method 1   p = p0                          p0 the mean over poses
+    Method 2   p = p0 + r |g(q)|^2             ordinary least squares over poses, g the gravity torque
+
+Intervals are Student's, from the spread of the poses' mean powers about the line. Each pose counts once, however long
+it was held, since what separates poses from the line is not the meter's noise alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from energy_opt.effects import CopperLoss, Standby
+from energy_opt.errors import BadInput
+from energy_opt.measured import MeasuredSet
+from energy_opt.measured.segment import standstills
+from energy_opt.power import PowerModel
+from energy_opt.robot import PointMass, RigidBody
+
+FEWEST = 3  # poses that Method 2 needs for an interval
+SAME_POSE = 0.02  # [rad] poses nearer than this in every joint are one pose
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose held still: where, its mean power [W], its |gravity torque|^2 [(N m)^2], and how long [s]."""
+
+    file: str
+    position: np.ndarray
+    power: float
+    load: float
+    duration: float
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Results of both methods.
+
+    Attributes:
+        standby: overhead of Method 1, W; its 95 % interval `standby_ci95` (None for a single pose).
+        line: Method 2 as {standby, r_over_kt2, ci95, r_squared}, or None where the poses do not determine it.
+        word: why Method 2 is refused, or what to mind about it; empty where all is well.
+    """
+
+    robot: str
+    poses: tuple[Pose, ...]
+    standby: float
+    standby_ci95: tuple[float, float] | None
+    line: dict[str, Any] | None
+    word: str
+
+    def model_1(self) -> PowerModel:
+        """Method 1 as a model."""
+        return PowerModel(self.robot, (Standby(power=self.standby),))
+
+    def model_2(self) -> PowerModel | None:
+        """Method 2 as a model, or None where it was refused."""
+        if self.line is None:
+            return None
+        copper = CopperLoss(r_over_kt2=max(self.line["r_over_kt2"], 0.0))
+        return PowerModel(self.robot, (Standby(power=max(self.line["standby"], 0.0)), copper))
+
+    def document(self) -> dict[str, Any]:
+        """The content of identify.json."""
+        rows = [{"file": p.file, "power": p.power, "gravity_torque_squared": p.load} for p in self.poses]
+        return {
+            "robot": self.robot,
+            "method1": {"standby": self.standby, "ci95": self.standby_ci95},
+            "method2": self.line,
+            "remark": self.word,
+            "poses": rows,
+        }
+
+
+def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Pose]:
+    """The static poses of a set; standstills within motion runs where it has no static run."""
+    body = measured.robot.body
+    static = [r for r in measured.runs if r.kind == "static"]
+    out = []
+    for run in static:
+        out.append(_pose(body, run.file, run.position, run.power, float(run.time[-1] - run.time[0]), payload))
+    if static:
+        return out
+    for run in measured.runs:
+        for first, last in standstills(run.time, run.position):
+            inside = (run.power_time >= run.time[first]) & (run.power_time <= run.time[last])
+            if inside.sum() >= 5:
+                held = float(run.time[last] - run.time[first])
+                rows = run.position[first : last + 1]
+                out.append(_pose(body, run.file, rows, run.power[inside], held, payload))
+    return out
+
+
+def _pose(
+    body: RigidBody, file: str, position: np.ndarray, power: np.ndarray, held: float, payload: PointMass | None
+) -> Pose:
+    q = position.mean(axis=0)
+    rest = np.zeros((1, body.n))
+    torque = body.torque(q[None], rest, rest, payload)[0]
+    return Pose(file, q, float(power.mean()), float(torque @ torque), held)
+
+
+def identify(robot: str, poses: Sequence[Pose]) -> Identification:
+    """Both methods on static poses.
+
+    Raises:
+        BadInput: there is no pose at all.
+    """
+    if not poses:
+        raise BadInput('no static pose: the set needs runs of kind = "static", or motion runs that pause')
+    from scipy.stats import t as student
+
+    power, load = np.array([p.power for p in poses]), np.array([p.load for p in poses])
+    count = len(poses)
+    mean = float(power.mean())
+    interval = None
+    if count > 1:
+        half = float(student.ppf(0.975, count - 1) * power.std(ddof=1) / np.sqrt(count))
+        interval = (mean - half, mean + half)
+    distinct = _distinct(np.array([p.position for p in poses]))
+    if distinct < FEWEST:
+        word = f"Method 2 refused: {distinct} different pose(s); a line with an interval needs {FEWEST} or more"
+        return Identification(robot, tuple(poses), mean, interval, None, word)
+    spread = float(np.std(load))
+    if spread <= 1e-6 * max(float(load.mean()), 1e-12) or spread < 1e-3:
+        word = "Method 2 refused: the poses' gravity torques are all alike, so r_over_kt2 cannot be told from overhead"
+        return Identification(robot, tuple(poses), mean, interval, None, word)
+    matrix = np.column_stack([np.ones(count), load])
+    (standby, r), *_ = np.linalg.lstsq(matrix, power, rcond=None)
+    left = power - matrix @ [standby, r]
+    variance = float(left @ left) / (count - 2)
+    deviation = np.sqrt(variance * np.diag(np.linalg.inv(matrix.T @ matrix)))
+    half = student.ppf(0.975, count - 2) * deviation
+    total = float(np.sum((power - mean) ** 2))
+    low, high = float(r - half[1]), float(r + half[1])
+    if high <= 0:
+        word = f"Method 2 refused: power falls with gravity torque (r_over_kt2 in [{low:.3g}, {high:.3g}])"
+        return Identification(robot, tuple(poses), mean, interval, None, word)
+    if low <= 0:
+        word = (
+            f"Method 2 refused: the poses do not vary enough: r_over_kt2 lies in [{low:.3g}, {high:.3g}] W/(N m)^2, "
+            "which holds 0; `energy-opt identify --suggest N` proposes poses that tell more"
+        )
+        return Identification(robot, tuple(poses), mean, interval, None, word)
+    line = {
+        "standby": float(standby),
+        "r_over_kt2": float(r),
+        "ci95": {
+            "standby": [float(standby - half[0]), float(standby + half[0])],
+            "r_over_kt2": [low, high],
+        },
+        "r_squared": 1 - float(left @ left) / total if total > 0 else 0.0,
+    }
+    word = "" if half[1] < 0.5 * r else f"r_over_kt2 is known to {100 * half[1] / r:.0f} % only: the poses vary little"
+    return Identification(robot, tuple(poses), mean, interval, line, word)
+
+
+def _distinct(positions: np.ndarray) -> int:
+    """How many poses differ by more than `SAME_POSE` in some joint from all before them."""
+    kept: list[np.ndarray] = []
+    for q in positions:
+        if all(np.abs(q - other).max() > SAME_POSE for other in kept):
+            kept.append(q)
+    return len(kept)

@@ -1,0 +1,68 @@
+"""Static poses that would determine Method 2 best: within limits, and as far apart in gravity torque as can be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.robot import PointMass, Robot
+
+DRAWN = 4000
+MARGIN = 0.05  # of a joint's range kept from its limits
+SPAN = np.pi  # [rad] taken for joints without limits
+SHARE = 0.9  # of the effort limit that holding a pose may take
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """Poses (N, n) rad, their |gravity torque|^2 (N,) (N m)^2, and what they are worth.
+
+    `width` is the 95 % half-width of r_over_kt2 [W/(N m)^2] to expect per watt of spread about the line.
+    """
+
+    poses: np.ndarray
+    load: np.ndarray
+    width: float
+
+
+def suggest(robot: Robot, count: int, seed: int = 0, payload: PointMass | None = None) -> Suggestion:
+    """Choose `count` poses that maximise det(X^T X), X = [1, |g|^2], and differ from each other.
+
+    For a line that determinant is largest with half of the poses at either end of |g|^2. Among poses of nearly the same
+    load the ones farthest from those already chosen are taken.
+
+    Raises:
+        BadInput: fewer than 3 poses are asked for.
+    """
+    if count < 3:
+        raise BadInput(f"--suggest {count}: a line with an interval needs 3 poses or more")
+    rng = np.random.default_rng(seed)
+    limits = robot.limits
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    lower, upper = np.where(bounded, limits.lower, -SPAN), np.where(bounded, limits.upper, SPAN)
+    room = MARGIN * (upper - lower)
+    drawn = rng.uniform(lower + room, upper - room, (DRAWN, robot.n))
+    rest = np.zeros_like(drawn)
+    torque = robot.body.torque(drawn, rest, rest, payload)
+    can = (np.abs(torque) <= SHARE * limits.effort).all(axis=1)
+    drawn, load = drawn[can], np.sum(torque[can] ** 2, axis=1)
+    if len(drawn) < count:
+        raise BadInput("the arm can hold hardly any pose within its effort limits; are limits and payload right?")
+    order = np.argsort(load)
+    band = max(count, len(order) // 50)
+    low, high = order[:band], order[-band:]
+    chosen: list[int] = [int(order[-1]), int(order[0])]
+    for k in range(2, count):
+        pool = high if k % 2 == 0 else low
+        apart = np.min(np.abs(drawn[pool][:, None] - drawn[chosen][None]).max(axis=2), axis=1)
+        chosen.append(int(pool[int(np.argmax(apart))]))
+    return Suggestion(drawn[chosen], load[chosen], _width(load[chosen]))
+
+
+def _width(load: np.ndarray) -> float:
+    from scipy.stats import t as student
+
+    count = len(load)
+    return float(student.ppf(0.975, max(count - 2, 1)) / np.sqrt(np.sum((load - load.mean()) ** 2)))

@@ -56,10 +56,7 @@ def overlay(limits: Limits, joints: Sequence[str], path: Path) -> Limits:
     Raises:
         BadInput: the file is malformed, or none of the joints it names is the robot's.
     """
-    document = read_yaml(path)
-    table = document.get("joint_limits") if isinstance(document, dict) else None
-    if not isinstance(table, dict) or not table:
-        raise BadInput(f"{path}: no joint_limits table; expected MoveIt's joint_limits.yaml")
+    table = _table(path)
     if not set(table) & set(joints):
         raise BadInput(f"{path}: names {', '.join(map(str, table))}; the robot's joints are {', '.join(joints)}")
     arrays = {field.name: getattr(limits, field.name).copy() for field in dataclasses.fields(Limits)}
@@ -88,6 +85,19 @@ def overlay(limits: Limits, joints: Sequence[str], path: Path) -> Limits:
                 else:
                     arrays[kind][j] = np.inf
     return Limits(**arrays)
+
+
+def _table(path: Path) -> dict[str, Any]:
+    document = read_yaml(path)
+    table = document.get("joint_limits") if isinstance(document, dict) else None
+    if not isinstance(table, dict) or not table:
+        raise BadInput(f"{path}: no joint_limits table; expected MoveIt's joint_limits.yaml")
+    return table
+
+
+def names_in(path: Path) -> list[str]:
+    """The joints that a limits file names."""
+    return [str(name) for name in _table(path)]
 
 
 def _number(row: dict[str, Any], key: str, where: str) -> float | None:

@@ -1,0 +1,138 @@
+"""`energy-opt check`: is this log, trajectory, model, limits file, suite or URDF usable; every fault is named."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from energy_opt.errors import BadInput, EnergyOptError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE_OR_DIR", help="what to check")
+    parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot whose joints and limits are meant")
+    parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="model for the torque of a trajectory")
+    parser.add_argument("--json", action="store_true", help="faults as one JSON document on stdout")
+    parser.add_argument("--quiet", action="store_true", help="say nothing where nothing is wrong")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; 0 where all is usable, 2 where not."""
+    from energy_opt.files import to_json
+
+    faults: dict[str, list[str]] = {}
+    for file in args.files:
+        try:
+            faults[str(file)] = _faults(file, args)
+        except EnergyOptError as error:
+            faults[str(file)] = str(error).splitlines()
+    bad = any(faults.values())
+    if args.json:
+        rows = [{"file": name, "usable": not found, "faults": found} for name, found in faults.items()]
+        sys.stdout.write(to_json({"usable": not bad, "files": rows}))
+    for name, found in faults.items():
+        for fault in found:
+            print(f"energy-opt: {fault}", file=sys.stderr)
+        if not found and not args.quiet and not args.json:
+            print(f"{name}: usable")
+    return 2 if bad else 0
+
+
+def _faults(file: Path, args: argparse.Namespace) -> list[str]:
+    if file.is_dir() or file.name == "log.toml":
+        from energy_opt.measured import check_set
+
+        return check_set(file if file.is_dir() else file.parent)
+    if not file.is_file():
+        return [f"{file}: no such file or folder"]
+    if file.suffix == ".toml":
+        return _toml(file, args)
+    if file.suffix in (".yaml", ".yml"):
+        return _limits(file, args)
+    if file.suffix in (".urdf", ".xml"):
+        from energy_opt.robot import load_robot
+
+        load_robot(str(file))
+        return []
+    if file.suffix == ".csv":
+        return _trajectory(file, args)
+    return [f"{file}: unknown kind of file; expected a set's folder, .toml, .csv, .yaml or .urdf"]
+
+
+def _toml(file: Path, args: argparse.Namespace) -> list[str]:
+    from energy_opt.files import read_toml
+
+    document = read_toml(file)
+    kind = str(document.get("format", ""))
+    if kind.startswith("energy-opt/model/"):
+        from energy_opt.power.model import model_from_document
+        from energy_opt.robot import known_robots, load_robot
+
+        model = model_from_document(document, str(file))
+        name = args.robot or (model.robot if model.robot in known_robots() else None)
+        if name is not None:
+            try:
+                model.check(load_robot(name).n)
+            except BadInput as error:
+                return [f"{file}: {error}"]
+        return []
+    if kind.startswith("energy-opt/log/"):
+        from energy_opt.measured import check_set
+
+        return check_set(file.parent)
+    from energy_opt.bench.suite import check_suite
+
+    return check_suite(file)
+
+
+def _limits(file: Path, args: argparse.Namespace) -> list[str]:
+    from energy_opt.robot import known_robots, load_robot
+    from energy_opt.robot.limits import names_in
+
+    names = names_in(file)
+    candidates = [args.robot] if args.robot else list(known_robots())
+    for name in candidates:
+        if set(load_robot(name).joints) & set(names):
+            load_robot(name, limits=file)
+            return []
+    return [f"{file}: names {', '.join(names)}, which are joints of none of {', '.join(candidates)} (say --robot)"]
+
+
+def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
+    """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
+    from energy_opt.cli.common import say
+    from energy_opt.files import read_table
+    from energy_opt.motion import read_trajectory
+    from energy_opt.motion.certificate import certify
+    from energy_opt.motion.path import read_path
+    from energy_opt.motion.score import Scorer
+    from energy_opt.power import load_model, source_method_2
+    from energy_opt.robot import known_robots, load_robot
+
+    table = read_table(file)
+    columns = [name for name in table if "." in name]
+    joints = {name.rsplit(".", 1)[0] for name in columns if name.endswith(".position")}
+    if args.robot is None:
+        matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
+        if not matching:
+            return [f"{file}: row 1: columns {', '.join(table)} fit no robot by name; say which with --robot"]
+        robot = load_robot(matching[0], limits=args.limits)
+        say(args, f"{file}: taken for a {robot.name} (say --robot to change it)")
+    else:
+        robot = load_robot(args.robot, limits=args.limits)
+    if "time" not in table:
+        read_path(file, robot.joints)
+        return []
+    trajectory = read_trajectory(file, robot.joints)
+    model = load_model(args.model) if args.model else source_method_2(robot.name)
+    certificate = certify(trajectory, Scorer(robot, model), robot.limits)
+    worst = certificate.worst
+    if certificate.valid:
+        return []
+    return [
+        f"{file}: {worst['limit']} of {worst['joint']} is {worst['value']:.6g} at {worst['time']:.4g} s, beyond its "
+        f"bound {worst['bound']:.6g} by {certificate.violation:.2e}"
+    ]

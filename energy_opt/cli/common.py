@@ -1,0 +1,174 @@
+"""What several verbs share: options, and how words of the command line become robots, models and moves."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from energy_opt.errors import BadInput
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from energy_opt.effects import Effect
+    from energy_opt.motion import Move, Settings
+    from energy_opt.power import PowerModel
+    from energy_opt.robot import Robot
+
+
+def add_common(parser: argparse.ArgumentParser, out: str) -> None:
+    """Options of every verb that plans."""
+    group = parser.add_argument_group("robot and model")
+    group.add_argument("--robot", required=True, metavar="NAME_OR_URDF", help="a name (see `energy-opt robots`) or a URDF")
+    group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
+    group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m]")
+    group.add_argument("--model", type=Path, metavar="MODEL.toml", help="power model (default: the source paper's)")
+    group.add_argument("--dynamics", default="auto", metavar="SOURCE", help="auto, compact, templates or pinocchio")
+    add_output(parser, out)
+
+
+def add_output(parser: argparse.ArgumentParser, out: str) -> None:
+    """Where results go and what is said."""
+    group = parser.add_argument_group("output")
+    group.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help=f"folder of results (default: {out})")
+    group.add_argument("--json", action="store_true", help="the result as one JSON document on stdout")
+    group.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random choices (0)")
+    group.add_argument("--quiet", action="store_true", help="no progress and no messages")
+
+
+def add_move(parser: argparse.ArgumentParser) -> None:
+    """Options that say which move, shared by optimize and tradeoff."""
+    group = parser.add_argument_group("move")
+    group.add_argument("--start", metavar="Q", help="comma-separated joint positions [rad], or name=value pairs")
+    group.add_argument("--goal", metavar="Q", help="the same, for the end")
+    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints or a trajectory (CSV) instead")
+    group.add_argument("--via", action="append", default=[], metavar="Q", help="a point to pass (reshape; repeatable)")
+    group.add_argument("--mode", default="reshape", metavar="MODE", help="reshape (default) or retime")
+    group = parser.add_argument_group("solving")
+    group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt")
+    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping")
+    group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move")
+    group.add_argument("--end-acceleration", default="zero", metavar="KIND", help="zero (default) or free (reshape)")
+    group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never")
+    group.add_argument("--objective", default="energy", metavar="NAME", help="energy, torque, power_squared, path_length, time")
+    group.add_argument("--verify-samples", type=int, metavar="N", help="samples of the certificate (default: 10 a row)")
+
+
+def say(args: argparse.Namespace, text: str) -> None:
+    """A message on stderr, unless --quiet."""
+    if not args.quiet:
+        print(text, file=sys.stderr)
+
+
+def load_robot_of(args: argparse.Namespace) -> Robot:
+    """The robot that --robot, --limits and --lock describe."""
+    from energy_opt.robot import load_robot
+
+    lock = {}
+    for word in args.lock:
+        name, _, value = word.partition("=")
+        lock[name] = _number(value, f"--lock {word}", "JOINT=VALUE")
+    return load_robot(args.robot, limits=args.limits, lock=lock)
+
+
+def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
+    """The model that --model and --payload describe; the source paper's Method 2 by default."""
+    from energy_opt.power import load_model, source_method_2
+
+    model = source_method_2(robot.name) if args.model is None else load_model(args.model)
+    if args.payload is not None:
+        model = model.replaced(payload_from(args.payload))
+    model.check(robot.n)
+    return model
+
+
+def payload_from(word: str) -> Effect:
+    """A payload from MASS or MASS,CX,CY,CZ."""
+    from energy_opt.effects import Payload
+
+    numbers = [_number(part, f"--payload {word}", "MASS or MASS,CX,CY,CZ") for part in word.split(",")]
+    if len(numbers) not in (1, 4):
+        raise BadInput(f"--payload {word}: {len(numbers)} numbers; expected MASS or MASS,CX,CY,CZ")
+    return Payload(mass=numbers[0], com=numbers[1:] or [0.0, 0.0, 0.0])
+
+
+def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
+    """Joint positions (n,) from `0.1,0.2,…` or `name=value,…` in any order."""
+    import numpy as np
+
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if any("=" in part for part in parts):
+        given: dict[str, float] = {}
+        for part in parts:
+            name, _, value = part.partition("=")
+            if name.strip() not in joints:
+                raise BadInput(f"{option}: unknown joint {name.strip()!r}; joints are {', '.join(joints)}")
+            if name.strip() in given:
+                raise BadInput(f"{option}: joint {name.strip()} stands there twice")
+            given[name.strip()] = _number(value, f"{option} {part}", "name=value")
+        missing = [joint for joint in joints if joint not in given]
+        if missing:
+            raise BadInput(f"{option}: no value for {', '.join(missing)}")
+        return np.array([given[joint] for joint in joints])
+    if len(parts) != len(joints):
+        raise BadInput(f"{option}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
+    return np.array([_number(part, f"{option} {text}", "numbers [rad]") for part in parts])
+
+
+def _number(word: str, where: str, expected: str) -> float:
+    import math
+
+    try:
+        value = float(word)
+    except ValueError:
+        raise BadInput(f"{where}: {word!r} is not a number; expected {expected}") from None
+    if not math.isfinite(value):
+        raise BadInput(f"{where}: {word!r} is not finite; expected {expected}")
+    return value
+
+
+def move_of(args: argparse.Namespace, robot: Robot, duration: float | None = None, longest: float | None = None) -> Move:
+    """The move that --start, --goal, --path, --via and --mode describe."""
+    from energy_opt.motion import Move
+    from energy_opt.motion.path import read_path
+
+    path = None
+    if args.path is not None:
+        if args.start is not None or args.goal is not None:
+            raise BadInput("--path says where the move begins and ends; give it, or --start and --goal")
+        path = read_path(args.path, robot.joints)
+        start, goal = path.start, path.goal
+    else:
+        for option in ("start", "goal"):
+            if getattr(args, option) is None:
+                raise BadInput(f"--{option} is missing; give --start and --goal, or --path")
+        start = joint_vector(args.start, robot.joints, "--start")
+        goal = joint_vector(args.goal, robot.joints, "--goal")
+    via = tuple(joint_vector(word, robot.joints, "--via") for word in args.via)
+    move = Move(start, goal, args.mode, duration, longest, path, via)
+    if path is not None and path.source is not None:
+        source = path.source
+        move = replace(move, start=source.position[0], goal=source.position[-1], input=source)
+    return move
+
+
+def settings_of(args: argparse.Namespace) -> Settings:
+    """How to solve, as the options say."""
+    from energy_opt.motion import Settings
+
+    given = {"starts": args.starts, "controls": args.controls}
+    return Settings(
+        **{key: value for key, value in given.items() if value is not None},
+        seed=args.seed,
+        compile=args.compile,
+        objective=args.objective,
+        solver=args.solver,
+        dynamics=args.dynamics,
+        verify_samples=args.verify_samples,
+        end_acceleration=args.end_acceleration,
+    )

@@ -1,0 +1,77 @@
+"""`energy-opt`: finds the verb, and turns what goes wrong into one line and an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from energy_opt import __version__
+from energy_opt.errors import BadInput, EnergyOptError
+
+VERBS = {
+    "optimize": "one move to minimum energy",
+    "tradeoff": "energy against duration for one move",
+    "bench": "a batch of moves, in parallel, resumable, with a report",
+    "identify": "the source paper's two methods from static poses",
+    "diagnose": "which effect a power model lacks, from measured data",
+    "simulate": "play trajectories on a virtual arm and write a measured set",
+    "check": "is this log, trajectory, model or suite usable",
+    "robots": "the robots known by name, with joints and limits",
+}
+VECTORS = ("--start", "--goal", "--via", "--suggest-from")
+
+
+class _Parser(argparse.ArgumentParser):
+    """Errors become one line with exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        raise BadInput(f"{message} (see {self.prog} --help)")
+
+
+def joined_vectors(arguments: Sequence[str]) -> list[str]:
+    """`--start -1,0` as `--start=-1,0`: argparse would take a negative vector for an option.
+
+    >>> joined_vectors(["optimize", "--start", "-1,0", "--goal", "1,0"])
+    ['optimize', '--start=-1,0', '--goal', '1,0']
+    """
+    out: list[str] = []
+    for word in arguments:
+        if out and out[-1] in VECTORS and word[:1] == "-" and word[1:2] in ".0123456789":
+            out[-1] = f"{out[-1]}={word}"
+        else:
+            out.append(word)
+    return out
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    words = joined_vectors(sys.argv[1:] if arguments is None else arguments)
+    parser = _Parser(prog="energy-opt", description="Robot arms that use less energy.")
+    parser.add_argument("--version", action="version", version=f"energy-opt {__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
+    for verb, text in VERBS.items():
+        sub = verbs.add_parser(verb, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
+        if verb in words:  # only the verb that is run is imported
+            importlib.import_module(f"energy_opt.cli.{verb}").add_arguments(sub)
+    try:
+        args = parser.parse_args(words)
+        if args.verb is None:
+            parser.print_help(sys.stderr)
+            return 2
+        code = importlib.import_module(f"energy_opt.cli.{args.verb}").run(args)
+        sys.stdout.flush()
+        return int(code)
+    except EnergyOptError as error:
+        for line in str(error).splitlines():
+            print(f"energy-opt: {line}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("energy-opt: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1

@@ -1,0 +1,51 @@
+"""`energy-opt robots`: the robots known by name, with joints and limits."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("names", nargs="*", metavar="NAME_OR_URDF", help="only these (default: all known by name)")
+    parser.add_argument("--json", action="store_true", help="as one JSON document on stdout")
+    parser.add_argument("--quiet", action="store_true", help="no warnings")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; returns the exit code."""
+    from energy_opt.files import to_json
+    from energy_opt.robot import known_robots, load_robot
+
+    robots = [load_robot(name) for name in (args.names or known_robots())]
+    if args.json:
+        kinds = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+        rows = [
+            {
+                "name": r.name,
+                "urdf": r.urdf.name,
+                "locked": r.locked,
+                "warnings": r.warnings,
+                "joints": [
+                    {"name": joint, **{kind: getattr(r.limits, kind)[j] for kind in kinds}}
+                    for j, joint in enumerate(r.joints)
+                ],
+            }
+            for r in robots
+        ]
+        sys.stdout.write(to_json({"robots": rows}))
+        return 0
+    for r in robots:
+        print(f"{r.name}  ({r.n} joints, {r.urdf.name})")
+        print(f"  {'joint':<24}{'position [rad]':>20}{'velocity':>10}{'accel.':>9}{'jerk':>9}{'effort':>9}")
+        for j, joint in enumerate(r.joints):
+            m = r.limits
+            span = f"{m.lower[j]:.4g} … {m.upper[j]:.4g}"
+            print(
+                f"  {joint:<24}{span:>20}{m.velocity[j]:>10.4g}{m.acceleration[j]:>9.4g}{m.jerk[j]:>9.4g}{m.effort[j]:>9.4g}"
+            )
+        if not args.quiet:
+            for warning in r.warnings:
+                print(f"  warning: {warning}", file=sys.stderr)
+    return 0

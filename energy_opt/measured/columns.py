@@ -49,7 +49,9 @@ def rule_from(quantity: str, value: Any, where: str) -> Rule:
     if isinstance(value, str):
         return Rule((value,))
     if not isinstance(value, dict):
-        raise BadInput(f'{where}: columns.{quantity} = {value!r}; expected a header or {{ column = "...", unit = "..." }}')
+        raise BadInput(
+            f'{where}: columns.{quantity} = {value!r}; expected a header or {{ column = "...", unit = "..." }}'
+        )
     unknown = sorted(set(value) - {"column", "product", "unit"})
     if unknown:
         raise BadInput(f"{where}: columns.{quantity}: unknown key {unknown[0]!r}; expected column, product, unit")
@@ -85,6 +87,9 @@ def ur_rtde(joints: Sequence[str]) -> dict[str, Rule]:
 
 
 PRESETS = {"ur_rtde": ur_rtde}
+
+# Columns in which a recorder states the payload that the arm was told of: mass [kg], centre of mass [m].
+PAYLOAD = {"ur_rtde": ("payload", "payload_cog_0", "payload_cog_1", "payload_cog_2")}
 
 
 def build_rules(joints: Sequence[str], preset: str | None, given: Mapping[str, Rule]) -> dict[str, Rule]:

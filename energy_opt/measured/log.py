@@ -92,7 +92,9 @@ def _entry(row: Any, where: str) -> RunEntry:
     if kind not in KINDS:
         raise BadInput(f"{where}: kind = {kind!r}; expected one of {', '.join(KINDS)}")
     start = row.get("start")
-    if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float)) or not math.isfinite(start)):
+    if start is not None and (
+        isinstance(start, bool) or not isinstance(start, (int, float)) or not math.isfinite(start)
+    ):
         raise BadInput(f"{where}: start = {start!r}; expected a time, s")
     return RunEntry(row["file"], kind, None if start is None else float(start), row.get("power_file"))
 
@@ -138,4 +140,6 @@ def _missing(folder: Path) -> str:
     lines = [f'format = "{FORMAT}"', f'robot = "{robot}"', "[[run]]", f'file = "{tables[0]}"', 'kind = "motion"']
     if rtde:
         lines += ["[columns]", 'preset = "ur_rtde"', "[segment]", 'at = "standstill"']
-    return f"{folder}: no {NAME}; write one there that says, line by line: {' | '.join(lines)} (robot: the arm's own name)"
+    return (
+        f"{folder}: no {NAME}; write one there that says, line by line: {' | '.join(lines)} (robot: the arm's own name)"
+    )

@@ -41,7 +41,7 @@ def cut_at_standstill(run: Run) -> list[Run]:
         else:
             cuts.append((first + last) // 2)
     cuts = sorted({*cuts, len(run.time) - 1})
-    pieces = []
+    pieces: list[Run] = []
     for first, last in zip(cuts[:-1], cuts[1:], strict=True):
         if last - first >= 8:
             pieces.append(_piece(run, first, last, len(pieces) + 1))

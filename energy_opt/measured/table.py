@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import math
 from collections.abc import Iterable
@@ -47,10 +48,8 @@ class Table:
         bad = 0
         for k, (number, row) in enumerate(self.rows):
             cell = row[at] if at < len(row) else ""
-            try:
+            with contextlib.suppress(ValueError):
                 out[k] = float(cell)
-            except ValueError:
-                pass
             if not math.isfinite(out[k]):
                 bad += 1
                 if bad <= MAX_FAULTS:

@@ -35,7 +35,8 @@ def cache_folder() -> Path:
 
 def compiler() -> str | None:
     """The C compiler: $CC, else cc, gcc or clang; None where there is none."""
-    return next((path for name in (os.environ.get("CC"), "cc", "gcc", "clang") if name and (path := shutil.which(name))), None)
+    names = [name for name in (os.environ.get("CC"), "cc", "gcc", "clang") if name]
+    return next((path for name in names if (path := shutil.which(name))), None)
 
 
 def _source(functions: Sequence[ca.Function]) -> str:
@@ -67,7 +68,7 @@ def _build_in_background(source: str, cc: str, library: Path) -> None:
     if code.exists():  # somebody builds it already, or it failed before
         return
     code.write_text(source)
-    script = "import sys; from pathlib import Path; from energy_opt.motion.compile import build_file; build_file(*map(Path, sys.argv[1:]))"
+    script = "import sys; from energy_opt.motion.compile import build_file; build_file(*sys.argv[1:])"
     subprocess.Popen(
         [sys.executable, "-c", script, str(code), cc, str(library)],
         stdin=subprocess.DEVNULL,
@@ -77,13 +78,15 @@ def _build_in_background(source: str, cc: str, library: Path) -> None:
     )
 
 
-def build_file(code: Path, cc: Path, library: Path) -> None:
+def build_file(code: str, cc: str, library: str) -> None:
     """Build a source file that was left in the cache; the source goes when the library is there."""
-    _build(code.read_text(), str(cc), library)
-    code.unlink(missing_ok=True)
+    _build(Path(code).read_text(), cc, Path(library))
+    Path(code).unlink(missing_ok=True)
 
 
-def compiled(functions: Sequence[ca.Function], policy: str = "auto", batch: bool = False) -> tuple[list[ca.Function], bool]:
+def compiled(
+    functions: Sequence[ca.Function], policy: str = "auto", batch: bool = False
+) -> tuple[list[ca.Function], bool]:
     """The functions, compiled where the policy and the machine allow; and whether they are.
 
     Args:

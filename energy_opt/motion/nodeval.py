@@ -15,7 +15,7 @@ class Batch:
         self._out = [np.zeros((count, function.nnz_out(i))) for i in range(function.n_out())]
         self._buffer, self._trigger = self._function.buffer()
         for i, out in enumerate(self._out):
-            self._buffer.set_res(i, memoryview(out))
+            self._buffer.set_res(i, out.data)
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
         """The results; each call overwrites those of the call before."""
@@ -23,6 +23,6 @@ class Batch:
         for i, (value, shape) in enumerate(zip(arguments, self._in, strict=True)):
             array = np.ascontiguousarray(np.broadcast_to(value, shape), dtype=float)
             kept.append(array)
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, array.data)
         self._trigger()
         return self._out

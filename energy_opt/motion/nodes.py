@@ -39,9 +39,7 @@ class NodeFunctions:
         return [self.cost, self.torque, self.curvature, self.value]
 
 
-def symbolic_torque(
-    model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str
-) -> ca.SX:
+def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str) -> ca.SX:
     """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`."""
     gravity, mass, com = ca.SX(ca.DM(body.gravity)), ca.SX(0), ca.SX.zeros(3)
     for effect, where in zip(model.effects, model.slices(body.n), strict=True):
@@ -75,8 +73,8 @@ def node_functions(
 ) -> NodeFunctions:
     """Build the node functions of a model's structure on a robot; values enter as parameters.
 
-    Objectives: "energy" (J, less the work that only the ends decide), and what others minimise: "torque" (integral of |tau_m|^2), "power_squared" (integral of
-    sum (tau_m v)^2), "path_length" (integral of |q'|^2 over u), "time" (T).
+    Objectives: "energy" (J, less the work that only the ends decide), and what others minimise: "torque" (integral of
+    |tau_m|^2), "power_squared" (integral of sum (tau_m v)^2), "path_length" (integral of |q'|^2 over u), "time" (T).
     """
     if objective not in OBJECTIVES:
         raise BadInput(f"objective {objective!r}; expected one of {', '.join(OBJECTIVES)}")

@@ -17,7 +17,7 @@ from energy_opt.files import to_json
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.power import source_method_2
 from energy_opt.robot import load_robot
-from energy_opt.tradeoff import planners, trace
+from energy_opt.tradeoff import trace
 
 MUST = 6.0
 COLD = 3  # cold solves, of which the median counts
@@ -35,7 +35,7 @@ def main() -> int:
         Planner(robot, model, Settings(compile="never")).solve(Move(START, GOAL, mode="reshape", duration=2.0))
         times.append(time.perf_counter() - begin)
     begin = time.perf_counter()
-    front = trace(*planners(robot, model, Settings(compile="never"), move.mode), move)
+    front = trace(Planner(robot, model, Settings(compile="never")), move)
     spent = time.perf_counter() - begin
     cold = float(np.median(times))
     solved = sum(point.status == "solved" for point in front.points)

@@ -11,6 +11,7 @@ import pytest
 
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion import Settings
 from energy_opt.motion.score import Energy
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
@@ -27,6 +28,7 @@ class KnownMove:
 
     duration: float | None = None
     max_duration: float | None = None
+    mode: str = "retime"
 
 
 def law(branch: int, duration: float) -> float:
@@ -39,6 +41,7 @@ class TwoOptima:
 
     def __init__(self):
         self.solves = 0
+        self.settings = Settings()
 
     def minimum_time(self, move):
         return FASTEST
@@ -60,20 +63,20 @@ class TwoOptima:
 
 def test_better_optima_spread_both_ways():
     durations = np.linspace(1.0, 5.0, 33)
-    front = trace(TwoOptima(), None, KnownMove(), durations=durations)
+    front = trace(TwoOptima(), KnownMove(), durations=durations)
     best = [min(law(0, d), law(1, d)) for d in durations]
     assert [p.total for p in front.points] == pytest.approx(best, rel=1e-12)
     assert front.fastest.duration == FASTEST
 
 
 def test_minimum_is_not_read_off_the_grid():
-    front = trace(TwoOptima(), None, KnownMove(), durations=[1.0, 2.0, 5.0])
+    front = trace(TwoOptima(), KnownMove(), durations=[1.0, 2.0, 5.0])
     assert min(abs(front.minimum.duration - d) for d in (1.0, 2.0, 5.0)) > 0.05
     assert front.minimum.total <= min(p.total for p in front.points)
 
 
 def test_too_short_durations_are_marked_with_a_reason():
-    front = trace(TwoOptima(), None, KnownMove(), durations=[0.5, 0.9, 1.5])
+    front = trace(TwoOptima(), KnownMove(), durations=[0.5, 0.9, 1.5])
     assert [p.status for p in front.points] == ["infeasible", "infeasible", "solved"]
     assert "shorter than the fastest move, 1 s" in front.points[0].reason
     rows = table(front).splitlines()
@@ -88,7 +91,7 @@ def test_interrupted_front_keeps_what_is_there():
                 raise KeyboardInterrupt
             return super().solve(move, warm)
 
-    front = trace(Interrupted(), None, KnownMove(), durations=np.linspace(1, 5, 9))
+    front = trace(Interrupted(), KnownMove(), durations=np.linspace(1, 5, 9))
     assert front.interrupted
     assert sum(p.status == "solved" for p in front.points) == 5
     assert front.minimum is not None
@@ -125,22 +128,22 @@ def test_cycle_weighs_the_wait_against_a_slower_move(panda):
     """With the arm's own standby waiting is as dear as moving, so slow is best; with none, the free optimum is."""
     model = PowerModel("panda", (Standby(power=10.0), CopperLoss(r_over_kt2=0.0)))
     durations = np.linspace(1, 3, 9)
-    dear = trace(TwoOptima(), None, KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0))
+    dear = trace(TwoOptima(), KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0))
     assert dear.cycle_minimum.duration == pytest.approx(3.0, abs=0.02)
-    cheap = trace(TwoOptima(), None, KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0, 0.0))
+    cheap = trace(TwoOptima(), KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0, 0.0))
     assert cheap.cycle_minimum.duration == pytest.approx(cheap.minimum.duration, rel=2e-3)
     wide = np.linspace(1, 5, 17)
-    half = trace(TwoOptima(), None, KnownMove(), durations=wide, cycle=Cycle(panda, model, GOAL, 3.0, 6.0))
+    half = trace(TwoOptima(), KnownMove(), durations=wide, cycle=Cycle(panda, model, GOAL, 3.0, 6.0))
     fine = np.linspace(1, 3, 4001)
     costs = [min(law(0, d), law(1, d)) + 6 * (3 - d) for d in fine]
     assert half.cycle_minimum.cycle_total == pytest.approx(min(costs), rel=1e-4)
     with pytest.raises(Infeasible, match="shorter than the fastest"):
-        trace(TwoOptima(), None, KnownMove(), cycle=Cycle(panda, model, GOAL, 0.8))
+        trace(TwoOptima(), KnownMove(), cycle=Cycle(panda, model, GOAL, 0.8))
 
 
 def test_files(tmp_path, panda):
     cycle = Cycle(panda, source_method_2(), GOAL, 4.0)
-    front = trace(TwoOptima(), None, KnownMove(), durations=[0.5, 1, 2, 3, 4], cycle=cycle)
+    front = trace(TwoOptima(), KnownMove(), durations=[0.5, 1, 2, 3, 4], cycle=cycle)
     found = document(front, robot="panda", joints=panda.joints, mode="retime", cycle=cycle)
     write(tmp_path, front, found)
     read = json.loads((tmp_path / "tradeoff.json").read_text())

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from energy_opt.bench.task import MODES, OBJECTIVES, RobotSource, Timing
 from energy_opt.errors import BadInput
@@ -58,7 +58,7 @@ class Group:
     robots: list[tuple[RobotSource, Robot]]
     moves: list[tuple[str, Mapping[str, Any], list[Timing]]]
     random: list[tuple[int, int, float]]
-    modes: list[str]
+    modes: list[Literal["retime", "reshape"]]
     timings: list[Timing]
     payloads: list[tuple[float, ...]]
     models: list[tuple[str, PowerModel]]
@@ -80,7 +80,7 @@ def read_group(table: Mapping[str, Any], folder: Path, faults: Faults) -> Group:
         robots=[r for item in values["robots"] if (r := _robot(item, limits, lock, folder, faults))],
         moves=_moves(table.get("moves", []), faults),
         random=_random(table.get("random", []), faults),
-        modes=_words(values["modes"], "modes", MODES, faults),
+        modes=[mode for mode in MODES if mode in _words(values["modes"], "modes", MODES, faults)],
         timings=_timings(values["durations"], "durations", faults),
         payloads=[p for item in values["payloads"] if (p := _payload(item, faults)) is not None] or [()],
         models=[m for item in values["models"] if (m := _model(item, folder, faults))],

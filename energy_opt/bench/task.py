@@ -9,7 +9,7 @@ import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from energy_opt.errors import BadInput
 from energy_opt.files import plain
@@ -18,7 +18,7 @@ from energy_opt.power.model import model_from_document
 from energy_opt.robot import Robot, load_robot
 
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
-MODES = ("retime", "reshape")
+MODES: tuple[Literal["retime", "reshape"], ...] = ("retime", "reshape")
 
 _MULTIPLE = re.compile(r"\s*([0-9.eE+-]+)\s*x\s*")
 
@@ -106,7 +106,7 @@ class Task:
     start: tuple[float, ...]
     goal: tuple[float, ...]
     via: tuple[tuple[float, ...], ...]
-    mode: str
+    mode: Literal["retime", "reshape"]
     timing: Timing
     payload: tuple[float, ...]
     model: str

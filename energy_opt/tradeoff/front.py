@@ -7,9 +7,10 @@ avoided. The minimum is a solve of its own with free duration, the fastest one o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,9 +20,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tradeoff.cycle import Cycle, Waiting
 
 if TYPE_CHECKING:
-    from energy_opt.motion import Move, Planner, Settings
-    from energy_opt.power import PowerModel
-    from energy_opt.robot import Robot
+    from energy_opt.motion import Move, Planner
 
 COUNT = 20  # points where none are asked for
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
@@ -62,41 +61,39 @@ class Front:
     solves: int = 0
     interrupted: bool = False
 
-
-def planners(robot: Robot, model: PowerModel, settings: Settings, mode: str) -> tuple[Planner, Planner | None]:
-    """The planners that `trace` needs for moves of one mode: for energy, and for the fastest move (None to retime)."""
-    from energy_opt.motion import Planner
-
-    fastest = None if mode == "retime" else Planner(robot, model, replace(settings, objective="time"))
-    return Planner(robot, model, settings), fastest
+    @property
+    def fastest_duration(self) -> float:
+        """Shortest duration that works, s; NaN where it is not known yet."""
+        return np.nan if self.fastest is None else self.fastest.duration
 
 
 def trace(
     planner: Planner,
-    fastest_planner: Planner | None,
     move: Move,
     *,
     durations: Sequence[float] | None = None,
+    longest: float | None = None,
     cycle: Cycle | None = None,
     progress: Callable[[Front, int], None] = lambda front, total: None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Front:
     """The front of a move; Ctrl-C ends it early and keeps what is there.
 
     Args:
-        planner: built for the move's robot and mode; minimises energy.
-        fastest_planner: the same with the objective "time"; None where the path's own minimum time (TOPP-RA's) is the
-            fastest, as in retiming.
+        planner: minimises energy. Its starts are tried for the free optimum; every other solve starts from neighbours.
         move: its duration is ignored.
         durations: where the front is wanted, s; chosen from the fastest and the optimum otherwise.
+        longest: where the program's own choice of durations ends, s.
         cycle: also the energy over this cycle.
         progress: called after every solve with the front and the number of solves expected.
+        stopped: asked after every solve; True ends the front early, like Ctrl-C.
 
     Raises:
         Infeasible: no duration works at all, or none that is within the cycle.
     """
-    tracer = _Tracer(planner, move, cycle, progress)
+    tracer = _Tracer(planner, move, cycle, progress, stopped)
     try:
-        tracer.run(fastest_planner, durations)
+        tracer.run(durations, longest)
     except KeyboardInterrupt:
         tracer.front.interrupted = True
     return tracer.front
@@ -104,15 +101,20 @@ def trace(
 
 class _Tracer:
     def __init__(
-        self, planner: Planner, move: Move, cycle: Cycle | None, progress: Callable[[Front, int], None]
+        self,
+        planner: Planner,
+        move: Move,
+        cycle: Cycle | None,
+        progress: Callable[[Front, int], None],
+        stopped: Callable[[], bool],
     ) -> None:
-        self.planner, self.cycle, self.progress = planner, cycle, progress
+        self.planner, self.cycle, self.progress, self.stopped = planner, cycle, progress, stopped
         self.free = replace(move, duration=None, max_duration=None)
         self.front, self.expected = Front(), 2 * COUNT + 2
 
-    def run(self, fastest_planner: Planner | None, durations: Sequence[float] | None) -> None:
+    def run(self, durations: Sequence[float] | None, longest: float | None) -> None:
         front = self.front
-        front.fastest = self._fastest(fastest_planner)
+        front.fastest = self._fastest()
         shortest = front.fastest.duration
         if self.cycle is not None and self.cycle.length < shortest * (1 - SAME):
             raise Infeasible(
@@ -124,32 +126,45 @@ class _Tracer:
         front.minimum = self._solve(None, warm)
         if front.minimum.energy is None:
             raise Infeasible(front.minimum.reason, shortest_duration=shortest)
-        grid = self._grid(shortest, front.minimum.duration) if durations is None else np.unique(durations)
+        grid = self._grid(shortest, front.minimum.duration, longest) if durations is None else np.unique(durations)
         self.expected = 2 * len(grid) + 2 + (SEARCH if self.cycle else 0)
         front.points = [Point(float(d), "not_converged", reason="not computed") for d in grid]
-        self._sweep()
-        self._keep_minimum()
-        if self.cycle is not None:
-            front.cycle_minimum = self._best_in_cycle(self.cycle)
+        with _changed(self.planner, starts=1):
+            self._sweep()
+            self._keep_minimum()
+            if self.cycle is not None:
+                front.cycle_minimum = self._best_in_cycle(self.cycle)
 
-    def _fastest(self, fastest_planner: Planner | None) -> Point:
+    def _fastest(self) -> Point:
+        """The fastest move: TOPP-RA's on the path itself, or a solve of minimum time where the path is free."""
         path_fastest = self.planner.minimum_time(self.free)
-        if fastest_planner is None:
+        if self.free.mode == "retime":
             return Point(path_fastest, "solved")
-        result = fastest_planner.solve(self.free)
+        with _changed(self.planner, objective="time"):
+            result = self.planner.solve(self.free)
         self._count()
         if result.trajectory.duration > path_fastest:
             return Point(path_fastest, "solved")
         found = result.trajectory
         return Point(found.duration, result.status, self.planner.score(found), found)
 
-    def _grid(self, fastest: float, best: float) -> np.ndarray:
+    def _grid(self, fastest: float, best: float, longest: float | None) -> np.ndarray:
         last = self.cycle.length if self.cycle else max(REACH * fastest, 1.5 * best)
+        if longest is not None:
+            if longest < fastest * (1 - SAME):
+                raise Infeasible(
+                    f"{longest:g} s is shorter than the fastest move, {fastest:.6g} s",
+                    limit="duration",
+                    shortest_duration=fastest,
+                )
+            last = longest
         return np.linspace(fastest, max(last, fastest), COUNT if last > fastest else 1)
 
     def _count(self) -> None:
         self.front.solves += 1
         self.progress(self.front, max(self.expected, self.front.solves))
+        if self.stopped():
+            raise KeyboardInterrupt
 
     def _solve(self, duration: float | None, warm: Sequence[Trajectory]) -> Point:
         """One solve, of exactly `duration` s or free."""
@@ -207,7 +222,7 @@ class _Tracer:
 
     def _keep_minimum(self) -> None:
         """If a point of the grid lies below the free optimum, solve again with free duration from there."""
-        best = min(self.front.points, key=lambda p: p.total)
+        best = min(self.front.points, key=lambda p: p.total, default=Point(np.nan, ""))
         assert self.front.minimum is not None
         if best.trajectory is not None and best.total < self.front.minimum.total:
             again = self._solve(None, [best.trajectory])
@@ -242,6 +257,17 @@ class _Tracer:
                 energy, bounds=(low, high), method="bounded", options={"maxiter": SEARCH - 1, "xatol": 1e-3 * low}
             )
         return min(known, key=lambda p: p.cycle_total)
+
+
+@contextmanager
+def _changed(planner: Planner, **changes: Any) -> Iterator[None]:
+    """The planner with other settings for a while; what it has built stays."""
+    before = planner.settings
+    planner.settings = replace(before, **changes)
+    try:
+        yield
+    finally:
+        planner.settings = before
 
 
 def _better(new: Point, old: Point) -> bool:

@@ -1,0 +1,120 @@
+"""`energy-opt tradeoff`: energy against duration for one move, and over a fixed cycle."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from energy_opt.cli.common import add_common, add_move, load_model_of, load_robot_of, move_of, say, settings_of
+from energy_opt.errors import BadInput
+
+if TYPE_CHECKING:
+    from energy_opt.motion import Move
+    from energy_opt.power import PowerModel
+    from energy_opt.robot import Robot
+    from energy_opt.tradeoff import Cycle, Front
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    add_common(parser, "energy_opt_tradeoff")
+    add_move(parser)
+    group = parser.add_argument_group("durations")
+    group.add_argument("--durations", metavar="FIRST:LAST:COUNT", help="where [s] (default: 20, chosen by the program)")
+    group.add_argument("--duration", type=float, metavar="T", help="only this duration [s]")
+    group.add_argument("--max-duration", type=float, metavar="T", help="the front ends here [s]")
+    group.add_argument("--cycle", type=float, metavar="T", help="also the energy over a cycle of T s, waiting included")
+    group.add_argument("--idle-power", type=float, metavar="W", help="overhead while waiting, instead of standby [W]")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; returns the exit code."""
+    from energy_opt.cli.interrupt import stop_on_interrupt
+    from energy_opt.files import to_json
+    from energy_opt.motion import Planner
+    from energy_opt.tradeoff import trace
+    from energy_opt.tradeoff.output import document, text, write
+
+    if args.objective != "energy":
+        raise BadInput(f"--objective {args.objective}: a front of energy minimises energy; leave it out")
+    durations = _durations(args)
+    robot = load_robot_of(args)
+    model = load_model_of(args, robot)
+    move = move_of(args, robot)
+    cycle = _cycle(args, robot, model, move)
+    for warning in robot.warnings:
+        say(args, f"warning: {warning}")
+    if model.assumed:
+        say(
+            args, f"warning: {robot.name}: electrical values are assumed (those of the Panda); give --model for its own"
+        )
+
+    def progress(front: Front, expected: int) -> None:
+        if not args.quiet and sys.stderr.isatty():
+            end = "\n" if front.solves == expected else ""
+            print(f"\r{front.solves}/{expected} solves", end=end, file=sys.stderr, flush=True)
+
+    with stop_on_interrupt() as stopped:
+        planner = Planner(robot, model, settings_of(args), stopped=stopped)
+        front = trace(
+            planner,
+            move,
+            durations=durations,
+            longest=args.max_duration,
+            cycle=cycle,
+            progress=progress,
+            stopped=stopped,
+        )
+        found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
+        write(args.out, front, found)
+    if args.json:
+        sys.stdout.write(to_json(found))
+    elif not args.quiet:
+        sys.stdout.write(text(front, found, args.out))
+    if front.interrupted:
+        return 130
+    solved = [point.status == "solved" for point in front.points if point.status != "infeasible"]
+    if not solved:
+        say(args, f"no duration asked for can be done; the shortest that can is {front.fastest_duration:.6g} s")
+        return 3
+    return 0 if all(solved) else 4
+
+
+def _durations(args: argparse.Namespace) -> list[float] | None:
+    """Durations [s] that --durations or --duration ask for, None where the program chooses."""
+    import numpy as np
+
+    if args.durations is None:
+        if args.duration is None:
+            return None
+        if not 0 < args.duration < np.inf:
+            raise BadInput(f"--duration {args.duration:g}: expected seconds above 0")
+        return [args.duration]
+    for name in ("duration", "max_duration"):
+        if getattr(args, name) is not None:
+            raise BadInput(f"--durations says which; leave --{name.replace('_', '-')} out")
+    parts = args.durations.split(":")
+    try:
+        first, last, count = float(parts[0]), float(parts[1]), int(parts[2])
+        if len(parts) != 3 or not 0 < first <= last < np.inf or count < 1 or (count == 1 and first != last):
+            raise ValueError
+    except (ValueError, IndexError):
+        raise BadInput(
+            f"--durations {args.durations}: expected FIRST:LAST:COUNT, seconds above 0 in rising order and how many"
+        ) from None
+    return [float(d) for d in np.linspace(first, last, count)]
+
+
+def _cycle(args: argparse.Namespace, robot: Robot, model: PowerModel, move: Move) -> Cycle | None:
+    import numpy as np
+
+    from energy_opt.tradeoff import Cycle
+
+    if args.cycle is None:
+        if args.idle_power is not None:
+            raise BadInput("--idle-power is what waiting takes; give --cycle too")
+        return None
+    if np.any(move.end_velocities[1]):
+        raise BadInput("--cycle: the move does not end at rest, so the arm cannot wait at its goal")
+    return Cycle(robot, model, move.goal, args.cycle, args.idle_power)

@@ -83,7 +83,7 @@ class Settings:
     dynamics: str = "auto"
     verify_samples: int | None = None
     end_acceleration: str = "zero"
-    controls: int = 28
+    controls: int = 40
 
     def __post_init__(self) -> None:
         if self.starts < 1:

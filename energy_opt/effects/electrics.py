@@ -39,10 +39,14 @@ class StandbyDrift(PowerEffect):
 
 
 class MotionPower(PowerEffect):
-    """Extra power while any joint moves (released brakes, the servo stage); a joint moves above 1e-3 rad/s."""
+    """Extra power while any joint moves (released brakes, the servo stage); a joint moves above 1e-3 rad/s.
+
+    Retiming loses its convexity: creeping below that speed would escape the extra power.
+    """
 
     name = "motion_power"
     parameters = (Parameter("power", "W", 0.0, 0.0, 1e5),)
+    convex_in_retiming = False
     dissipates = True
 
     @classmethod
@@ -51,10 +55,14 @@ class MotionPower(PowerEffect):
 
 
 class InverterLoss(PowerEffect):
-    """c * sum |tau_m|: losses of the inverter in proportion to current."""
+    """c * sum |tau_m|: losses of the inverter in proportion to current.
+
+    Retiming loses its convexity: |tau| / sqrt(b) is not convex in (tau, b) where copper loss is small beside it.
+    """
 
     name = "inverter_loss"
     parameters = (Parameter("c", "W/(N m)", 0.0, 0.0, 1e3),)
+    convex_in_retiming = False
     dissipates = True
 
     @classmethod

@@ -11,6 +11,7 @@ The path is passed forwards, so the sign of a joint's velocity is that of q' and
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -76,6 +77,12 @@ class PathDynamics:
         )
         self.G, inertial, centrifugal = np.split(torque, 3)
         self.M, self.C = inertial - self.G, centrifugal - self.G
+
+    def under(self, model: PowerModel) -> PathDynamics:
+        """The same for a model whose payload and tilt are the same."""
+        other = copy.copy(self)
+        other.model = model
+        return other
 
     def motor_torque(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Torque of the motors (M, n) [N m] by the exact laws, at path accelerations a and squared speeds b (M,)."""

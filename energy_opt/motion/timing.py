@@ -16,7 +16,7 @@ import numpy as np
 from energy_opt.errors import Infeasible
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import CRAWL, PathDynamics, check_path, has_torque_effects, points_of
-from energy_opt.motion.timing_law import Timing, knots_of
+from energy_opt.motion.timing_law import Timing, greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 
@@ -64,7 +64,7 @@ def fastest(
     grids, which switch more gently, and an even slowing down are tried, and the fastest that holds them is returned.
 
     Args:
-        grid: number of grid intervals, or the grid itself (N + 1,) from 0 to 1.
+        grid: number of grid intervals, or the knots of the timing (grid points lie between them and at both ends).
         start_speed, end_speed: path speed at both ends, 1/s.
         limits: in place of the robot's own.
 
@@ -73,23 +73,23 @@ def fastest(
             where TOPP-RA gave up.
     """
     bounds = robot.limits if limits is None else limits
-    points = np.linspace(0, 1, grid + 1) if isinstance(grid, int) else np.asarray(grid, dtype=float)
-    count = CHECKS_PER_INTERVAL * (len(points) - 1) + 1
+    knots = np.linspace(0, 1, grid) if isinstance(grid, int) else np.asarray(grid, dtype=float)
+    count = CHECKS_PER_INTERVAL * (len(knots) - 1) + 1
     dense = PathDynamics(robot, model, path, points_of(path, count))
     check_path(robot, dense, bounds)
     if not path.moves:
         return Timing(path, np.array([0.0, 0.5, 1.0]), np.zeros(4))
-    timing = _without_jerk(robot, model, path, points, (start_speed, end_speed), bounds, dense)
+    timing = _without_jerk(robot, model, path, knots, (start_speed, end_speed), bounds, dense)
     if not jerk or not np.isfinite(bounds.jerk).any():
         return timing
-    return _with_jerk(robot, model, path, points, (start_speed, end_speed), bounds, dense, timing)
+    return _with_jerk(robot, model, path, knots, (start_speed, end_speed), bounds, dense, timing)
 
 
 def _with_jerk(
     robot: Robot,
     model: PowerModel,
     path: JointPath,
-    points: np.ndarray,
+    knots: np.ndarray,
     ends: tuple[float, float],
     bounds: Limits,
     dense: PathDynamics,
@@ -99,10 +99,10 @@ def _with_jerk(
     best: Timing | None = None
     for coarser in (1, 2, 4, 8):
         if coarser > 1:
-            if len(points) // coarser < 10:
+            if len(knots) // coarser < 10:
                 break
             try:
-                picked = np.append(points[:-1:coarser], 1.0)
+                picked = np.append(knots[:-1:coarser], 1.0)
                 timing = _without_jerk(robot, model, path, picked, ends, bounds, dense)
             except Infeasible:
                 break
@@ -132,19 +132,20 @@ def _without_jerk(
     robot: Robot,
     model: PowerModel,
     path: JointPath,
-    points: np.ndarray,
+    knots: np.ndarray,
     ends: tuple[float, float],
     bounds: Limits,
     dense: PathDynamics,
 ) -> Timing:
     """TOPP-RA, checked and solved again with tighter bounds until the check passes."""
+    points = greville(knots)
     at = PathDynamics(robot, model, path, points)
     one = np.ones_like(at.q)
     tight = _Tightening(one, one, one)
     a, b = np.zeros(len(points)), at.speed_bound(bounds.velocity)
     timing: Timing | None = None
     for _ in range(ROUNDS):
-        timing = _solve(robot, at, ends, bounds, tight, at.affine_torque(a, b))
+        timing = _solve(robot, at, knots, ends, bounds, tight, at.affine_torque(a, b))
         excess = dense.excess(timing, bounds, jerk=False)
         if max(float(e.max()) for e in excess.values()) <= TOLERANCE:
             return timing
@@ -181,12 +182,13 @@ def _slowed_until_inside(
 def _solve(
     robot: Robot,
     at: PathDynamics,
+    knots: np.ndarray,
     ends: tuple[float, float],
     bounds: Limits,
     tight: _Tightening,
     torque: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> Timing:
-    """One run of TOPP-RA on the grid at.s."""
+    """One run of TOPP-RA on the grid at.s, the Greville points of `knots`."""
     from toppra.algorithm import TOPPRA
 
     rows = _Rows.of(at, bounds, tight, torque)
@@ -202,7 +204,7 @@ def _solve(
     control = unit * data.sd_vec**2
     control[1:-1] = np.maximum(control[1:-1], 1e-9 * control.max())
     control[[0, -1]] = np.square(ends)
-    return Timing(at.path, knots_of(at.s), control)
+    return Timing(at.path, knots, control)
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,6 @@ def greville(knots: np.ndarray) -> np.ndarray:
     return (padded[1:] + padded[:-1]) / 2
 
 
-def knots_of(points: np.ndarray) -> np.ndarray:
-    """The knots (N + 1,) for control values at `points` (N + 2,): the ends, and the middles of the inner intervals."""
-    return np.concatenate([points[:1], (points[1:-2] + points[2:-1]) / 2, points[-1:]])
-
-
 @dataclass(frozen=True)
 class Basis:
     """b, a = b'/2 and w = b''/2 at points s as linear maps of the three control values c[first : first + 3]."""

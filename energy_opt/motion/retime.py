@@ -1,0 +1,252 @@
+"""Minimum energy over the timing of a fixed path.
+
+The squared path speed b(s) is a quadratic B-spline (timing_law); the program is convex where the model allows it, and
+is solved by IPOPT from TOPP-RA's timing (retime_program). This module decides what to solve for the duration asked for.
+
+"At most T" is convex as it stands. "Exactly T" is not, since T(b) is convex; it is solved as
+
+    minimise  E(b) - price * T(b)   subject to  T(b) <= T
+
+with a price [W] that a second is credited with. At T(b) = T the credit is a constant, so where the constraint is active
+the answer is that of the equality; and up to a certain price the cost stays convex (standby power always belongs to
+it), so that the answer is the global one. Where the constraint is not active, a second costs more than that price: the
+arm would rather have moved faster, and creeps where holding is cheap. Then T(b) = T is solved as an equality, and the
+bound R* + price * T, R* the least cost above, says how much at most is missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.errors import Infeasible
+from energy_opt.motion.path import JointPath
+from energy_opt.motion.retime_program import Retiming, Solved, standing_power
+from energy_opt.motion.timing import INTERVALS, fastest
+from energy_opt.motion.timing_law import Timing
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.robot import Limits, Robot
+
+LONGEST = 50.0  # a free duration ends at this many times the shortest one
+GLOBAL_GAP = 0.1  # [%] an answer with a bound closer than this is called the global optimum
+USED_UP = 1e-6  # relative slack of the duration below which it counts as used up
+FLOOR = 1e-6  # least b, as a share of the start's largest
+CREEP = 1e-2  # the same where creeping pays: slower than a tenth of the top speed is not resolved by the grid
+
+
+@dataclass(frozen=True)
+class RetimeSolution:
+    """A retimed path.
+
+    Attributes:
+        trajectory: rows of it.
+        timing: the path with its squared speed.
+        s, b: points along the path and the squared speed there, (M,).
+        energy: J, by the exact laws on the grid.
+        kind: "global" where a lower bound proves it (model convex, no jerk limit active), else "local".
+        lower_bound: J, None where the program is not convex.
+        gap_percent: between energy and bound, of the energy.
+        iterations, build_seconds, solve_seconds: of the solver, summed over all solves.
+        converged: False where the solver gave up and the best feasible timing is returned instead.
+        message: what a user should know; empty where there is nothing.
+        fastest: the minimum-time timing it was started from.
+    """
+
+    trajectory: Trajectory
+    timing: Timing
+    s: np.ndarray
+    b: np.ndarray
+    energy: float
+    kind: str
+    lower_bound: float | None
+    gap_percent: float | None
+    iterations: int
+    build_seconds: float
+    solve_seconds: float
+    converged: bool
+    message: str
+    fastest: Timing
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What was found: a timing, its energy [J], a proven bound [J] if any, and what to say about it."""
+
+    timing: Timing
+    energy: float
+    bound: float | None
+    converged: bool
+    message: str = ""
+
+
+def retime(
+    robot: Robot,
+    model: PowerModel,
+    path: JointPath,
+    *,
+    duration: float | None = None,
+    max_duration: float | None = None,
+    shortest: Timing | None = None,
+    grid: int | np.ndarray = INTERVALS,
+    limits: Limits | None = None,
+    jerk: bool = True,
+) -> RetimeSolution:
+    """The timing of `path` that takes the least energy under `model`.
+
+    Args:
+        duration: exactly so long, s.
+        max_duration: at most so long, s. With neither, as long as is best (at most 50 times the shortest).
+        shortest: the minimum-time timing where it is known already; it gives grid and end speeds.
+        grid: grid intervals, or the grid itself, of the minimum-time timing otherwise.
+        limits: in place of the robot's own.
+        jerk: False leaves jerk limits aside.
+
+    Raises:
+        Infeasible: the path breaks limits at any timing, or the duration is too short for it.
+    """
+    bounds = robot.limits if limits is None else limits
+    if shortest is None:
+        ends = {"start_speed": path.start_speed, "end_speed": path.end_speed}
+        shortest = fastest(robot, model, path, grid=grid, limits=bounds, jerk=False, **ends)
+    if not path.moves:
+        return _standing(robot, model, path, duration, shortest)
+    work = Retiming(robot, model, shortest, bounds, jerk)
+    wanted = duration if duration is not None else max_duration
+    start = shortest
+    if wanted is not None:
+        if shortest.duration > wanted:
+            start = _shorter(work, shortest, wanted)
+        elif all(work.rest):
+            start = shortest.slowed(wanted)
+    plan = _free(work, start, max_duration) if duration is None else _exact(work, start, duration)
+    return _solution(work, plan, shortest)
+
+
+def _shorter(work: Retiming, shortest: Timing, wanted: float) -> Timing:
+    """A timing that takes less than TOPP-RA's: the program itself, minimised for time.
+
+    Raises:
+        Infeasible: there is none that takes only `wanted` seconds.
+    """
+    found = work.optimise(shortest, price=-1.0, longest=2 * shortest.duration, floor=FLOOR, energy=False)
+    best = found.timing if found.solved and found.timing.duration < shortest.duration else shortest
+    if best.duration <= wanted:
+        return best
+    worst = work.limits.worst(best.control * (best.duration / wanted) ** 2)
+    joint = work.robot.joints[worst.joint]
+    raise Infeasible(
+        f"{joint}: the {worst.limit} limit would be exceeded by {100 * worst.excess:.3g} % at path position "
+        f"{worst.position:.3f} in {wanted:.6g} s; the shortest duration that works on this path is "
+        f"{best.duration:.6g} s",
+        joint=joint,
+        limit="duration",
+        position=worst.position,
+        excess=worst.excess,
+        shortest_duration=best.duration,
+    )
+
+
+def _free(work: Retiming, start: Timing, longest: float | None) -> _Plan:
+    """As long as is best, at most `longest` seconds."""
+    cap = LONGEST * work.shortest.duration if longest is None else longest
+    found = _best(work, start, price=0.0, longest=cap, floor=FLOOR)
+    if not found.solved:
+        return _given_up(work, start, found)
+    message = ""
+    if longest is None and found.timing.duration > cap * (1 - 1e-3):
+        message = f"the energy still falls with the duration, which was held at {LONGEST:g} times the shortest one"
+    return _Plan(found.timing, found.energy, found.bound, True, message)
+
+
+def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
+    """Exactly `duration` seconds; see the module's text."""
+    price, bound = work.convex_price(), None
+    if work.convex:
+        found = work.optimise(start, price=price, longest=duration, floor=FLOOR)
+        bound = None if found.bound is None else found.bound + price * duration
+        if found.solved and abs(found.timing.duration / duration - 1) <= USED_UP:
+            return _Plan(_exactly(found.timing, duration), found.energy, bound, True)
+    found = _best(work, start, price=price, longest=duration, floor=CREEP, exactly=True)
+    if not found.solved:
+        return _given_up(work, start, found)
+    timing = _exactly(found.timing, duration)
+    return _Plan(timing, work.energy(timing), bound, True)
+
+
+def _best(
+    work: Retiming, start: Timing, *, price: float, longest: float, floor: float, exactly: bool = False
+) -> Solved:
+    """The answer from `start`; for a model that is not convex, the better of it and the one from the convex optimum.
+
+    The convex optimum is that of the model without the effects that spoil convexity.
+    """
+    found = work.optimise(start, price=price, longest=longest, floor=floor, exactly=exactly)
+    if work.convex:
+        return found
+    kept = tuple(effect for effect in work.model.effects if effect.convex_in_retiming)
+    simpler = work.with_model(PowerModel(work.model.robot, kept, work.model.assumed))
+    second = simpler.optimise(start, price=simpler.convex_price() if exactly else price, longest=longest, floor=floor)
+    if second.solved:
+        again = work.optimise(second.timing, price=price, longest=longest, floor=floor, exactly=exactly)
+        if again.solved and not (found.solved and found.energy <= again.energy):
+            return again
+    return found
+
+
+def _given_up(work: Retiming, start: Timing, found: Solved) -> _Plan:
+    """The start, which is feasible: TOPP-RA's timing, slowed."""
+    message = f"the solver stopped with {found.status}: this is the minimum-time timing, slowed evenly"
+    return _Plan(start, work.energy(start), None, False, message)
+
+
+def _exactly(timing: Timing, duration: float) -> Timing:
+    """The timing stretched a little so that it takes `duration`, its end speeds kept."""
+    for _ in range(20):
+        factor = timing.duration / duration
+        if abs(factor - 1) < 1e-13:
+            break
+        control = timing.control.copy()
+        control[1:-1] *= factor**2
+        timing = replace(timing, control=control)
+    return timing
+
+
+def _solution(work: Retiming, plan: _Plan, shortest: Timing) -> RetimeSolution:
+    bound, gap, kind = plan.bound, None, "local"
+    if bound is not None:
+        bound = min(bound, plan.energy)
+        gap = 100 * (plan.energy - bound) / max(abs(plan.energy), 1e-12)
+        kind = "global" if gap <= GLOBAL_GAP else "local"
+    s = work.grid.s
+    return RetimeSolution(
+        trajectory=plan.timing.trajectory(work.robot.joints),
+        timing=plan.timing,
+        s=s,
+        b=plan.timing.speed(s)[0],
+        energy=plan.energy,
+        kind=kind,
+        lower_bound=bound,
+        gap_percent=gap,
+        iterations=work.tally.iterations,
+        build_seconds=work.tally.build,
+        solve_seconds=work.tally.solve,
+        converged=plan.converged,
+        message=plan.message,
+        fastest=shortest,
+    )
+
+
+def _standing(
+    robot: Robot, model: PowerModel, path: JointPath, duration: float | None, shortest: Timing
+) -> RetimeSolution:
+    """A move of no length: the arm holds its pose, for as long as was asked for."""
+    timing = shortest if duration is None else shortest.slowed(duration)
+    energy = standing_power(robot, model, path) * timing.duration
+    s = np.array([0.0, 1.0])
+    trajectory = timing.trajectory(robot.joints)
+    message = "start and goal coincide"
+    return RetimeSolution(
+        trajectory, timing, s, np.zeros(2), energy, "global", energy, 0.0, 0, 0.0, 0.0, True, message, shortest
+    )

@@ -1,0 +1,59 @@
+"""Proof that a retiming is the best: convexity read off the law's numbers, and a lower bound by weak duality.
+
+With the power in its nine monomials (retime_terms), a point's share of the energy is, up to terms linear in (a, b),
+
+    [k3 a^2 + k4 a b + k5 b^2 + k1 a + k2 b + k0 - price] / sqrt(b)
+
+where `price` is what a second of the duration is credited with. Completing the square in a leaves
+R(b) = r0 + r1 b + r2 b^2, and since (square of an affine function) / sqrt(b) is convex, the share is convex on
+0 < b <= B if and only if 3 (r0 - price) - r1 b + 3 r2 b^2 >= 0 there
+(4 b^(5/2) times the second derivative of (R - price) / sqrt(b)).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from energy_opt.motion.retime_problem import Answer, Move, Program
+from energy_opt.motion.retime_rows import Rows
+
+
+def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
+    """The largest price [W] with which every point's share is convex on 0 < b <= upper; -inf where none is.
+
+    Args:
+        k: (9, M) coefficients of the power's monomials.
+        upper: (M,) bounds of b, in the unit of the coefficients.
+    """
+    k0, k1, k2, k3, k4, k5 = k[:6]
+    size = np.abs(k[:6]).max()
+    flat = k3 <= 1e-12 * size
+    if (np.abs(np.stack([k1, k4]))[:, flat] > 1e-9 * size).any():
+        return -np.inf
+    safe = np.where(flat, 1.0, k3)
+    r0 = k0 - np.where(flat, 0, k1**2 / (4 * safe))
+    r1 = k2 - np.where(flat, 0, k1 * k4 / (2 * safe))
+    r2 = k5 - np.where(flat, 0, k4**2 / (4 * safe))
+    # least value of r2 b^2 - r1 b / 3 on [0, upper]: at the vertex where it is inside, else at an end
+    vertex = np.clip(np.divide(r1, 6 * r2, out=np.zeros_like(r1), where=np.abs(r2) > 1e-300), 0, upper)
+    at = np.stack([np.zeros_like(upper), vertex, upper])
+    return float((r0 + (r2 * at**2 - r1 * at / 3).min(axis=0)).min())
+
+
+def lower_bound(program: Program, move: Move, answer: Answer, rows: Rows) -> float:
+    """A number that the cost of no feasible timing on the grid is below, for a convex cost and linear rows.
+
+    The Lagrangian at the multipliers found (of the right signs) is convex, hence nowhere below its tangent at the
+    answer; the tangent's least value over 0 <= control <= upper is taken. Nothing is assumed of the multipliers but
+    their signs: wrong ones give a lower, still valid bound.
+    """
+    cost, slope, time, time_slope = program.evaluate(move, answer.x)
+    of_time = max(answer.of_time, 0.0)
+    value = cost + of_time * (time / move.duration - 1)
+    slope = slope + of_time * time_slope / move.duration
+    if rows.linear is not None:
+        matrix, constant = rows.linear.matrix(move.ends)
+        g = np.array(matrix @ answer.x).ravel() + constant
+        value += float(answer.of_rows @ g - np.abs(answer.of_rows).sum())
+        slope = slope + np.array(matrix.T @ answer.of_rows).ravel()
+    return value + float(np.minimum(-slope * answer.x, slope * (move.upper - answer.x)).sum())

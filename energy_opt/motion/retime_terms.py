@@ -1,0 +1,200 @@
+"""What a retiming sums over its points, as CasADi functions of path acceleration a and squared speed b.
+
+A point's share of the energy is weight P(a, b) / sqrt(b), with the power law of the model. In it
+
+    sign(v)      is that of q', exactly: the path is passed forwards
+    max(x, 0)    of a drive power x becomes sqrt(b) psi(x / sqrt(b)), psi(y) = (y + sqrt(y^2 + d^2) - d) / 2
+
+x / sqrt(b), energy per length, is convex in (a, b) (quadratic over concave), and psi is convex and does not fall, so
+the smoothed problem is as convex as the exact one, and psi never exceeds the exact law: bounds stay bounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.effects import Signals
+from energy_opt.motion.path_dynamics import SharedByStructure
+from energy_opt.power import drive_function, drive_terms
+
+SHARPNESS = 0.05  # widths of the smoothed kinks, as a share of those stated at each law
+
+
+@dataclass(frozen=True)
+class AlongPath:
+    """Kinks for a path that is passed forwards at speed `rate` = sqrt(b); `typical` is a usual value of it."""
+
+    rate: ca.SX
+    typical: ca.SX
+
+    def sign(self, x: ca.SX, width: float) -> ca.SX:
+        return ca.sign(x)
+
+    def magnitude(self, x: ca.SX, width: float) -> ca.SX:
+        w = width * SHARPNESS
+        return ca.sqrt(x * x + w * w) - w
+
+    def positive(self, x: ca.SX, width: float) -> ca.SX:
+        d = width * SHARPNESS / self.typical
+        y = x / self.rate
+        return self.rate * (y + ca.sqrt(y * y + d * d) - d) / 2
+
+    def moving(self, v: ca.SX) -> ca.SX:
+        return ca.SX(1)
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Functions of one point; z = (a, b) in the problem's unit, `at` its `size` numbers, `shared` those of all points.
+
+    cost: (z, at, shared) -> cost
+    slope: (z, at, shared) -> its gradient (2, 1)
+    curvature: (z, at, shared, factor of cost, factor of time) -> upper triangle (3, 1) of the Hessian
+    """
+
+    size: int
+    shared_size: int
+    cost: ca.Function
+    slope: ca.Function
+    curvature: ca.Function
+
+
+def _triangle(h: ca.SX) -> ca.SX:
+    full = ca.densify(h)
+    return ca.vertcat(*(full[i, j] for j in range(h.shape[1]) for i in range(j + 1)))
+
+
+def _terms(power: ca.SX, z: ca.SX, at: ca.SX, shared: ca.SX) -> Terms:
+    """From the power; `at` ends with the quadrature weight, `shared` with the factors of energy and time."""
+    duration = at[-1] / ca.sqrt(z[1])
+    cost = duration * (shared[-2] * power + shared[-1])
+    given = [z, at, shared]
+    of_cost, of_time = ca.SX.sym("of_cost"), ca.SX.sym("of_time")
+    hessian = ca.hessian(of_cost * cost + of_time * duration, z)[0]
+    return Terms(
+        at.numel(),
+        shared.numel(),
+        ca.Function("cost", given, [cost]),
+        ca.Function("slope", given, [ca.densify(ca.gradient(cost, z))]),
+        ca.Function("curvature", [*given, of_cost, of_time], [_triangle(hessian)]),
+    )
+
+
+@dataclass(frozen=True)
+class Law:
+    """The model's law at a point, (z, at, shared) -> power [W] and motor torque (n, 1) [N m].
+
+    at (6 n + 1, 1): q, q', q'', M, C, G and the time [s] (for effects that drift); shared: the model's values and the
+    unit of a and b [1/s^2].
+    """
+
+    z: ca.SX
+    at: ca.SX
+    shared: ca.SX
+    power: ca.SX
+    torque: ca.SX
+
+
+@lru_cache(maxsize=16)
+def law(shared_by: SharedByStructure, n: int) -> Law:
+    """Built once for a model's structure and number of joints."""
+    z, at, unit = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1), ca.SX.sym("unit")
+    p = shared_by.model.symbols(n)
+    q, q1, q2, inertial, centrifugal, gravity = (at[k * n : (k + 1) * n] for k in range(6))
+    a, b = unit * z[0], unit * z[1]
+    rate = ca.sqrt(b)
+    tau = inertial * a + centrifugal * b + gravity
+    signals = Signals(q, q1 * rate, q1 * a + q2 * b, tau, at[-1])
+    drive = drive_terms(shared_by.model, signals, p, AlongPath(rate, ca.sqrt(unit)))
+    return Law(z, at, ca.vertcat(p, unit), drive.power, drive.tau_m)
+
+
+@lru_cache(maxsize=16)
+def law_function(shared_by: SharedByStructure, n: int) -> ca.Function:
+    """(z, at, shared) -> power, motor torque."""
+    built = law(shared_by, n)
+    return ca.Function("law", [built.z, built.at, built.shared], [built.power, built.torque])
+
+
+@lru_cache(maxsize=16)
+def general_terms(shared_by: SharedByStructure, n: int) -> Terms:
+    """Terms of any model; `at` as the law's with the weight behind it, `shared` with both factors behind it."""
+    built, weight, factors = law(shared_by, n), ca.SX.sym("weight"), ca.SX.sym("factors", 2)
+    return _terms(built.power, built.z, ca.vertcat(built.at, weight), ca.vertcat(built.shared, factors))
+
+
+def _monomials(a: np.ndarray | ca.SX, b: np.ndarray | ca.SX) -> list[np.ndarray | ca.SX]:
+    root = b**0.5
+    return [1 + 0 * a, a, b, a * a, a * b, b * b, root, root * a, root * b]
+
+
+@lru_cache(maxsize=1)
+def compressed_terms() -> Terms:
+    """Terms of a power that is a combination of nine monomials; `at`: its coefficients and the weight."""
+    z, at, factors = ca.SX.sym("z", 2), ca.SX.sym("at", 10), ca.SX.sym("factors", 2)
+    power = sum(at[k] * monomial for k, monomial in enumerate(_monomials(z[0], z[1])))
+    return _terms(power, z, at, factors)
+
+
+_PROBES = np.array([(a, b) for a in (-1.1, -0.2, 0.9) for b in (0.2, 0.6, 1.1, 1.7)]).T
+_INVERSE = np.linalg.pinv(np.stack(_monomials(*_PROBES), axis=1))
+_RESIDUAL = np.eye(_PROBES.shape[1]) - np.stack(_monomials(*_PROBES), axis=1) @ _INVERSE
+
+
+@lru_cache(maxsize=16)
+def _probed(shared_by: SharedByStructure, n: int, m: int) -> ca.Function:
+    """(at (6 n + 1, m), shared) -> power at every probe, (12, m)."""
+    built, function = law(shared_by, n), law_function(shared_by, n)
+    power = ca.vertcat(*(function(ca.DM(probe), built.at, built.shared)[0] for probe in _PROBES.T))
+    one = ca.Function("probed", [built.at, built.shared], [power])
+    return one.map("all_probed", "serial", m, [1], [])
+
+
+def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.ndarray) -> np.ndarray | None:
+    """Coefficients (9, M) of the power's monomials at points `at` (6 n + 1, M); None where the law has other terms.
+
+    Copper loss, viscous friction and all that is affine come down to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b.
+    The coefficients are found from the law itself, evaluated at twelve probes, three more than there are unknowns.
+    """
+    power = np.array(_probed(shared_by, n, at.shape[1])(at, shared))
+    if np.abs(_RESIDUAL @ power).max() > 1e-9 * np.abs(power).max():
+        return None
+    return _INVERSE @ power
+
+
+@lru_cache(maxsize=16)
+def exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
+    """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
+    function, _ = drive_function(shared_by.model, n)
+    inputs = function.sx_in()
+    return ca.Function("exact_power", inputs, [function(*inputs)[1]])
+
+
+@lru_cache(maxsize=16)
+def torque_terms(shared_by: SharedByStructure, n: int) -> tuple[ca.Function, ca.Function]:
+    """Motor torque: (z, at, shared) -> value (n, 1), Jacobian (n, 2); and its Hessian for given multipliers (n, 1)."""
+    built, multiplier = law(shared_by, n), ca.SX.sym("multiplier", n)
+    given = [built.z, built.at, built.shared]
+    held = ca.hessian(ca.dot(multiplier, built.torque), built.z)[0]
+    return (
+        ca.Function("torque", given, [built.torque, ca.densify(ca.jacobian(built.torque, built.z))]),
+        ca.Function("torque_curvature", [*given, multiplier], [_triangle(held)]),
+    )
+
+
+@lru_cache(maxsize=1)
+def jerk_term() -> tuple[ca.Function, ca.Function]:
+    """Jerk (k0 a + k1 b + k2 w) sqrt(b) of one joint, in units of its bound.
+
+    Functions (z, k) -> value, Jacobian (1, 3) and (z, k, multiplier) -> upper triangle (6, 1); z = (a, b, w).
+    """
+    z, k, multiplier = ca.SX.sym("z", 3), ca.SX.sym("k", 3), ca.SX.sym("multiplier")
+    value = ca.dot(k, z) * ca.sqrt(z[1])
+    return (
+        ca.Function("jerk", [z, k], [value, ca.densify(ca.jacobian(value, z))]),
+        ca.Function("jerk_curvature", [z, k, multiplier], [_triangle(ca.hessian(multiplier * value, z)[0])]),
+    )

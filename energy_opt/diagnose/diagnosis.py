@@ -15,6 +15,7 @@ from energy_opt.diagnose.goes_with import goes_with
 from energy_opt.diagnose.samples import Samples, take_samples
 from energy_opt.diagnose.split import split
 from energy_opt.diagnose.trace import MOVES, Trace, trace
+from energy_opt.effects import Payload
 from energy_opt.errors import BadInput
 from energy_opt.measured import MeasuredSet, Smoothing
 from energy_opt.power import PowerModel
@@ -49,13 +50,15 @@ def diagnose(measured: MeasuredSet, declared: PowerModel, seed: int = 0) -> Diag
 
     Args:
         measured: the set.
-        declared: the owner's model of the same robot.
+        declared: the owner's model of the same robot; a payload that the recorder states is added where it has none.
         seed: of the split into training and holdout, and of all resampling.
 
     Raises:
         BadInput: the model does not fit the robot, or the set is too small to say anything.
     """
     declared.check(measured.robot.n)
+    if measured.payload is not None and declared.get(Payload.name) is None:
+        declared = declared.replaced(Payload(mass=measured.payload.mass, com=measured.payload.com))
     samples, smoothing = take_samples(measured)
     if len(samples.power) < 50:
         raise BadInput(f"{measured.path}: {len(samples.power)} samples in all; a diagnosis needs at least 50")
@@ -181,6 +184,9 @@ def remarks(found: Trace, measured: MeasuredSet) -> list[str]:
     elif found.idle:
         names = ", ".join(joints[j] for j in found.idle)
         out.append(f"Never moving: {names}; what these joints lose in motion cannot be known from this set.")
+    if measured.payload is not None:
+        mass, com = measured.payload.mass, ", ".join(f"{x:.3g}" for x in measured.payload.com)
+        out.append(f"The recording states a payload of {mass:.3g} kg at ({com}) m; it counts as declared unless the model has one.")
     if not measured.clock:
         out.append("The log does not state every run's start; runs are taken to follow one another without a pause.")
     if found.left.structured:

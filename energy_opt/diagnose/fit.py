@@ -34,6 +34,7 @@ class Fit:
         terms, extras: what it adds; `starts` the free numbers of each term, `weights` those of the extras.
         model: the declared model with the terms' values.
         residual: (N,) W and jacobian (N, K) by all free numbers, both times the samples' weight; loss: sum of squares over the meter's noise variance.
+        evaluations: of the model, in this fit.
     """
 
     terms: tuple[Term, ...]
@@ -45,6 +46,7 @@ class Fit:
     residual: np.ndarray
     jacobian: np.ndarray
     loss: float
+    evaluations: int
 
     @property
     def count(self) -> int:
@@ -97,11 +99,13 @@ def fit(
         return model, residual, jacobian, weights, float(residual @ residual) * scale**2
 
     model, residual, jacobian, weights, loss = state(z, None)
+    evaluations = 1
     for _ in range(iterations if charts else 0):
         step = _bounded_step(jacobian, residual, lower - z, upper - z, len(weights))
         moved = False
         for shorten in (1.0, 0.5, 0.2, 0.05):
             trial = np.clip(z + shorten * step[: len(z)], lower, upper)
+            evaluations += 1
             new = state(trial, weights + shorten * step[len(z) :])
             if np.isfinite(new[4]) and new[4] < loss:
                 moved = True
@@ -113,7 +117,7 @@ def fit(
         if gained < ENOUGH:
             break
     parts = tuple(np.split(z, cuts)) if charts else ()
-    return Fit(tuple(terms), tuple(extras), charts, parts, weights, model, residual, jacobian, loss)
+    return Fit(tuple(terms), tuple(extras), charts, parts, weights, model, residual, jacobian, loss, evaluations)
 
 
 def _bounded_step(

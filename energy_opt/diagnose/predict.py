@@ -100,7 +100,7 @@ def predict(model: PowerModel, s: Samples) -> Prediction:
         jacobian[:, where[Payload.name]] = np.einsum("nj,njp->np", by_tau, by_payload)
     if by_tilt is not None:
         jacobian[:, where[BaseTilt.name]] = np.einsum("nj,njp->np", by_tau, by_tilt)
-    reading = power
+    reading = power.copy()
     for effect in METER_EFFECTS:
         held = model.get(effect.name)
         if held is None:
@@ -113,4 +113,13 @@ def predict(model: PowerModel, s: Samples) -> Prediction:
             both = effect.reading(time, np.column_stack([before[rows], jacobian[rows]]), value)
             reading[rows], jacobian[rows] = both[:, 0], both[:, 1:]
             jacobian[rows, where[effect.name].start] = own
+    for rows in s.slices:
+        reading[rows], jacobian[rows] = _bin_mean(reading[rows]), _bin_mean(jacobian[rows])
     return Prediction(reading, jacobian, power, tau)
+
+
+def _bin_mean(x: np.ndarray) -> np.ndarray:
+    """The mean over a sample's bin from values at the bins' middles: x + x'' h^2 / 24, by second differences."""
+    out = x.copy()
+    out[1:-1] += (x[2:] - 2 * x[1:-1] + x[:-2]) / 24
+    return out

@@ -11,7 +11,7 @@ import numpy as np
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
 from energy_opt.robot import RigidBody
 
-BIN = 0.02  # [s] readings closer than this are averaged
+BIN = 0.03  # [s] readings closer than this are averaged
 SLACK = 2e-3  # [s] by which motion and meter may be apart
 REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise says
 

@@ -12,13 +12,13 @@ from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples
 from energy_opt.diagnose.terms import Term, chart
 from energy_opt.effects import ALL_EFFECTS, Effect
-from energy_opt.effects.meter import METER_EFFECTS, MeterGain
+from energy_opt.effects.meter import METER_EFFECTS, MeterDelay, MeterEffect, MeterGain
 from energy_opt.power import PowerModel
 
 LAGS = (0.02, 0.06, 0.15, 0.4)  # [s] at which delays and lags of the meter are tried
 SPEEDS = (0.03, 0.1, 0.3)  # [rad/s] Stribeck velocities tried
 TIMES = (8.0, 30.0, 120.0, 500.0)  # [s] time constants tried
-WAKE = 0.02  # share of the meter noise below which a column shows nothing
+SHAPES = {"stribeck_friction": SPEEDS, "winding_temperature": TIMES, "standby_drift": TIMES}  # of the last parameter
 
 
 @dataclass(frozen=True)
@@ -40,20 +40,20 @@ class Candidate:
 
 def candidates(current: Fit, declared: PowerModel, samples: Samples) -> Iterator[Candidate]:
     """Every effect of the table that the hypothesis does not free already, in each of its variants."""
-    n, taken = samples.n, set(current.names)
-    model = current.model
+    taken, model = set(current.names), current.model
+    now = predict(model, samples)
+    absent = []
     for kind in ALL_EFFECTS:
         if kind.name in taken:
             continue
         held = declared.get(kind.name)
         if held is not None:
-            yield from _declared(kind, held, model, declared, samples)
+            yield from _declared(kind, held, now.jacobian, model, declared, samples)
         elif kind in METER_EFFECTS:
-            yield from _meter(kind, model, declared, samples)
-        elif kind.name == "winding_temperature" and model.get("copper_loss") is None:
-            continue
-        else:
-            yield from _absent(kind, model, declared, samples, n)
+            yield from _meter(kind, now.reading, samples)
+        elif kind.name != "winding_temperature" or model.get("copper_loss") is not None:
+            absent.append(kind)
+    yield from _absent(absent, model, declared, samples)
 
 
 def _modes(kind: type[Effect]) -> tuple[str, ...]:
@@ -64,22 +64,21 @@ def _modes(kind: type[Effect]) -> tuple[str, ...]:
 
 
 def _declared(
-    kind: type[Effect], held: Effect, model: PowerModel, declared: PowerModel, samples: Samples
+    kind: type[Effect], held: Effect, jacobian: np.ndarray, model: PowerModel, declared: PowerModel, samples: Samples
 ) -> Iterator[Candidate]:
-    p = predict(model, samples)
     where = dict(zip((e.name for e in model.effects), model.slices(samples.n), strict=True))
-    jacobian = p.jacobian[:, where[kind.name]]
+    own = jacobian[:, where[kind.name]]
     options = tuple(f"{k}={v}" for k, v in sorted(held.choices.items()))
     per_joint = any(q.size == "joint" for q in kind.parameters)
     zero = not np.any(held.full(samples.n))
     modes = (("shared", "joint") if zero else ("scale", "joint")) if per_joint else ("number",)
+    if kind.name == "payload" and float(held.values["mass"][0]) == 0.0:
+        return
     for mode in modes:
-        if kind.name == "payload" and float(held.values["mass"][0]) == 0.0:
-            continue
         term = Term(kind.name, mode, options, declared=True)
         c = chart(term, declared, samples.n)
         z0 = _numbers(c.matrix, c.base, held.full(samples.n), kind.name, samples.n)
-        yield Candidate(term, jacobian @ c.slope(z0), c.lower - z0, c.upper - z0, z0)
+        yield Candidate(term, own @ c.slope(z0), c.lower - z0, c.upper - z0, z0)
 
 
 def _numbers(matrix: np.ndarray, base: np.ndarray, values: np.ndarray, name: str, n: int) -> np.ndarray:
@@ -88,53 +87,64 @@ def _numbers(matrix: np.ndarray, base: np.ndarray, values: np.ndarray, name: str
     return np.linalg.lstsq(matrix, to_chart(name, values, n) - base, rcond=None)[0]
 
 
-def _meter(kind: type[Effect], model: PowerModel, declared: PowerModel, samples: Samples) -> Iterator[Candidate]:
+def _meter(kind: type[MeterEffect], now: np.ndarray, samples: Samples) -> Iterator[Candidate]:
+    """Delays and lags tried at several sizes, as what they would make of the reading `now` (N,)."""
     term = Term(kind.name, "number")
-    now = predict(model, samples).reading
     if kind is MeterGain:
         yield Candidate(term, now[:, None], np.array([-0.9]), np.array([9.0]), np.array([1.0]))
         return
     for lag in LAGS:
-        for sign in (1.0, -1.0) if kind.name == "meter_delay" else (1.0,):
-            key = kind.parameters[0].name
-            column = predict(model.replaced(kind(**{key: sign * lag})), samples).reading - now
-            yield Candidate(term, column[:, None] / lag, np.array([0.0]), np.array([3 * lag]), np.array([0.0]), )  # fmt: skip
+        for sign in (1.0, -1.0) if kind is MeterDelay else (1.0,):
+            changed = [kind.reading(samples.t[rows], now[rows], sign * lag) - now[rows] for rows in samples.slices]
+            column = np.concatenate(changed)[:, None] / (sign * lag)
+            low, high = (0.0, 3 * lag) if sign > 0 else (-3 * lag, 0.0)
+            yield Candidate(term, column, np.array([low]), np.array([high]), np.array([0.0]))
 
 
 def _absent(
-    kind: type[Effect], model: PowerModel, declared: PowerModel, samples: Samples, n: int
+    kinds: Sequence[type[Effect]], model: PowerModel, declared: PowerModel, samples: Samples
 ) -> Iterator[Candidate]:
-    shapes: tuple[float, ...] = (0.0,)
-    if kind.name == "stribeck_friction":
-        shapes = SPEEDS
-    elif kind.name in ("winding_temperature", "standby_drift"):
-        shapes = TIMES
-    words = [f"{key}={word}" for key, choices in kind.options.items() for word in choices] or [""]
-    for word in words:
-        options = (word,) if word else ()
-        for shape in shapes:
-            values = kind.neutral(n).full(n)
-            if shape:
-                values[-1] = shape
-            if kind.name == "payload":
-                values[0] = 1e-3
-            effect = Term(kind.name, "joint", options).effect(values, n)
-            if kind.name == "gravity_spring":
-                effect.values["stiffness"][:] = 1e-9
-            trial = model.replaced(effect)
-            p = predict(trial, samples)
-            where = dict(zip((e.name for e in trial.effects), trial.slices(n), strict=True))
-            jacobian = p.jacobian[:, where[kind.name]]
-            for mode in _modes(kind):
-                term = Term(kind.name, mode, options)
-                c = chart(term, declared, n)
-                x0 = effect.full(n)
-                z0 = _numbers(c.matrix, c.base, x0, kind.name, n)
-                columns = jacobian @ c.slope(z0)
-                if shape:
-                    columns = columns[:, :-1]
-                width = columns.shape[1]
-                yield Candidate(term, columns, (c.lower - z0)[:width], (c.upper - z0)[:width], z0)
+    """Effects that the model lacks, all at once at values where they change nothing, for each trial of their shapes."""
+    n = samples.n
+    for option in range(2):
+        for trial in range(max(len(SPEEDS), len(TIMES))):
+            chosen = [kind for kind in kinds if _has(kind, option, trial)]
+            if not chosen:
+                continue
+            effects = [_idle(kind, option, trial, n) for kind in chosen]
+            whole = model
+            for effect in effects:
+                whole = whole.replaced(effect)
+            jacobian = predict(whole, samples).jacobian
+            where = dict(zip((e.name for e in whole.effects), whole.slices(n), strict=True))
+            for kind, effect in zip(chosen, effects, strict=True):
+                options = tuple(f"{key}={word}" for key, word in sorted(effect.choices.items()))
+                for mode in _modes(kind):
+                    term = Term(kind.name, mode, options)
+                    c = chart(term, declared, n)
+                    z0 = _numbers(c.matrix, c.base, effect.full(n), kind.name, n)
+                    columns = jacobian[:, where[kind.name]] @ c.slope(z0)
+                    width = columns.shape[1] - (1 if kind.name in SHAPES else 0)
+                    yield Candidate(term, columns[:, :width], (c.lower - z0)[:width], (c.upper - z0)[:width], z0)
+
+
+def _has(kind: type[Effect], option: int, trial: int) -> bool:
+    """True where an effect has a variant of this option and trial of shape."""
+    words = max((len(choices) for choices in kind.options.values()), default=1)
+    return option < words and trial < len(SHAPES.get(kind.name, (0.0,)))
+
+
+def _idle(kind: type[Effect], option: int, trial: int, n: int) -> Effect:
+    """An effect that changes (next to) nothing, with its option and shape set."""
+    values = kind.neutral(n).full(n)
+    if kind.name in SHAPES:
+        values[-1] = SHAPES[kind.name][trial]
+    if kind.name == "payload":
+        values[0] = 1e-3
+    if kind.name == "gravity_spring":
+        values[:n] = 1e-9
+    choices = {key: words[option] for key, words in kind.options.items()}
+    return kind.from_full(values, n, **choices)
 
 
 def gain(current: Fit, candidate: Candidate, samples: Samples) -> tuple[float, np.ndarray]:

@@ -18,9 +18,11 @@ from energy_opt.diagnose.terms import RESOLVED_LAG, SPRING, Term, negligible
 from energy_opt.diagnose.unlisted import exclusive, structures
 from energy_opt.power import PowerModel
 
-BEAM = 4
-TRIED = 6  # candidates fitted per hypothesis and round
+BEAM = 3
+TRIED = 5  # candidates fitted per hypothesis and round
 DEEPEST = 6
+MOST_EXTRAS = 2  # unlisted structures after which the verdict no longer changes
+BUDGET = 1.5e6  # samples times evaluations that a search may take
 FEW = 6  # iterations while growing; the best are then fitted to the end
 PRICE = 14.0  # per effect, for the many that are looked at
 EXTRA_PRICE = 21.0  # per unlisted structure, whose setting is scanned
@@ -39,7 +41,13 @@ class Search:
     inflation: float = 1.0
     fits: dict[Key, Fit] = field(default_factory=dict)
     polished: set[Key] = field(default_factory=set)
+    work: float = 0.0
     looked: dict[Key, list[tuple[float, Candidate, np.ndarray]]] = field(default_factory=dict)
+
+    @property
+    def exhausted(self) -> bool:
+        """True when the search has taken what it may."""
+        return self.work > BUDGET
 
     def price(self, numbers: int, terms: int, extras: int) -> float:
         """What free numbers and effects cost."""
@@ -70,6 +78,7 @@ class Search:
         if held is not None:
             terms, starts, extras = held.terms, list(held.numbers), held.extras
         new = fit(self.samples, self.declared, terms, starts, extras, 30 if thorough else FEW)
+        self.work += new.evaluations * len(self.samples.power)
         if thorough:
             self.polished.add(key)
         if held is None or new.loss < held.loss:
@@ -95,11 +104,6 @@ class Search:
         terms = tuple(t for k, t in enumerate(base.terms) if k != index)
         starts = [z for k, z in enumerate(base.numbers) if k != index]
         return self.hypothesis(terms, starts, base.extras, thorough=True)
-
-    def without_extra(self, base: Fit, index: int) -> Fit:
-        """`base` less one structure."""
-        extras = tuple(e for k, e in enumerate(base.extras) if k != index)
-        return self.hypothesis(base.terms, list(base.numbers), extras, thorough=True)
 
     def proposals(self, base: Fit) -> list[tuple[float, Candidate, np.ndarray]]:
         """Candidates for the next effect with their linearised gain less the price of their numbers, best first."""
@@ -136,7 +140,7 @@ def search(samples: Samples, declared: PowerModel) -> Search:
         for rank, base in enumerate(beam):
             base = out.polish(base) if rank == 0 else base
             terms = [row for row in out.proposals(base) if row[0] > 0][:TRIED]
-            extras = sorted(out.extra_proposals(base), key=lambda row: -row[0])[:3]
+            extras = sorted(out.extra_proposals(base), key=lambda row: -row[0])[:2]
             if rank == 0 and not terms and not extras:
                 return out
             for _, candidate, weights in terms:
@@ -147,6 +151,6 @@ def search(samples: Samples, declared: PowerModel) -> Search:
                 grown[id(new)] = new
         best = out.score(beam[0])
         beam = sorted(grown.values(), key=out.score)[:BEAM]
-        if not beam or out.score(out.polish(beam[0])) >= best:
+        if not beam or out.score(out.polish(beam[0])) >= best or len(beam[0].extras) >= MOST_EXTRAS or out.exhausted:
             break
     return out

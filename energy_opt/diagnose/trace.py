@@ -56,7 +56,7 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
     found.inflation = inflation(best, samples)
     if found.inflation > 1:
         found.looked.clear()
-    best = _refine(found, found.ranked()[0])
+        best = _refine(found, found.ranked()[0])
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
     listed = _listed(found, root, best)
     left = leftover(best, samples)
@@ -76,18 +76,20 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
 
 
 def _refine(found: Search, start: Fit) -> Fit:
-    """Swap and drop terms until the score no longer falls."""
+    """Swap and drop terms until the score no longer falls; with unlisted structure the verdict stands without."""
     best = found.polish(start)
     for _ in range(8):
+        if found.exhausted or best.extras:
+            break
         before = found.score(best)
-        options = [found.without_extra(best, k) for k in range(len(best.extras))]
+        options = []
         for k in range(len(best.terms)):
             less = found.without(best, k)
             options.append(less)
             for _, candidate, weights in found.proposals(less)[:RIVALS]:
                 options.append(found.add(less, candidate, weights))
-        for _, candidate, weights in found.proposals(best)[:2]:
-            if _ > 0:
+        for value, candidate, weights in found.proposals(best)[:2]:
+            if value > 0:
                 options.append(found.add(best, candidate, weights))
         if options:
             near = sorted(options, key=found.score)[:3]
@@ -104,7 +106,7 @@ def _listed(found: Search, root: Fit, best: Fit) -> Fit:
     """The best hypothesis without unlisted structures."""
     if not best.extras:
         return best
-    return _refine(found, next(f for f in found.ranked() if not f.extras))
+    return found.polish(next(f for f in found.ranked() if not f.extras))
 
 
 def _kept(found: Search, root: Fit, best: Fit, listed: Fit) -> Fit:

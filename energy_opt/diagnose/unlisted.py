@@ -16,6 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from energy_opt.diagnose.evidence import blocks
 from energy_opt.diagnose.fit import Extra, Fit
 from energy_opt.diagnose.samples import Samples
 from energy_opt.diagnose.screen import basis
@@ -24,7 +25,9 @@ from energy_opt.diagnose.terms import Term
 HARMONICS = np.arange(3.0, 61.0)
 SPEED_PERIODS = (0.1, 0.14, 0.2, 0.25, 0.3, 0.35, 0.42, 0.5, 0.6, 0.75)  # [rad/s]
 GAPS = (0.01, 0.02, 0.04, 0.07, 0.12)  # [rad]
-PERIODS = np.geomspace(0.6, 60.0, 90)  # [s]
+LONGEST, SHORTEST = 60.0, 0.8  # [s] periods tried
+MOST_RATES = 4000
+WAVES = (1, 2, 3, 4, 5)  # harmonics of a cycle in time
 STEPS = 60  # instants tried for a step
 
 
@@ -111,13 +114,24 @@ def _in_time(
         yield gains[best], Extra("step", -1, float([*instants, *edges][best]), columns[best])
     if ("wave", -1) not in taken:
         best_wave: tuple[float, float, np.ndarray] = (-1.0, 0.0, np.zeros((0, 0)))
-        for period in PERIODS:
+        for period in _likely_periods(samples, residual):
             phase = 2 * np.pi * t / period
-            columns = np.column_stack([f(k * phase) * samples.weight for k in (1, 2, 3, 4, 5) for f in (np.sin, np.cos)])
+            columns = np.column_stack([f(k * phase) * samples.weight for k in WAVES for f in (np.sin, np.cos)])
             gained = _gain(columns, residual, q)
             if gained > best_wave[0]:
                 best_wave = (gained, float(period), columns)
         yield best_wave[0], Extra("wave", -1, best_wave[1], best_wave[2])
+
+
+def _likely_periods(samples: Samples, residual: np.ndarray, most: int = 12) -> np.ndarray:
+    """Periods [s] at which the residual has most of a sine, on a grid fine enough to keep phase over the whole set."""
+    parts = blocks(samples, 0.2)
+    t = np.array([samples.t[b].mean() for b in parts])
+    r = np.array([residual[b].sum() for b in parts])
+    span = max(float(np.ptp(samples.t)), 1.0)
+    rates = np.arange(1 / LONGEST, 1 / SHORTEST, 0.2 / span)[:MOST_RATES]
+    power = np.abs(np.exp(-2j * np.pi * np.outer(rates, t)) @ r)
+    return 1 / rates[np.argsort(-power)[:most]]
 
 
 def _gain(columns: np.ndarray, residual: np.ndarray, q: np.ndarray) -> float:

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.columns import SIGNALS, Rule, build_rules
+from energy_opt.measured.columns import PAYLOAD, SIGNALS, Rule, build_rules
 from energy_opt.measured.log import LogFile, RunEntry, read_log
 from energy_opt.measured.segment import cut_at_standstill
 from energy_opt.measured.table import Table
-from energy_opt.robot import Robot, load_robot
+from energy_opt.robot import PointMass, Robot, load_robot
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,16 @@ class Run:
 
 @dataclass(frozen=True)
 class MeasuredSet:
-    """All runs of a set; `clock` is True where the log states every run's set time."""
+    """All runs of a set.
+
+    `clock` is True where the log states every run's set time; `payload` is what the recorder was told, where it says.
+    """
 
     path: Path
     robot: Robot
     runs: tuple[Run, ...]
     clock: bool
+    payload: PointMass | None = None
 
 
 def read_set(folder: Path, robot: Robot | None = None) -> MeasuredSet:
@@ -68,7 +72,24 @@ def read_set(folder: Path, robot: Robot | None = None) -> MeasuredSet:
     if faults:
         more = f" (and {len(faults) - 1} more faults; `energy-opt check` lists them)" if len(faults) > 1 else ""
         raise BadInput(faults[0] + more)
-    return MeasuredSet(log.path.parent, robot, tuple(runs), _clock(log))
+    return MeasuredSet(log.path.parent, robot, tuple(runs), _clock(log), stated_payload(log))
+
+
+def stated_payload(log: LogFile) -> PointMass | None:
+    """The payload that the recorder states, in the last joint's frame; None where it states none or several."""
+    names = PAYLOAD.get(log.preset or "", ())
+    stated = []
+    for entry in log.runs:
+        table = Table(log.path.parent / entry.file)
+        if not names or not all(name in table for name in names):
+            return None
+        values = np.column_stack([table.column(name) for name in names])
+        if table.faults or np.ptp(values, axis=0).max() > 0:
+            return None
+        stated.append(values[0])
+    if not stated or any(not np.array_equal(x, stated[0]) for x in stated) or stated[0][0] <= 0:
+        return None
+    return PointMass(float(stated[0][0]), stated[0][1:])
 
 
 def _clock(log: LogFile) -> bool:

@@ -92,7 +92,17 @@ class Planner:
             Infeasible: no timing or no path holds the limits; says which, where and what would work.
         """
         self._check_ends(move)
+        self._check_objective(move)
         return _Solve(self, move, warm).run()
+
+    def _check_objective(self, move: Move) -> None:
+        objective = self.settings.objective
+        if objective in ("energy", "time"):
+            return
+        if move.mode == "retime":
+            raise BadInput(f"--objective {objective} is for --mode reshape; retime minimises energy or time")
+        if move.duration is None:
+            raise BadInput(f"--objective {objective} says nothing of duration; give --duration")
 
     def _check_ends(self, move: Move) -> None:
         limits = self.robot.limits
@@ -151,7 +161,10 @@ class _Solve:
         self.timing = self._first_timing()
         retimed = self._retimed()
         candidates: list[tuple[str, Trajectory]] = []
-        if retimed is not None:
+        if self.objective == "time" and self.move.mode == "retime" and self.timing is not None:
+            timing = self.timing if self.move.duration is None else self.timing.slowed(self.move.duration)
+            candidates.append(("retime", timing.trajectory(self.robot.joints)))
+        elif retimed is not None:
             candidates.append(("retime", retimed.trajectory))
         if self.move.mode == "reshape" and not self._stands_still():
             curve = self._reshaped(retimed)
@@ -191,6 +204,9 @@ class _Solve:
         if move.mode == "retime":
             self.iterations += solution.iterations
             self.converged, self.message = solution.converged, solution.message
+            certificate = self.p.certify(solution.trajectory)
+            if not certificate.valid:
+                self.converged, self.message = False, self._broken("retimed", certificate)
         return solution
 
     def _reshaped(self, retimed: RetimeSolution | None) -> Trajectory | None:
@@ -212,16 +228,19 @@ class _Solve:
                 raise self._too_short(trajectory.duration, certificate)
             trajectory = trajectory_of(replace(best.curve, duration=move.duration), self.robot.joints)
         if not certificate.valid:
-            worst = certificate.worst
-            self.converged = False
-            self.message = (
-                f"the reshaped move breaks the {worst['limit']} limit of {worst['joint']} at {worst['time']:.4g} s by "
-                f"{certificate.violation:.1e} of its bound; kept the best trajectory within limits"
-            )
+            self.converged, self.message = False, self._broken("reshaped", certificate)
             return None
         if not best.converged:
             self.converged, self.message = False, f"IPOPT stopped with {best.status}"
         return trajectory
+
+    @staticmethod
+    def _broken(how: str, certificate: Certificate) -> str:
+        worst = certificate.worst
+        return (
+            f"the {how} move breaks the {worst['limit']} limit of {worst['joint']} at {worst['time']:.4g} s by "
+            f"{certificate.violation:.1e} of its bound; kept the best trajectory within limits"
+        )
 
     def _task(self, duration: float | None) -> Task:
         move = self.move

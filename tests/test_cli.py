@@ -1,0 +1,118 @@
+"""The command line as a user meets it: files, exit codes, one line for every fault."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from energy_opt.cli.main import main
+from energy_opt.files import read_table
+from energy_opt.robot import load_robot
+
+START, GOAL = "0,-0.785,0,-2.356,0,1.571,0.785", "1.2,0.3,0.4,-1.2,-0.5,2.2,-0.4"
+QUICK = ["--starts", "1", "--controls", "16", "--compile", "never"]
+
+
+def test_optimize_writes_what_the_contract_lists(tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["optimize", "--robot", "panda", "--start", START, "--goal", GOAL, "--duration", "2", "--out", str(out)]
+    assert main([*words, "--json", *QUICK]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    stored = json.loads((out / "result.json").read_text())
+    assert printed == stored
+    assert stored["status"] == "solved" and stored["mode"] == "reshape" and stored["duration"] == 2.0
+    assert stored["joints"] == list(load_robot("panda").joints)
+    assert set(stored["energy"]) >= {"total", "standby", "stored", "loss", "by_effect"}
+    assert {b["name"] for b in stored["baselines"]} == {"toppra", "scaled"}
+    assert set(stored["saving"]) == {"total_percent", "loss_percent", "joules"}
+    kinds = {"position", "velocity", "acceleration", "jerk", "effort"}
+    assert set(stored["certificate"]["max_violation"]) == kinds
+    assert set(stored["certificate"]["worst"]) == {"limit", "joint", "time", "value", "bound"}
+    assert set(stored["optimality"]) == {"kind", "lower_bound", "gap_percent"}
+    assert set(stored["solver"]) >= {"name", "iterations", "build_seconds", "solve_seconds"}
+    table = read_table(out / "trajectory.csv")
+    for joint in stored["joints"]:
+        for kind in ("position", "velocity", "acceleration", "effort"):
+            assert f"{joint}.{kind}" in table
+    energy = np.sum((table["power"][1:] + table["power"][:-1]) / 2 * np.diff(table["time"]))
+    assert energy == pytest.approx(stored["energy"]["total"], rel=1e-4)
+    message = yaml.safe_load((out / "trajectory.yaml").read_text())
+    assert message["joint_names"] == stored["joints"]
+    assert len(message["points"]) == len(table["time"])
+    assert message["points"][-1]["time_from_start"] == {"sec": 2, "nanosec": 0}
+    assert (out / "plot.png").read_bytes()[:4] == b"\x89PNG"
+    assert "<html" in (out / "report.html").read_text()
+    assert not [file for file in out.iterdir() if file.name.startswith(".")]
+    assert main(["check", str(out / "trajectory.csv"), "--robot", "panda", "--quiet"]) == 0
+    # the trajectory as input of the next move
+    again = tmp_path / "again"
+    assert main(["optimize", "--robot", "panda", "--path", str(out / "trajectory.csv"), "--mode", "retime",
+                 "--duration", "2", "--out", str(again), "--quiet"]) == 0  # fmt: skip
+    second = json.loads((again / "result.json").read_text())
+    assert {b["name"] for b in second["baselines"]} == {"toppra", "scaled", "input"}
+    assert second["energy"]["total"] <= stored["energy"]["total"] + 1e-6
+
+
+def test_names_may_come_in_any_order(tmp_path):
+    joints = load_robot("panda").joints
+    pairs = ",".join(f"{joint}={value}" for joint, value in reversed(list(zip(joints, GOAL.split(","), strict=True))))
+    words = ["optimize", "--robot", "panda", "--start", START, "--goal", pairs, "--mode", "retime", "--quiet"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    table = read_table(tmp_path / "trajectory.csv")
+    assert table["panda_joint4.position"][-1] == pytest.approx(-1.2)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "text"),
+    [
+        (["--start", START, "--goal", "1,2,3"], 2, "3 positions; the robot has 7"),
+        (["--start", START, "--goal", "1,2,3,a,5,6,7"], 2, "'a' is not a number"),
+        (["--start", START, "--goal", "elbow=1"], 2, "unknown joint 'elbow'"),
+        (["--start", START], 2, "--goal is missing"),
+        (["--start", START, "--goal", GOAL, "--duration", "-1"], 2, "--duration -1"),
+        (["--start", START, "--goal", GOAL, "--duration", "soon"], 2, "--duration"),
+        (["--start", START, "--goal", GOAL, "--duration", "1", "--max-duration", "2"], 2, "give one"),
+        (["--start", START, "--goal", GOAL, "--mode", "warp"], 2, "retime or reshape"),
+        (["--start", START, "--goal", GOAL, "--payload", "1,2"], 2, "MASS,CX,CY,CZ"),
+        (["--start", START, "--goal", GOAL, "--model", "nowhere.toml"], 2, "nowhere.toml"),
+        (["--start", START, "--goal", GOAL, "--limits", "nowhere.yaml"], 2, "nowhere.yaml"),
+        (["--start", START, "--goal", GOAL, "--objective", "torque"], 2, "--duration"),
+        (["--start", START, "--goal", "9" + GOAL[3:]], 3, "panda_joint1"),
+        (["--start", START, "--goal", GOAL, "--mode", "retime", "--duration", "0.2"], 3, "short"),
+    ],
+)
+def test_faults_are_one_line(words, code, text, tmp_path, capsys):
+    assert main(["optimize", "--robot", "panda", *words, "--out", str(tmp_path), *QUICK]) == code
+    error = capsys.readouterr().err.strip()
+    assert text in error and len(error.splitlines()) == 1
+    if code == 3:
+        assert json.loads((tmp_path / "result.json").read_text())["status"] == "infeasible"
+
+
+def test_unknown_robot_and_verb(capsys):
+    assert main(["optimize", "--robot", "panda9", "--start", "0", "--goal", "1"]) == 2
+    assert "panda9" in capsys.readouterr().err
+    assert main(["fly"]) == 2
+    assert main([]) == 2
+
+
+def test_robots(capsys):
+    assert main(["robots", "--json", "--quiet"]) == 0
+    rows = json.loads(capsys.readouterr().out)["robots"]
+    assert {row["name"] for row in rows} >= {"panda", "ur3", "ur5", "ur10", "kinova", "xarm7", "z1", "ur3e", "ur5e"}
+    assert main(["robots", "panda"]) == 0
+    assert "panda_joint7" in capsys.readouterr().out
+
+
+def test_check_names_the_fault(tmp_path, capsys):
+    model = tmp_path / "model.toml"
+    model.write_text('format = "energy-opt/model/1"\nrobot = "panda"\n[[effect]]\nname = "standbye"\npower = 1\n')
+    assert main(["check", str(model)]) == 2
+    assert "standbye" in capsys.readouterr().err
+    table = tmp_path / "move.csv"
+    joints = load_robot("panda").joints
+    header = ",".join(["time", *(f"{joint}.position" for joint in joints)])
+    table.write_text(f"{header}\n0,{START}\n1,{GOAL.replace('1.2', 'x', 1)}\n")
+    assert main(["check", str(table), "--robot", "panda"]) == 2
+    assert "row 3, column panda_joint1.position" in capsys.readouterr().err

@@ -1,0 +1,164 @@
+"""The planner's promises: judged results, never worse than baselines, degenerate and impossible moves."""
+
+import numpy as np
+import pytest
+
+from energy_opt.effects import CoulombFriction, Payload
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.power import source_method_1, source_method_2
+from energy_opt.robot import load_robot
+
+START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
+GOAL = np.array([1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4])
+
+
+@pytest.fixture(scope="module")
+def planner():
+    return Planner(load_robot("panda"), source_method_2(), Settings(starts=2, controls=24, compile="never"))
+
+
+@pytest.fixture(scope="module")
+def reshaped(planner):
+    return planner.solve(Move(START, GOAL, duration=2.0))
+
+
+def assert_keeps_its_word(result, move):
+    trajectory = result.trajectory
+    assert result.certificate.valid and result.certificate.samples >= 10 * (len(trajectory.time) - 1)
+    assert np.allclose(trajectory.position[[0, -1]], [move.start, move.goal], atol=1e-12)
+    assert result.energy.total == pytest.approx(sum(result.energy.by_effect.values()), abs=1e-6)
+    parts = result.energy.standby + result.energy.stored + result.energy.loss
+    assert result.energy.total == pytest.approx(parts, abs=1e-9)
+    assert result.energy.total <= result.baseline("scaled").energy.total + 1e-9
+
+
+def test_reshape(planner, reshaped):
+    assert reshaped.status == "solved" and reshaped.chosen == "reshape"
+    assert reshaped.trajectory.duration == pytest.approx(2.0, abs=1e-12)
+    assert_keeps_its_word(reshaped, Move(START, GOAL))
+    # mechanical work between two states of rest is the change of potential energy, whatever the path
+    assert reshaped.energy.by_effect["mechanical"] == pytest.approx(reshaped.energy.stored, abs=1e-6)
+    assert reshaped.saving["loss_percent"] > 40
+    assert np.abs(reshaped.trajectory.acceleration[[0, -1]]).max() < 1e-8
+
+
+def test_retime_lies_between_scaled_and_reshape(planner, reshaped):
+    move = Move(START, GOAL, mode="retime", duration=2.0)
+    result = planner.solve(move)
+    assert_keeps_its_word(result, move)
+    assert reshaped.energy.total < result.energy.total < result.baseline("scaled").energy.total
+    assert result.optimality.kind == "global"
+    assert 0 <= result.optimality.gap_percent < 0.1
+    line = (result.trajectory.position - START) / (GOAL - START)
+    assert np.ptp(line, axis=1).max() < 1e-9
+
+
+def test_free_duration_beats_its_neighbours(planner):
+    best = planner.solve(Move(START, GOAL))
+    for factor in (1.05, 1.3):
+        other = planner.solve(Move(START, GOAL, duration=best.trajectory.duration * factor))
+        assert best.energy.total <= other.energy.total + 1e-3
+
+
+def test_max_duration_is_kept(planner):
+    result = planner.solve(Move(START, GOAL, max_duration=1.0))
+    assert result.trajectory.duration <= 1.0 + 1e-9
+    assert_keeps_its_word(result, Move(START, GOAL))
+
+
+def test_via_is_passed(planner):
+    via = np.array([0.6, -0.2, 0.2, -1.9, 0.3, 1.9, 0.2])
+    result = planner.solve(Move(START, GOAL, duration=2.5, via=(via,)))
+    assert result.chosen == "reshape" and result.certificate.valid
+    dense = result.trajectory.sample(result.trajectory.denser(20))[0]
+    assert np.abs(dense - via).max(axis=1).min() < 2e-3
+
+
+def test_free_end_acceleration_saves_more(reshaped):
+    settings = Settings(starts=2, controls=24, compile="never", end_acceleration="free")
+    result = Planner(load_robot("panda"), source_method_2(), settings).solve(Move(START, GOAL, duration=2.0))
+    assert np.abs(result.trajectory.acceleration[0]).max() > 0.1
+    assert result.energy.total < reshaped.energy.total
+
+
+def test_values_change_without_building_again():
+    model = source_method_2().replaced(Payload(mass=0.0, com=[0, 0, 0.1]))
+    planner = Planner(load_robot("panda"), model, Settings(starts=1, controls=16, compile="never"))
+    empty = planner.solve(Move(START, GOAL, duration=2.0))
+    planner.set_model(model.replaced(Payload(mass=2.5, com=[0, 0, 0.1])))
+    loaded = planner.solve(Move(START, GOAL, duration=2.0))
+    assert loaded.solver.build_seconds < 0.2 * empty.solver.build_seconds
+    assert loaded.energy.loss > 1.1 * empty.energy.loss
+    planner.set_model(model)
+    assert planner.solve(Move(START, GOAL, duration=2.0)).energy.total == pytest.approx(empty.energy.total, abs=1e-4)
+    with pytest.raises(BadInput, match="other effects"):
+        planner.set_model(source_method_1())
+
+
+def test_warm_start_is_never_lost(planner, reshaped):
+    again = planner.solve(Move(START, GOAL, duration=2.0), warm=[reshaped.trajectory])
+    assert again.energy.total <= reshaped.energy.total + 1e-9
+
+
+def test_mirrored_move_costs_the_same():
+    robot, settings = load_robot("ur5"), Settings(starts=1, controls=20, compile="never")
+    planner = Planner(robot, source_method_2("ur5"), settings)
+    start, goal = np.array([0.3, -1.2, 1.0, -0.5, 0.4, 0.1]), np.array([-0.5, -0.4, 0.3, 0.6, -0.2, 0.5])
+    there = planner.solve(Move(start, goal, duration=2.0))
+    back = planner.solve(Move(goal, start, duration=2.0))
+    # time reversed: the same torques, so the same loss; what was stored is given back
+    assert back.energy.loss == pytest.approx(there.energy.loss, rel=2e-3)
+    assert back.energy.stored == pytest.approx(-there.energy.stored, abs=1e-9)
+
+
+@pytest.mark.parametrize("mode", ["reshape", "retime"])
+@pytest.mark.parametrize("duration", [None, 0.5])
+@pytest.mark.parametrize("step", [0.0, 1e-4, 0.3])
+def test_small_moves(planner, mode, duration, step):
+    goal = START.copy()
+    goal[6] += step
+    move = Move(START, goal, mode=mode, duration=duration)
+    result = planner.solve(move)
+    assert_keeps_its_word(result, move)
+    if duration is not None:
+        assert result.trajectory.duration == pytest.approx(duration)
+
+
+def test_friction_changes_the_answer(planner, reshaped):
+    model = source_method_2().replaced(CoulombFriction(tau_c=5.0))
+    rubbing = Planner(load_robot("panda"), model, Settings(starts=1, controls=24, compile="never"))
+    result = rubbing.solve(Move(START, GOAL, duration=2.0))
+    assert_keeps_its_word(result, Move(START, GOAL))
+    assert result.energy.total < rubbing.score(reshaped.trajectory).total
+
+
+def test_impossible_moves_say_why(planner):
+    beyond = GOAL.copy()
+    beyond[0] = 9
+    with pytest.raises(Infeasible, match="panda_joint1") as caught:
+        planner.solve(Move(START, beyond))
+    assert (caught.value.joint, caught.value.limit) == ("panda_joint1", "position")
+    for mode in ("retime", "reshape"):
+        with pytest.raises(Infeasible) as short:
+            planner.solve(Move(START, GOAL, mode=mode, duration=0.2))
+        works = short.value.shortest_duration
+        assert works is not None and 0.2 < works < 3
+        result = planner.solve(Move(START, GOAL, mode=mode, duration=1.001 * works))
+        assert result.certificate.valid
+    heavy = source_method_2().replaced(Payload(mass=60.0, com=[0.0, 0.0, 0.1]))
+    with pytest.raises(Infeasible) as weak:
+        Planner(load_robot("panda"), heavy, Settings(starts=1, compile="never")).solve(Move(START, GOAL, duration=3.0))
+    assert weak.value.limit == "effort" and weak.value.joint in load_robot("panda").joints
+
+
+def test_bad_requests():
+    for settings in ({"starts": 0}, {"objective": "beauty"}, {"solver": "magic"}, {"end_acceleration": "some"}):
+        with pytest.raises(BadInput):
+            Settings(**settings)
+    with pytest.raises(BadInput):
+        Move(START, GOAL, duration=1.0, max_duration=2.0)
+    with pytest.raises(BadInput):
+        Move(START, GOAL, duration=float("nan"))
+    with pytest.raises(BadInput):
+        Move(START, GOAL[:3])

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from energy_opt.cli.common import add_output, payload_from, say
+
 if TYPE_CHECKING:
     from energy_opt.diagnose import Diagnosis
     from energy_opt.measured import MeasuredSet
@@ -26,11 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the declared model (default: mechanical power and the set's own mean power at standstill)",
     )
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
-    parser.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="known payload [kg, m], put into the declared model")
-    parser.add_argument("--out", type=Path, default=Path("diagnosis"), metavar="DIR", help="results (default: diagnosis)")
-    parser.add_argument("--json", action="store_true", help="diagnosis.json on stdout")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the holdout and all resampling (0)")
-    parser.add_argument("--quiet", action="store_true", help="no messages")
+    parser.add_argument(
+        "--payload", metavar="MASS[,CX,CY,CZ]", help="known payload [kg, m], put into the declared model"
+    )
+    add_output(parser, "diagnosis")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,8 +53,7 @@ def run(args: argparse.Namespace) -> int:
     if result.document["verdict"] in ("ambiguous", "insufficient"):
         _next_motion(result, args.out, args.seed)
     write(result, args.out)
-    if not args.quiet:
-        print(_summary(result, args.out), file=sys.stderr)
+    say(args, _summary(result, args.out))
     if args.json:
         sys.stdout.write(to_json(result.document))
     return 0
@@ -71,20 +71,6 @@ def _level(measured: MeasuredSet) -> PowerModel:
     if not still.any():
         raise BadInput(f"{measured.path}: the arm never stands still, so its static power is unknown; give --model")
     return PowerModel(measured.robot.name, (Standby(power=float(samples.power[still].mean())),))
-
-
-def payload_from(text: str):  # type: ignore[no-untyped-def]
-    """The payload effect of MASS[,CX,CY,CZ]."""
-    from energy_opt.effects import Payload
-    from energy_opt.errors import BadInput
-
-    try:
-        values = [float(x) for x in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) not in (1, 4):
-        raise BadInput(f"--payload {text!r}: expected MASS or MASS,CX,CY,CZ")
-    return Payload(mass=values[0], com=values[1:] or [0.0, 0.0, 0.0])
 
 
 def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
@@ -107,7 +93,9 @@ def _summary(result: Diagnosis, out: Path) -> str:
     lines = [f"verdict: {d['verdict']}"]
     for row in d["effects"]:
         refit = " (declared value fitted anew)" if row["refit"] else ""
-        lines.append(f"  {row['name']}{refit}: share of residual {row['share_of_residual']:.2f}, p = {row['p_value']:.3g}")
+        lines.append(
+            f"  {row['name']}{refit}: share of residual {row['share_of_residual']:.2f}, p = {row['p_value']:.3g}"
+        )
     if d["alternatives"]:
         lines.append("  fit equally well: " + " | ".join(" + ".join(names) or "nothing" for names in d["alternatives"]))
     for row in d["residual_goes_with"][:3]:

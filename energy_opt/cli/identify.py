@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from energy_opt.cli.common import add_output, payload_from, say
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
@@ -23,10 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: the one that log.toml names)")
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload held in the poses [kg, m]")
-    parser.add_argument("--out", type=Path, default=Path("identify"), metavar="DIR", help="results (default: identify)")
-    parser.add_argument("--json", action="store_true", help="identify.json on stdout")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the poses drawn for --suggest (0)")
-    parser.add_argument("--quiet", action="store_true", help="no messages")
+    add_output(parser, "identify")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,7 +43,6 @@ def run(args: argparse.Namespace) -> int:
 def _mass(text: str | None) -> PointMass | None:
     if not text:
         return None
-    from energy_opt.cli.diagnose import payload_from
     from energy_opt.robot import PointMass
 
     effect = payload_from(text)
@@ -66,8 +63,7 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
         second.save(args.out / "model_method2.toml")
     write_json(args.out / "identify.json", result.document())
     _plot(result, args.out / "plot.png")
-    if not args.quiet:
-        print(_summary(result, args.out), file=sys.stderr)
+    say(args, _summary(result, args.out))
     if args.json:
         sys.stdout.write(to_json(result.document()))
     return 0
@@ -121,12 +117,11 @@ def _suggest(args: argparse.Namespace, robot: Robot | None, mass: PointMass | No
     path = args.out / "suggested_poses.csv"
     header = [*(f"{joint}.position" for joint in robot.joints), "gravity_torque_squared"]
     write_table(path, header, [*found.poses.T, found.load])
-    if not args.quiet:
-        print(
-            f"{path}: {args.suggest} poses, |gravity torque|^2 from {found.load.min():.4g} to {found.load.max():.4g} "
-            f"(N m)^2; r_over_kt2 to +-{found.width:.3g} W/(N m)^2 per watt of spread about the line",
-            file=sys.stderr,
-        )
+    say(
+        args,
+        f"{path}: {args.suggest} poses, |gravity torque|^2 from {found.load.min():.4g} to {found.load.max():.4g} "
+        f"(N m)^2; r_over_kt2 to +-{found.width:.3g} W/(N m)^2 per watt of spread about the line",
+    )
     if args.json:
         sys.stdout.write(
             to_json({"robot": robot.name, "joints": list(robot.joints), "poses": found.poses, "load": found.load})

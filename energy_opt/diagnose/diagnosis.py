@@ -1,4 +1,4 @@
-"""The whole of a diagnosis: a measured set and a declared model in, verdict, effects, calibrated model and errors out."""
+"""A diagnosis: a measured set and a declared model in; verdict, effects, calibrated model and errors out."""
 
 from __future__ import annotations
 
@@ -85,9 +85,7 @@ def diagnose(measured: MeasuredSet, declared: PowerModel, seed: int = 0) -> Diag
         "robot": measured.robot.name,
         "joints": list(measured.robot.joints),
     }
-    return Diagnosis(
-        measured, samples, smoothing, tuple(train), tuple(holdout), declared, model, found, document
-    )
+    return Diagnosis(measured, samples, smoothing, tuple(train), tuple(holdout), declared, model, found, document)
 
 
 def covariance(f: Fit, inflation: float, noise: float) -> np.ndarray:
@@ -180,19 +178,27 @@ def remarks(found: Trace, measured: MeasuredSet) -> list[str]:
     out = []
     joints = measured.robot.joints
     if len(found.idle) == len(joints):
-        out.append("No joint moves: static poses show neither friction nor rotor inertia, regeneration or the meter's lag.")
+        out.append(
+            "No joint moves: static poses show neither friction nor rotor inertia, regeneration or the meter's lag."
+        )
     elif found.idle:
         names = ", ".join(joints[j] for j in found.idle)
         out.append(f"Never moving: {names}; what these joints lose in motion cannot be known from this set.")
     if measured.payload is not None:
         mass, com = measured.payload.mass, ", ".join(f"{x:.3g}" for x in measured.payload.com)
-        out.append(f"The recording states a payload of {mass:.3g} kg at ({com}) m; it counts as declared unless the model has one.")
+        out.append(
+            f"The recording states a payload of {mass:.3g} kg at ({com}) m; it counts as declared where the model has none."
+        )
     if not measured.clock:
         out.append("The log does not state every run's start; runs are taken to follow one another without a pause.")
     if found.left.structured:
-        out.append(f"What is left varies {found.left.ratio:.3g} times as much as noise, over blocks of a quarter second.")
+        out.append(
+            f"What is left varies {found.left.ratio:.3g} times as much as noise, over blocks of a quarter second."
+        )
     if found.verdict == "unexplained" and found.accepted.terms:
-        out.append("The effects named hold most of the residual; what is left beside them goes with the signals listed.")
+        out.append(
+            "The effects named hold most of the residual; what is left beside them goes with the signals listed."
+        )
     for f in found.rivals[1:]:
         out.append(f"Fits as well: {', '.join(f.names) or 'nothing missing'}.")
     return out

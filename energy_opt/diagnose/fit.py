@@ -18,7 +18,7 @@ ENOUGH = 0.02  # a step that lowers the loss by less ends the fit
 
 @dataclass(frozen=True)
 class Extra:
-    """Linear columns (N, c), times the samples' weight, that no library effect has: an unlisted structure, by family, joint and setting."""
+    """An unlisted structure: linear columns (N, c), times the samples' weight, by family, joint and setting."""
 
     family: str
     joint: int
@@ -33,7 +33,8 @@ class Fit:
     Attributes:
         terms, extras: what it adds; `starts` the free numbers of each term, `weights` those of the extras.
         model: the declared model with the terms' values.
-        residual: (N,) W and jacobian (N, K) by all free numbers, both times the samples' weight; loss: sum of squares over the meter's noise variance.
+        residual: (N,) W and jacobian (N, K) by all free numbers, both times the samples' weight; loss: sum of
+            squares over the meter's noise variance.
         evaluations: of the model, in this fit.
     """
 
@@ -74,12 +75,14 @@ def fit(
     lower = np.concatenate([c.lower for c in charts] or [np.zeros(0)])
     upper = np.concatenate([c.upper for c in charts] or [np.zeros(0)])
     z = np.clip(np.concatenate([*starts, np.zeros(0)]), lower, upper)
-    cuts = np.cumsum([len(c.lower) for c in charts])[:-1] if charts else []
+    cuts: list[int] = np.cumsum([len(c.lower) for c in charts])[:-1].tolist()
     added = np.column_stack([e.columns for e in extras]) if extras else np.zeros((len(samples.power), 0))
     scale = 1 / samples.noise
     trust = samples.weight
 
-    def state(z: np.ndarray, weights: np.ndarray | None) -> tuple[PowerModel, np.ndarray, np.ndarray, np.ndarray, float]:
+    def state(
+        z: np.ndarray, weights: np.ndarray | None
+    ) -> tuple[PowerModel, np.ndarray, np.ndarray, np.ndarray, float]:
         model = declared
         parts = np.split(z, cuts) if charts else []
         for c, numbers in zip(charts, parts, strict=True):

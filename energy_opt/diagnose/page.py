@@ -58,7 +58,9 @@ def page(result: Diagnosis) -> Report:
     report.section("Power over time")
     report.picture(_power(result))
     report.section("Evidence for each candidate")
-    report.text("Loss is the sum of squared residuals over the meter's noise; the score adds the price of free numbers.")
+    report.text(
+        "Loss is the sum of squared residuals over the meter's noise; the score adds the price of free numbers."
+    )
     report.table(
         ["effects", "structures outside the table", "numbers", "loss per sample", "score"],
         [[", ".join(r["effects"]) or "declared model", ", ".join(r["structures"]), r["numbers"], r["loss_per_sample"],

@@ -39,7 +39,8 @@ def _drive(structure: tuple[tuple[str, ...], ...], n: int) -> tuple[ca.Function,
         effect.choices.update(dict(option.split("=") for option in options))
         effects.append(effect)
     model = PowerModel("", tuple(effects))
-    x = Signals(*(ca.SX.sym(name, n) for name in ("q", "v", "a", "tau")), ca.SX.sym("t"))
+    q, v, a, tau = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau"))
+    x = Signals(q, v, a, tau, ca.SX.sym("t"))
     p = model.symbols(n)
     power = drive_terms(model, x, p).power
     by_p, by_tau = ca.gradient(power, p), ca.gradient(power, x.tau)
@@ -65,7 +66,7 @@ def _rigid_maps() -> tuple[ca.Function, ca.Function]:
 
 
 def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Rigid torque (N, n), and its derivatives by payload (N, n, 4) and base tilt (N, n, 2) where the model has them."""
+    """Rigid torque (N, n) and its derivatives by payload (N, n, 4) and base tilt (N, n, 2), None where there is none."""
     payload_map, tilt_map = _rigid_maps()
     payload, tilt = model.get(Payload.name), model.get(BaseTilt.name)
     gravity, by_angle = s.body.gravity, None

@@ -173,7 +173,9 @@ def sprung_joints(current: Fit, candidate: Candidate, samples: Samples) -> Candi
     chosen: list[int] = []
     reached = 0.0
     while len(chosen) < n:
-        trials = [(gain(current, _columns(candidate, [*chosen, j], n), samples)[0], j) for j in range(n) if j not in chosen]
+        trials = [
+            (gain(current, _columns(candidate, [*chosen, j], n), samples)[0], j) for j in range(n) if j not in chosen
+        ]
         best, joint = max(trials)
         if best - reached < price and chosen:
             break

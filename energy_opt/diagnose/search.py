@@ -57,7 +57,7 @@ class Search:
         """Lower is better; infinite where an effect's values are too small to be claimed."""
         if any(negligible(c.term, c.values(z)) for c, z in zip(f.charts, f.numbers, strict=True)):
             return float("inf")
-        if LAGGING <= set(f.names):
+        if set(f.names) >= LAGGING:
             both = [float(c.values(z)[0]) for c, z in zip(f.charts, f.numbers, strict=True) if c.term.name in LAGGING]
             if abs(sum(both)) < RESOLVED_LAG:
                 return float("inf")
@@ -87,9 +87,7 @@ class Search:
 
     def add(self, base: Fit, candidate: Candidate, weights: np.ndarray) -> Fit:
         """`base` with a candidate more."""
-        return self.hypothesis(
-            (*base.terms, candidate.term), [*base.numbers, candidate.start(weights)], base.extras
-        )
+        return self.hypothesis((*base.terms, candidate.term), [*base.numbers, candidate.start(weights)], base.extras)
 
     def add_extra(self, base: Fit, extra: Extra) -> Fit:
         """`base` with a structure more."""

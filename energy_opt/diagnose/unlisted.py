@@ -12,7 +12,7 @@ A torque shows in the power through dP/dtau_m = v + 2 r tau_m.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from energy_opt.diagnose.samples import Samples
 from energy_opt.diagnose.screen import basis
 from energy_opt.diagnose.terms import Term
 
-HARMONICS = np.arange(3.0, 61.0)
+HARMONICS = tuple(float(k) for k in range(3, 61))
 SPEED_PERIODS = (0.1, 0.14, 0.2, 0.25, 0.3, 0.35, 0.42, 0.5, 0.6, 0.75)  # [rad/s]
 GAPS = (0.01, 0.02, 0.04, 0.07, 0.12)  # [rad]
 LONGEST, SHORTEST = 60.0, 0.8  # [s] periods tried
@@ -71,16 +71,21 @@ def structures(current: Fit, samples: Samples) -> Iterator[tuple[float, Extra]]:
     turning = [j for j in range(n) if (way[:, j] < 1.0).any()]
 
     def position(k: float) -> list[np.ndarray]:
-        return [np.column_stack([w[:, j] * np.sin(k * samples.q[:, j]), w[:, j] * np.cos(k * samples.q[:, j])]) for j in range(n)]  # fmt: skip
+        x = k * samples.q
+        return [np.column_stack([w[:, j] * np.sin(x[:, j]), w[:, j] * np.cos(x[:, j])]) for j in range(n)]
 
     def velocity(period: float) -> list[np.ndarray]:
         x = 2 * np.pi * v / period
-        return [np.column_stack([w[:, j] * np.sin(x[:, j]), w[:, j] * np.sign(v[:, j]) * (1 - np.cos(x[:, j]))]) for j in range(n)]  # fmt: skip
+        even = np.sign(v) * (1 - np.cos(x))
+        return [np.column_stack([w[:, j] * np.sin(x[:, j]), w[:, j] * even[:, j]]) for j in range(n)]
 
     def reversal(gap: float) -> list[np.ndarray]:
         return [(w[:, j] * np.exp(-way[:, j] / gap) * np.sign(v[:, j]))[:, None] for j in turning]
 
-    families = [("position", HARMONICS, position), ("velocity", SPEED_PERIODS, velocity)]
+    families: list[tuple[str, Sequence[float], Callable[[float], list[np.ndarray]]]] = [
+        ("position", HARMONICS, position),
+        ("velocity", SPEED_PERIODS, velocity),
+    ]
     if turning:
         families.append(("reversal", GAPS, reversal))
     for family, settings, build in families:
@@ -89,10 +94,10 @@ def structures(current: Fit, samples: Samples) -> Iterator[tuple[float, Extra]]:
             continue
         scored = []
         for setting in settings:
-            blocks = build(float(setting))
-            scored.append((_gain(np.column_stack(blocks), residual, q), float(setting), -1, np.column_stack(blocks)))
+            own = build(float(setting))
+            scored.append((_gain(np.column_stack(own), residual, q), float(setting), -1, np.column_stack(own)))
             if n > 1:
-                scored += [(_gain(b, residual, q), float(setting), j, b) for j, b in zip(joints, blocks, strict=True)]
+                scored += [(_gain(b, residual, q), float(setting), j, b) for j, b in zip(joints, own, strict=True)]
         for joint in (-1, *joints):
             rows = [row for row in scored if row[2] == joint and (family, joint) not in taken]
             if rows:
@@ -108,10 +113,10 @@ def _in_time(
     if ("step", -1) not in taken:
         instants = np.quantile(t, np.linspace(0, 1, STEPS + 2)[1:-1])
         edges = [(t[a.stop - 1] + t[b.start]) / 2 for a, b in zip(samples.slices[:-1], samples.slices[1:], strict=True)]
-        columns = [((t >= at) * samples.weight)[:, None] for at in [*instants, *edges]]
-        gains = [_gain(c, residual, q) for c in columns]
+        steps = [((t >= at) * samples.weight)[:, None] for at in [*instants, *edges]]
+        gains = [_gain(c, residual, q) for c in steps]
         best = int(np.argmax(gains))
-        yield gains[best], Extra("step", -1, float([*instants, *edges][best]), columns[best])
+        yield gains[best], Extra("step", -1, float([*instants, *edges][best]), steps[best])
     if ("wave", -1) not in taken:
         best_wave: tuple[float, float, np.ndarray] = (-1.0, 0.0, np.zeros((0, 0)))
         for period in _likely_periods(samples, residual):

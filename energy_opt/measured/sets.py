@@ -107,7 +107,7 @@ def robot_of(log: LogFile, limits: Path | None = None) -> Robot:
 def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str]]:
     """All runs that can be read, and every fault found on the way."""
     faults = [
-        f"{log.path}: columns.{key}: the robot has no joint {key.rpartition('.')[0]!r}; joints are {', '.join(robot.joints)}"
+        f"{log.path}: columns.{key}: no joint {key.rpartition('.')[0]!r}; the robot's are {', '.join(robot.joints)}"
         for key in log.rules
         if key.rpartition(".")[0] not in (*robot.joints, "", "power")
     ]

@@ -1,0 +1,236 @@
+"""How well `diagnose` names causes: seeded virtual sets with known truth, a confusion matrix and the table of targets.
+
+    python benchmarks/diagnose.py --out report.json [--sets 1.0] [--arms panda,ur5,z1,xarm7] [--jobs 1] [--seed 0]
+
+`--sets 1` makes every single effect once on every arm, 40 pairs, 200 clean sets, every special twice on every arm and
+the weak sets; smaller numbers make proportionally fewer. A crash counts as a miss.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import tempfile
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.diagnose import diagnose
+from energy_opt.diagnose.errors import errors
+from energy_opt.diagnose.fit import fit
+from energy_opt.diagnose.samples import take_samples
+from energy_opt.diagnose.terms import Term, chart, to_chart
+from energy_opt.effects import ALL_EFFECTS, Effect
+from energy_opt.measured import read_set
+from energy_opt.power import PowerModel
+from energy_opt.virtual_arm.sets import MadeSet, fresh_motions, make_set
+from energy_opt.virtual_arm.specials import SPECIALS
+
+NAMES = [e.name for e in ALL_EFFECTS if e.name not in ("standby", "copper_loss")]
+SAME = [{"supply_efficiency", "meter_gain"}]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One set to make and to diagnose."""
+
+    category: str
+    arm: str
+    effects: tuple[str, ...]
+    specials: tuple[str, ...]
+    weak: str
+    seed: int
+
+
+def jobs(arms: list[str], share: float, seed: int) -> Iterator[Job]:
+    """The sets of the benchmark, mixed over arms."""
+    rng = np.random.default_rng(seed)
+    number = itertools.count(10_000 * (seed + 1))
+
+    def some(count: int) -> int:
+        return max(1, round(count * share))
+
+    grid = [(name, arm) for k, name in enumerate(NAMES) for arm in np.roll(arms, -k)]
+    by_round = [grid[k :: len(arms)] for k in range(len(arms))]
+    singles = [pair for part in by_round for pair in part]
+    for name, arm in singles[: some(len(singles))]:
+        yield Job("single", str(arm), (name,), (), "", next(number))
+    for k in range(some(40)):
+        pair = tuple(str(x) for x in rng.choice(NAMES, 2, replace=False))
+        if any(set(pair) == same for same in SAME):
+            continue
+        yield Job("double", arms[k % len(arms)], pair, (), "", next(number))
+    specials = [(name, arms[(k + j) % len(arms)]) for j in range(2 * len(arms)) for k, name in enumerate(SPECIALS)]
+    for name, arm in specials[: some(len(specials))]:
+        yield Job("unlisted", arm, (), (name,), "", next(number))
+    for k in range(some(200)):
+        yield Job("clean", arms[k % len(arms)], (), (), "", next(number))
+    weak = [
+        (w, e)
+        for e in ("coulomb_friction", "payload", "armature", "viscous_friction")
+        for w in ("static_only", "still_joint")
+    ]
+    for k, (kind, name) in enumerate(weak[: some(len(weak))]):
+        yield Job("weak", arms[k % len(arms)], (name,), (), kind, next(number))
+
+
+def run(job: Job) -> dict[str, Any]:
+    """Make one set, diagnose it and judge the answer."""
+    row: dict[str, Any] = {**job.__dict__, "verdict": "crash", "named": [], "alternatives": [], "right": False}
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "set"
+        made = make_set(folder, job.arm, job.effects, job.specials, seed=job.seed, weak=job.weak)  # type: ignore[arg-type]
+        begun = time.process_time()
+        try:
+            result = diagnose(read_set(folder, made.robot), made.declared)
+        except Exception as error:
+            return {**row, "error": repr(error)}
+        row["seconds"] = time.process_time() - begun
+        d = result.document
+        named = sorted(e["name"] for e in d["effects"])
+        row.update(verdict=d["verdict"], named=named, alternatives=[sorted(a) for a in d["alternatives"]])
+        row["right"] = _right(job, row)
+        row["holdout"] = d["error"]["after"]["holdout"]
+        row["noise_floor"] = d["error"]["noise_floor"]
+        if job.category in ("single", "double"):
+            row["ratio"] = _ratio(
+                made, result.model, Path(place) / "fresh", [result.samples.files[k] for k in result.train]
+            )
+            if set(named) == set(job.effects):
+                row["inside"] = _inside(made, d["effects"])
+    return row
+
+
+def _right(job: Job, row: dict[str, Any]) -> bool:
+    named, verdict = row["named"], row["verdict"]
+    if job.category == "clean":
+        return not named and verdict == "nothing_missing"
+    if job.category == "unlisted":
+        return not named and verdict == "unexplained"
+    if job.category == "weak":
+        return verdict in ("insufficient", "ambiguous")
+    true = sorted(job.effects)
+    return (named == true and verdict == "explained") or (verdict == "ambiguous" and true in row["alternatives"])
+
+
+def _ratio(made: MadeSet, model: PowerModel, folder: Path, train: list[str]) -> float:
+    """Power RMSE on fresh motions over that of a fit to the same runs that knows the true effects."""
+    fresh = fresh_motions(made, folder)
+    samples, _ = take_samples(read_set(fresh.folder, made.robot))
+    whole, _ = take_samples(read_set(made.folder, made.robot))
+    fitted = whole.part([whole.files.index(name) for name in train])
+    n = made.robot.n
+    terms, starts = [], []
+    for effect in made.model.effects:
+        if effect.name in ("standby", "copper_loss"):
+            continue
+        per_joint = any(p.size == "joint" for p in effect.parameters)
+        options = tuple(f"{k}={v}" for k, v in sorted(effect.choices.items()))
+        spring = effect.name == "gravity_spring"
+        joints = tuple(int(j) for j in np.flatnonzero(effect.full(n)[:n])) if spring else None
+        term = Term(effect.name, "joint" if per_joint else "number", options, joints)
+        c = chart(term, made.declared, n)
+        x = to_chart(effect.name, effect.full(n), n)
+        terms.append(term)
+        starts.append(np.linalg.lstsq(c.matrix, x - c.base, rcond=None)[0])
+    knowing = fit(fitted, made.declared, terms, starts)
+    every = list(range(len(samples.files)))
+    mine, best = errors(model, samples, every), errors(knowing.model, samples, every)
+    assert mine is not None and best is not None
+    return float(mine["power_rmse"] / best["power_rmse"])
+
+
+def _inside(made: MadeSet, effects: list[dict[str, Any]]) -> list[bool]:
+    """For every parameter of every effect: is the truth within the stated interval?"""
+    out = []
+    for row in effects:
+        true: Effect | None = made.model.get(row["name"])
+        assert true is not None
+        for name, ci in row["ci95"].items():
+            value = true.values[name]
+            limits = np.atleast_2d(np.asarray(ci, dtype=float))
+            if row["name"] == "gravity_spring":
+                kept = np.flatnonzero(np.broadcast_to(true.values["stiffness"], (made.robot.n,)))
+                value, limits = np.broadcast_to(value, (made.robot.n,))[kept], limits[kept]
+            out += [bool(a <= v <= b) for v, a, b in np.broadcast(value, limits[:, 0], limits[:, 1])]
+    return out
+
+
+def report(rows: list[dict[str, Any]]) -> str:
+    """The table of targets and the confusion matrix."""
+
+    def share(category: str, test: Any = lambda row: row["right"]) -> str:
+        of = [row for row in rows if row["category"] == category]
+        return f"{100 * sum(map(test, of)) / len(of):.1f} % of {len(of)}" if of else "-"
+
+    ratios = [row["ratio"] for row in rows if "ratio" in row]
+    inside = [x for row in rows for x in row.get("inside", [])]
+    seconds = [row["seconds"] for row in rows if "seconds" in row]
+    lines = [
+        "| | must | reached |",
+        "|---|---|---|",
+        f"| one undeclared effect, named exactly | >= 90 % | {share('single')} |",
+        f"| two undeclared effects, both named | >= 75 % | {share('double')} |",
+        f"| nothing missing, any effect claimed | <= 1 % | {share('clean', lambda row: bool(row['named']))} |",
+        f"| nothing missing, verdict nothing_missing | - | {share('clean')} |",
+        f"| outside the library: unexplained, none claimed | >= 90 % | {share('unlisted')} |",
+        f"| too little excitation: insufficient or ambiguous | 100 % | {share('weak')} |",
+    ]
+    if ratios:
+        lines.append(f"| RMSE on fresh motions over a knowing fit's, median / worst | <= 1.05 / 1.2 | "
+                     f"{np.median(ratios):.3f} / {max(ratios):.3f} of {len(ratios)} |")  # fmt: skip
+    if inside:
+        lines.append(
+            f"| parameters within their intervals | 90-99 % | {100 * np.mean(inside):.1f} % of {len(inside)} |"
+        )
+    if seconds:
+        lines.append(f"| CPU seconds per set, median / worst | 20 | {np.median(seconds):.1f} / {max(seconds):.1f} |")
+    matrix: dict[str, Counter[str]] = defaultdict(Counter)
+    for row in rows:
+        true = "+".join(sorted(row["effects"])) or "+".join(row["specials"]) or "clean"
+        said = "+".join(row["named"]) or row["verdict"]
+        matrix[f"{true} ({row['weak']})" if row["weak"] else true][said if row["right"] is False else "right"] += 1
+    lines += ["", "| true | right | otherwise |", "|---|---|---|"]
+    for true, said in sorted(matrix.items()):
+        other = ", ".join(f"{name} x{count}" for name, count in said.items() if name != "right")
+        lines.append(f"| {true} | {said['right']} of {sum(said.values())} | {other} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("diagnose_benchmark.json"))
+    parser.add_argument("--sets", type=float, default=1.0)
+    parser.add_argument("--arms", default="panda,ur5,z1,xarm7")
+    parser.add_argument("--only", default="", help="categories, comma-separated")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    todo = [
+        j
+        for j in jobs(args.arms.split(","), args.sets, args.seed)
+        if not args.only or j.category in args.only.split(",")
+    ]
+    rows = []
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for row in pool.map(run, todo):
+            rows.append(row)
+            mark = "right" if row["right"] else "WRONG"
+            true = "+".join(row["effects"] + row["specials"])
+            print(f"{mark} {row['category']} {row['arm']} {true} {row['weak']} -> "
+                  f"{row['verdict']} {'+'.join(row['named'])} {row['alternatives'] or ''} "
+                  f"{row.get('ratio', '')} {row.get('error', '')} seed {row['seed']}", flush=True)  # fmt: skip
+            args.out.write_text(json.dumps(rows, indent=1, default=list) + "\n")
+    print(report(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,156 @@
+"""One check that every effect must pass, a user's own included."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.effects.base import EXACT, Effect, Kinks, PowerEffect, Signals, Smooth, TorqueEffect
+from energy_opt.effects.electrics import CopperLoss, Regeneration, SupplyEfficiency, WindingTemperature
+from energy_opt.effects.meter import MeterEffect
+from energy_opt.effects.rigid import BaseTilt, Payload
+
+SAMPLES = 60
+CLOSE = 1e-5  # relative agreement of derivatives, and of recovered parameters (times 10)
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str]:
+    """What is wrong with an effect, one sentence each; empty where it passes.
+
+    Checked: at its neutral value it changes nothing; its derivatives by every parameter agree with finite differences;
+    it is finite at rest; where it claims to dissipate, it never gives power; its parameters are recovered from data
+    that it simulates.
+    """
+    rng = np.random.default_rng(seed)
+    law = _meter_law(kind, rng) if issubclass(kind, MeterEffect) else _law(kind, joints, rng)
+    faults = []
+    neutral = kind.neutral(joints).full(joints)
+    change = law.change(neutral)
+    if np.abs(change).max() > 1e-9:
+        faults.append(f"{kind.name}: changes something at its neutral value (by {np.abs(change).max():.3g})")
+    values = _drawn(kind, joints, rng)
+    faults += _derivatives(kind, law, values)
+    if not (np.isfinite(law.at_rest(values)).all()):
+        faults.append(f"{kind.name}: is not finite at rest")
+    if kind.dissipates and law.given(values).min() < -1e-9:
+        faults.append(f"{kind.name}: claims to dissipate, but gives {-law.given(values).min():.3g} W")
+    return faults + _recovery(kind, law, values, rng)
+
+
+def _drawn(kind: type[Effect], joints: int, rng: np.random.Generator) -> np.ndarray:
+    """Parameter values away from neutral and inside the bounds."""
+    out: list[float] = []
+    for p in kind.parameters:
+        for _ in range(p.count(joints)):
+            size = 0.1 if p.neutral == 0 else 0.15 * abs(p.neutral)
+            away = size * rng.uniform(0.6, 1.4)
+            value = p.neutral + away if p.neutral + away <= p.upper else p.neutral - away
+            out.append(float(np.clip(value, p.lower, p.upper)))
+    return np.array(out)
+
+
+def _derivatives(kind: type[Effect], law: SimpleNamespace, values: np.ndarray) -> list[str]:
+    exact = law.jacobian(values)
+    for k in range(len(values)):
+        step = 1e-6 * max(1.0, abs(values[k]))
+        high, low = values.copy(), values.copy()
+        high[k] += step
+        low[k] -= step
+        difference = (law.change(high) - law.change(low)) / (2 * step)
+        scale = max(float(np.abs(difference).max()), 1e-6)
+        if np.abs(exact[:, k] - difference).max() > CLOSE * scale * 10:
+            return [f"{kind.name}: derivative by number {k} of its parameters disagrees with finite differences"]
+    return []
+
+
+def _recovery(kind: type[Effect], law: SimpleNamespace, values: np.ndarray, rng: np.random.Generator) -> list[str]:
+    from scipy.optimize import least_squares
+
+    data = law.change(values)
+    start = values * (1 + 0.1 * rng.uniform(-1, 1, len(values)))
+    low = np.concatenate([np.full(p.count(law.joints), p.lower) for p in kind.parameters])
+    high = np.concatenate([np.full(p.count(law.joints), p.upper) for p in kind.parameters])
+    found = least_squares(
+        lambda x: law.change(x) - data, np.clip(start, low, high), lambda x: law.jacobian(x),
+        bounds=(low - 1e-12, high + 1e-12), x_scale=np.maximum(np.abs(values), 1e-3),
+        xtol=1e-14, ftol=1e-14, gtol=1e-14,
+    ).x  # fmt: skip
+    off = np.abs(found - values) / np.maximum(np.abs(values), 1e-3)
+    if off.max() > 10 * CLOSE:
+        return [f"{kind.name}: its parameters are not recovered from its own data (off by {off.max():.2g})"]
+    return []
+
+
+def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNamespace:
+    """The change that an effect makes (M,), its Jacobian, the power it takes away, and its values at rest."""
+    q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
+    x = Signals(q, v, a, tau, ca.SX.sym("t"))
+    p = ca.SX.sym("p", kind.size(joints))
+    change, given = _expressions(kind, x, kind.split(p, joints), joints, EXACT)
+    smooth, _ = _expressions(kind, x, kind.split(p, joints), joints, Smooth())
+    inputs = [ca.vertcat(x.q, x.v, x.a, x.tau, x.t), p]
+    jacobian = ca.densify(ca.jacobian(change, p))
+    function = ca.Function("f", inputs, [ca.densify(change), jacobian, ca.densify(given), ca.densify(smooth)])
+    states = rng.normal(size=(SAMPLES, 4 * joints + 1)) * np.array([1.0] * 3 * joints + [8.0] * joints + [1.0])
+    states[:, -1] = rng.uniform(0, 300.0, SAMPLES)
+    rest = states.copy()
+    rest[:, joints : 3 * joints] = 0
+
+    def evaluate(which: int, at: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+        return [np.array(function(state, values)[which]) for state in at]
+
+    return SimpleNamespace(
+        joints=joints,
+        change=lambda values: np.concatenate([y.ravel() for y in evaluate(0, states, values)]),
+        jacobian=lambda values: np.vstack(evaluate(1, states, values)),
+        given=lambda values: np.concatenate([y.ravel() for y in evaluate(2, states, values)]),
+        at_rest=lambda values: np.concatenate([y.ravel() for k in (0, 1, 3) for y in evaluate(k, rest, values)]),
+    )
+
+
+def _expressions(kind: type[Effect], x: Signals, p: Any, joints: int, kinks: Kinks) -> tuple[ca.SX, ca.SX]:
+    """What an effect adds (to torque, power, heat or gravity), and the power that it takes away, W."""
+    power = ca.dot(x.tau, x.v)
+    if kind.stage == "torque":
+        torque = cast(type[TorqueEffect], kind).torque(x, p, kinks)
+        return torque, ca.dot(torque, x.v)
+    if kind.stage == "power":
+        added = cast(type[PowerEffect], kind).power(x, x.tau, p, kinks)
+        return added, added
+    if issubclass(kind, CopperLoss):
+        heat = kind.heat(x.tau, p)
+        return heat, heat
+    if issubclass(kind, WindingTemperature):
+        more = kind.factor(x.t, p) - 1
+        return more, more
+    if issubclass(kind, Regeneration):
+        drive = x.tau * x.v
+        levels = [kind.power(drive, p, kinks, level) - power for level in kind.options["level"]]
+        return ca.vertcat(*levels), ca.vertcat(*levels)
+    if issubclass(kind, SupplyEfficiency):
+        drawn = 100 + power**2
+        more = kind.power(drawn, p) - drawn
+        return more, more
+    if issubclass(kind, Payload):
+        mass, first, second = kind.inertia(p)
+        return ca.vertcat(mass, first, ca.vec(second)), ca.SX(0)
+    if issubclass(kind, BaseTilt):
+        return kind.gravity(ca.SX(GRAVITY), p) - GRAVITY, ca.SX(0)
+    raise NotImplementedError(f"{kind.name}: no check for an effect of stage {kind.stage!r}")
+
+
+def _meter_law(kind: type[MeterEffect], rng: np.random.Generator) -> SimpleNamespace:
+    """The same of a meter's effect, on a power over time."""
+    time = np.arange(200) * 0.01
+    power = 90 + sum(5 * rng.normal() * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.7, 1.6, 2.9))
+    return SimpleNamespace(
+        joints=1,
+        change=lambda values: kind.reading(time, power, float(values[0])) - power,
+        jacobian=lambda values: kind.sensitivity(time, power, float(values[0]))[:, None],
+        given=lambda values: np.zeros(1),
+        at_rest=lambda values: kind.reading(time, np.full_like(time, 90.0), float(values[0])),
+    )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.bench.executors import cluster, local
-from energy_opt.bench.journal import Journal
+from energy_opt.bench.journal import Journal, read_journal
 from energy_opt.bench.progress import Progress
 from energy_opt.bench.rows import Record, Row, write_parquet
 from energy_opt.bench.runner import Solver, run_tasks
@@ -73,6 +73,9 @@ def run_batch(
                 progress.count(record["row"]["status"] == "solved")
         except KeyboardInterrupt:
             interrupted = True
+            for record in read_journal(journal.path)[1]:  # it may have come between the disk and `records`
+                if record["key"] in wanted:
+                    records.setdefault(record["key"], record)
         progress.show(last=True)
         rows = [records[key]["row"] for key in wanted if key in records]
         run = {

@@ -30,7 +30,9 @@ def assert_keeps_its_word(result, move):
     assert result.energy.total == pytest.approx(sum(result.energy.by_effect.values()), abs=1e-6)
     parts = result.energy.standby + result.energy.stored + result.energy.loss
     assert result.energy.total == pytest.approx(parts, abs=1e-9)
-    assert result.energy.total <= result.baseline("scaled").energy.total + 1e-9
+    scaled = result.baseline("scaled")
+    if scaled.max_violation <= 1e-6:
+        assert result.energy.total <= scaled.energy.total + 1e-9
 
 
 def test_reshape(planner, reshaped):

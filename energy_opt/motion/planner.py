@@ -16,7 +16,7 @@ from energy_opt.motion.nodes import NodeFunctions, node_functions
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.program import Ends
 from energy_opt.motion.reshape import Outcome
-from energy_opt.motion.reshaper import Reshaper, Task, trajectory_of
+from energy_opt.motion.reshaper import FEASIBLE, Reshaper, Task, trajectory_of
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
 from energy_opt.motion.retime import RetimeSolution, retime
 from energy_opt.motion.score import Energy, Scorer
@@ -120,6 +120,24 @@ class Planner:
                     position=1.0 if what == "goal" else 0.0,
                     excess=float(excess[j]),
                 )
+        self._check_holding(move)
+
+    def _check_holding(self, move: Move) -> None:
+        """An arm that begins or ends at rest must be able to stand there."""
+        rest = [not np.any(v) for v in move.end_velocities]
+        ends = np.stack([move.start, move.goal])
+        tau, _, _ = self._scorer.drive(ends, np.zeros_like(ends), np.zeros_like(ends), np.zeros(2))
+        excess = np.where(np.array(rest)[:, None], np.abs(tau) / self.robot.limits.effort - 1, -1.0)
+        k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        if excess[k, j] > ALLOWED:
+            raise Infeasible(
+                f"{('start', 'goal')[k]}: {self.robot.joints[j]} needs {abs(tau[k, j]):.4g} N m to stand still, beyond its "
+                f"effort limit {self.robot.limits.effort[j]:.4g}; a lighter payload or another posture would work",
+                joint=self.robot.joints[j],
+                limit="effort",
+                position=float(k),
+                excess=float(excess[k, j]),
+            )
 
     def _path(self, move: Move) -> JointPath:
         if move.path is not None:
@@ -128,9 +146,10 @@ class Planner:
             return through(np.vstack([move.start, *move.via, move.goal]))
         return straight(move.start, move.goal)
 
-    def _fastest(self, move: Move) -> Timing:
+    def _fastest(self, move: Move, limits: Limits | None = None) -> Timing:
         path = self._path(move)
-        return fastest(self.robot, self.model, path, start_speed=path.start_speed, end_speed=path.end_speed)
+        ends = {"start_speed": path.start_speed, "end_speed": path.end_speed}
+        return fastest(self.robot, self.model, path, limits=limits, **ends)
 
     def _reshaper(self, objective: str) -> Reshaper:
         if objective not in self._reshapers:
@@ -143,6 +162,16 @@ class Planner:
             )
             self._build_seconds += time.perf_counter() - begin
         return self._reshapers[objective]
+
+
+def tightened(limits: Limits, certificate: Certificate) -> Limits:
+    """Limits taken smaller by a little more than the judge found them broken."""
+    changed = {}
+    for kind in ("velocity", "acceleration", "jerk", "effort"):
+        excess = certificate.max_violation[kind]
+        factor = 1 + 1.5 * excess + 2 * ALLOWED if excess > 0.1 * ALLOWED else 1.0
+        changed[kind] = getattr(limits, kind) / factor
+    return limits.replace(**changed)
 
 
 class _Solve:
@@ -198,15 +227,23 @@ class _Solve:
         if move.mode == "reshape" and wanted is not None and self.timing.path.moves and wanted < shortest * (1 - 1e-9):
             return None
         path = self.p._path(move)
-        solution = retime(
-            self.robot, self.p.model, path, duration=move.duration, max_duration=move.max_duration, shortest=self.timing
-        )
-        if move.mode == "retime":
+        tight = self.limits
+        timing = self.timing
+        for _ in range(3):
+            solution = retime(
+                self.robot, self.p.model, path, duration=move.duration, max_duration=move.max_duration,
+                shortest=timing, limits=tight,
+            )  # fmt: skip
+            if move.mode == "reshape":  # there it is a start and a candidate, and judged as such
+                return solution
             self.iterations += solution.iterations
             self.converged, self.message = solution.converged, solution.message
             certificate = self.p.certify(solution.trajectory)
-            if not certificate.valid:
-                self.converged, self.message = False, self._broken("retimed", certificate)
+            if certificate.valid:
+                return solution
+            tight = tightened(tight, certificate)
+            timing = self.p._fastest(move, tight)
+        self.converged, self.message = False, self._broken("retimed", certificate)
         return solution
 
     def _reshaped(self, retimed: RetimeSolution | None) -> Trajectory | None:
@@ -217,9 +254,9 @@ class _Solve:
         reshaper = p._reshaper(self.objective)
         best, spent = reshaper.search(task, lines, p.settings.starts, p.settings.seed, p._stopped)
         self.iterations += spent
+        if best is None and not p._stopped():
+            best = self._from_the_fastest(reshaper, task, lines, retimed is not None)
         if best is None:
-            if retimed is None and not p._stopped():
-                self._explain(task, lines)
             self.converged, self.message = False, "no start of the reshaping led to a trajectory within limits"
             return None
         best, trajectory, certificate = self._mended(reshaper, best, task)
@@ -282,34 +319,36 @@ class _Solve:
 
     def _mended(self, reshaper: Reshaper, best: Outcome, task: Task) -> tuple[Outcome, Trajectory, Certificate]:
         """Tighten the limits that the judge finds broken, and solve again from where we are."""
-        tight = {kind: getattr(self.limits, kind).copy() for kind in ("velocity", "acceleration", "jerk", "effort")}
+        limits = self.limits
         for mend in range(MENDS + 1):
             trajectory = trajectory_of(best.curve, self.robot.joints)
             certificate = self.p.certify(trajectory)
             if certificate.valid or mend == MENDS or self.p._stopped():
                 break
-            for kind, bound in tight.items():
-                excess = certificate.max_violation[kind]
-                if excess > 0.1 * ALLOWED:
-                    bound /= 1 + 1.5 * excess + 2 * ALLOWED
-            limits = Limits(self.limits.lower, self.limits.upper, **tight)
+            limits = tightened(limits, certificate)
             mended = reshaper.polish(best, replace(task, limits=limits))
             self.iterations += mended.iterations
             best = mended
         return best, trajectory, certificate
 
-    def _explain(self, task: Task, lines: list[tuple[np.ndarray, np.ndarray, float]]) -> None:
-        """Why nothing was found: the shortest duration that works, by minimising time, or what cannot be held at all.
+    def _from_the_fastest(
+        self, reshaper: Reshaper, task: Task, lines: list[tuple[np.ndarray, np.ndarray, float]], fallback: bool
+    ) -> Outcome | None:
+        """The move started from the fastest one, where the usual starts led nowhere.
 
         Raises:
-            Infeasible: always.
+            Infeasible: there is no `fallback`, and the fastest move takes longer than is asked for, or breaks a limit
+                however slow it is.
         """
         fast = self.p._reshaper("time")
         shortest = self._reference_time()
         free = replace(task, durations=(SHORTEST * shortest, LONGEST * max(shortest, task.durations[1])), offset=0.0)
         longer = [(u, q, 3 * max(shortest, d)) for u, q, d in lines]
-        best, _ = fast.search(free, longer, 2, self.p.settings.seed, self.p._stopped)
+        best, spent = fast.search(free, longer, 2, self.p.settings.seed, self.p._stopped)
+        self.iterations += spent
         if best is None:
+            if fallback or self.p._stopped():
+                return None
             worst = self.p.certify(self._slow(lines[0])).worst
             raise Infeasible(
                 f"{worst['joint']}: the {worst['limit']} limit {worst['bound']:.4g} cannot be held even by a slow move "
@@ -317,8 +356,14 @@ class _Solve:
                 joint=str(worst["joint"]),
                 limit=str(worst["limit"]),
             )
-        _, trajectory, certificate = self._mended(fast, best, free)
-        raise self._too_short(trajectory.duration, certificate)
+        best, trajectory, certificate = self._mended(fast, best, free)
+        if trajectory.duration > task.durations[1] * (1 + 1e-9):
+            if fallback:
+                return None
+            raise self._too_short(trajectory.duration, certificate)
+        duration = float(np.clip(trajectory.duration, *task.durations))
+        found = reshaper.polish(replace(best, curve=replace(best.curve, duration=duration)), task)
+        return found if found.broken <= FEASIBLE else replace(found, curve=replace(best.curve, duration=duration))
 
     def _too_short(self, shortest: float, certificate: Certificate) -> Infeasible:
         wanted = self.move.duration if self.move.duration is not None else self.move.max_duration

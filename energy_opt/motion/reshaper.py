@@ -24,6 +24,7 @@ COARSE, COARSE_PACKING = 12, 0.5
 CANDIDATES = 48  # random bends that are looked at for every start that is solved
 BEND = 0.5  # standard deviation of a bend's amplitude, as a share of half of a joint's range
 FEASIBLE = 1e-4  # a coarse outcome with a larger excess over a bound counts as infeasible
+WORTH_REFINING = 0.05  # more control points may still mend an excess up to this share of a bound
 ALIKE = 1e-3  # coarse costs that differ by less than this share are the same optimum
 ENOUGH = 3  # starts in a row that lead to the same optimum end the search
 ROW_STEP, MIN_ROWS = 0.004, 200  # [s]
@@ -91,6 +92,8 @@ class Reshaper:
         fine = self.level(max(self._fine, COARSE + 2 * vias + 4), vias)
         best: Outcome | None = None
         for outcome in order[:2]:
+            if outcome.broken > WORTH_REFINING:
+                break
             better = self._refine(fine, outcome.curve, task)
             iterations += better.iterations
             if better.broken <= FEASIBLE and (best is None or better.cost < best.cost):
@@ -108,7 +111,7 @@ class Reshaper:
 
     def polish(self, outcome: Outcome, task: Task) -> Outcome:
         """Solve again from an outcome, under limits or values that have changed a little."""
-        level = self._levels[outcome.curve.shape.basis.controls, outcome.curve.shape.vias]
+        level = self.level(outcome.curve.shape.basis.controls, outcome.curve.shape.vias)
         return level.solve(
             outcome.curve, task.ends, task.limits, task.parameters, task.durations,
             tolerance=1e-6, rows=outcome.rows, offset=task.offset, options={"mu_init": 1e-3},

@@ -115,11 +115,10 @@ def retime(
     work = Retiming(robot, model, shortest, bounds, jerk)
     wanted = duration if duration is not None else max_duration
     start = shortest
-    if wanted is not None:
-        if shortest.duration > wanted:
-            start = _shorter(work, shortest, wanted)
-        elif all(work.rest):
-            start = shortest.slowed(wanted)
+    if wanted is not None and shortest.duration > wanted:
+        start = _shorter(work, shortest, wanted)
+    elif duration is not None and all(work.rest):
+        start = shortest.slowed(duration)
     plan = _free(work, start, max_duration) if duration is None else _exact(work, start, duration)
     return _solution(work, plan, shortest)
 

@@ -44,7 +44,7 @@ def lower_bound(program: Program, move: Move, answer: Answer, rows: Rows) -> flo
     """A number that the cost of no feasible timing on the grid is below, for a convex cost and linear rows.
 
     The Lagrangian at the multipliers found (of the right signs) is convex, hence nowhere below its tangent at the
-    answer; the tangent's least value over 0 <= control <= upper is taken. Nothing is assumed of the multipliers but
+    answer; the tangent's least value over 0 <= control <= allowed is taken. Nothing is assumed of the multipliers but
     their signs: wrong ones give a lower, still valid bound.
     """
     cost, slope, time, time_slope = program.evaluate(move, answer.x)
@@ -54,6 +54,6 @@ def lower_bound(program: Program, move: Move, answer: Answer, rows: Rows) -> flo
     if rows.linear is not None:
         matrix, constant = rows.linear.matrix(move.ends)
         g = np.array(matrix @ answer.x).ravel() + constant
-        value += float(answer.of_rows @ g - np.abs(answer.of_rows).sum())
+        value += float(answer.of_rows @ g - np.abs(answer.of_rows) @ rows.linear.allowed)
         slope = slope + np.array(matrix.T @ answer.of_rows).ravel()
-    return value + float(np.minimum(-slope * answer.x, slope * (move.upper - answer.x)).sum())
+    return value + float(np.minimum(-slope * answer.x, slope * (move.allowed - answer.x)).sum())

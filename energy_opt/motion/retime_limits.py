@@ -16,7 +16,9 @@ from energy_opt.robot import Limits
 MARGIN = 3e-7  # share of every bound that is kept free, for what lies between the points
 BROKEN = 1e-7  # of a bound: more than this is a violation
 NEAR = 0.98  # of a bound: places from here on become constraints together with the broken ones
+WIDE = 0.8  # the same for a joint's limit that is broken somewhere: mending it moves what is beside it
 JERK_NEAR = 0.8  # the same for jerk, which moves farther when it is mended
+CLOSE = 1 - 1e-3  # of a bound: from here on the places between the grid's points are looked at
 AFFINE = 1e-9  # relative: torque that deviates less from its tangent is affine
 KINDS = ("velocity", "acceleration", "effort")
 
@@ -32,16 +34,17 @@ class Worst:
 
 
 class Block:
-    """Places along the path with their dynamics, and which limits hold there as constraints."""
+    """Places along the path with their dynamics, which limits hold there as constraints, and how much tighter."""
 
     def __init__(self, dynamics: PathDynamics, knots: np.ndarray) -> None:
         self.dynamics = dynamics
         self.lift: Lift = lift(knots, dynamics.s)
         shape = dynamics.q.shape
         self.held = {kind: np.zeros(shape, dtype=bool) for kind in KINDS}
+        self.tight = {kind: np.ones(shape) for kind in KINDS}
 
     def usage(self, control: np.ndarray, limits: Limits) -> dict[str, np.ndarray]:
-        """Signed share of each bound that is used, (M, n) per kind."""
+        """Signed share of each bound that is used, (M, n) per kind; that of velocity squared."""
         a, b = self.lift.values(control)
         d = self.dynamics
         return {
@@ -79,24 +82,15 @@ class PathLimits:
         tight = {kind: getattr(limits, kind) * (1 - MARGIN) for kind in (*KINDS, "jerk")}
         self.limits = limits.replace(**tight)
         self.knots = knots
-        self.blocks = [Block(dynamics, knots)]
+        self.grid = Block(dynamics, knots)
         limited = jerk and bool(np.isfinite(limits.jerk).any())
         self.jerk = Jerk(dynamics, knots, self.limits) if limited else None
-
-    @property
-    def dynamics(self) -> PathDynamics:
-        """At the grid's points."""
-        return self.blocks[0].dynamics
-
-    @property
-    def jerk_held(self) -> bool:
-        """Is any limit on jerk a constraint?"""
-        return self.jerk is not None and bool(self.jerk.held.any())
 
     def worst(self, control: np.ndarray) -> Worst:
         """The limit that is used most."""
         out = Worst("velocity", 0, 0.0, -1.0)
-        found = [(kind, block.dynamics.s, use) for block in self.blocks for kind, use in self._usage(block, control)]
+        s = self.grid.dynamics.s
+        found = [(kind, s, use) for kind, use in self.grid.usage(control, self.limits).items()]
         if self.jerk is not None:
             found.append(("jerk", self.jerk.s, self.jerk.usage(control)))
         for kind, s, use in found:
@@ -105,93 +99,91 @@ class PathLimits:
                 out = Worst(kind, int(j), float(s[k]), float(abs(use[k, j]) - 1))
         return out
 
-    def _usage(self, block: Block, control: np.ndarray) -> list[tuple[str, np.ndarray]]:
-        return list(block.usage(control, self.limits).items())
-
     def hold(self, control: np.ndarray, *, always: bool = False) -> bool:
         """Make constraints of the limits that `control` breaks and of those near it; True where there were any.
 
         With `always`, also where nothing is broken.
         """
-        usages = [block.usage(control, self.limits) for block in self.blocks]
-        broken = always or any(np.abs(use).max() > 1 + BROKEN for usage in usages for use in usage.values())
-        if broken:
-            for block, usage in zip(self.blocks, usages, strict=True):
-                for kind, use in usage.items():
-                    block.held[kind] |= _near(np.abs(use))
-        elif self.jerk is not None:
-            use = np.abs(self.jerk.usage(control))
-            broken = bool(use.max() > 1 + BROKEN)
-            if broken:
-                near = use > JERK_NEAR
-                third = len(near) // 3  # both ends and the middle of every interval
-                self.jerk.held |= np.tile(near[:third] | near[third : 2 * third] | near[2 * third :], (3, 1))
-        return broken
+        grid = self.grid
+        usage = {kind: np.abs(use) / grid.tight[kind] for kind, use in grid.usage(control, self.limits).items()}
+        broken = {kind: use.max(axis=0) > 1 + BROKEN for kind, use in usage.items()}
+        if always or any(joints.any() for joints in broken.values()):
+            for kind, use in usage.items():
+                grid.held[kind] |= _near(use, np.where(broken[kind], WIDE, NEAR))
+            return True
+        if self.jerk is None:
+            return False
+        use = np.abs(self.jerk.usage(control))
+        if use.max() <= 1 + BROKEN:
+            return False
+        near = use > JERK_NEAR
+        third = len(near) // 3  # both ends and the middle of every interval
+        self.jerk.held |= np.tile(near[:third] | near[third : 2 * third] | near[2 * third :], (3, 1))
+        return True
 
-    def refine(self, control: np.ndarray, per_interval: int = 4) -> bool:
-        """Look between the grid's points where a limit is close; True where one is broken there (and now held)."""
-        block = self.blocks[0]
-        active = np.any(
-            [np.abs(use).max(axis=1) > 1 - 1e-3 for use in block.usage(control, self.limits).values()], axis=0
-        )
-        s = block.dynamics.s
-        near = active[:-1] | active[1:]
-        if not near.any():
+    def refine(self, control: np.ndarray, per_interval: int = 3) -> bool:
+        """Look between the grid's points where a limit is close; where one is broken there, tighten it beside.
+
+        True where there was any.
+        """
+        grid, d = self.grid, self.grid.dynamics
+        close = [np.abs(use).max(axis=1) > CLOSE for use in grid.usage(control, self.limits).values()]
+        active = np.any(close, axis=0)
+        intervals = np.flatnonzero(active[:-1] | active[1:])
+        if not intervals.size:
             return False
         inner = (np.arange(per_interval) + 0.5) / per_interval
-        places = (s[:-1][near, None] + np.diff(s)[near, None] * inner).ravel()
-        for other in self.blocks[1:]:
-            places = np.setdiff1d(places, other.dynamics.s)
-        if not places.size:
-            return False
-        d = block.dynamics
-        extra = Block(PathDynamics(d.robot, d.model, d.path, places), self.knots)
-        usage = extra.usage(control, self.limits)
-        # the margin is there for what remains here
-        if all(np.abs(use).max() <= 1 + MARGIN for use in usage.values()):
-            return False
-        for kind, use in usage.items():
-            extra.held[kind] |= np.abs(use) > 1
-        self.blocks.append(extra)
-        return True
+        places = d.s[intervals, None] + np.diff(d.s)[intervals, None] * inner
+        between = Block(PathDynamics(d.robot, d.model, d.path, places.ravel()), self.knots)
+        broken = False
+        for kind, use in between.usage(control, self.limits).items():
+            excess = np.abs(use).reshape(*places.shape, -1).max(axis=1) - 1
+            k, j = np.nonzero(excess > MARGIN / 2)  # the margin is there for what remains
+            broken |= bool(k.size)
+            for side in (0, 1):
+                place = (intervals[k] + side, j)
+                grid.held[kind][place] = True
+                np.minimum.at(grid.tight[kind], place, 1 - 1.5 * excess[k, j])
+        return broken
 
     def rows(self, unit: float) -> Rows:
         """The limits that are held, for control values in the given unit."""
-        linear: list[tuple[Lift, np.ndarray, np.ndarray, np.ndarray]] = []
+        grid, d, limits = self.grid, self.grid.dynamics, self.limits
+        places: list[np.ndarray] = []
+        parts: list[tuple[np.ndarray, ...]] = []
+
+        def add(kind: str, k: np.ndarray, j: np.ndarray, *linear: np.ndarray) -> None:
+            tight = grid.tight[kind][k, j]
+            places.append(k)
+            parts.append((*(x / tight for x in linear), 1 / (tight * (1 - MARGIN) ** 2)))
+
+        k, j = np.nonzero(grid.held["velocity"])
+        zero = np.zeros(k.size)
+        add("velocity", k, j, zero, unit * (d.q1[k, j] / limits.velocity[j]) ** 2, zero)
+        k, j = np.nonzero(grid.held["acceleration"])
+        scale = unit / limits.acceleration[j]
+        add("acceleration", k, j, d.q1[k, j] * scale, d.q2[k, j] * scale, np.zeros(k.size))
         curved: list[CurvedRows] = []
-        for block in self.blocks:
-            d, limits = block.dynamics, self.limits
-            k = np.flatnonzero(block.held["velocity"].any(axis=1))
-            if k.size:
-                zero = np.zeros(k.size)
-                linear.append((_part(block.lift, k), zero, unit / d.speed_bound(limits.velocity)[k], zero))
-            k, j = np.nonzero(block.held["acceleration"])
-            if k.size:
-                scale = unit / limits.acceleration[j]
-                linear.append((_part(block.lift, k), d.q1[k, j] * scale, d.q2[k, j] * scale, np.zeros(k.size)))
-            k, j = np.nonzero(block.held["effort"])
-            if k.size and self.affine:
-                zero = np.zeros(len(d.s))
-                ra, rb, r0 = (x[k, j] / limits.effort[j] for x in d.affine_torque(zero, zero + unit))
-                linear.append((_part(block.lift, k), ra * unit, rb * unit, r0))
-            elif k.size:
-                curved.append(self._torque_rows(block, np.unique(k), unit))
+        k, j = np.nonzero(grid.held["effort"])
+        if k.size and self.affine:
+            none = np.zeros(len(d.s))
+            ra, rb, r0 = (x[k, j] / limits.effort[j] for x in d.affine_torque(none, none + unit))
+            add("effort", k, j, ra * unit, rb * unit, r0)
+        elif k.size:
+            curved.append(self._torque_rows(np.unique(k), unit))
         if self.jerk is not None and self.jerk.held.any():
             k, j = np.nonzero(self.jerk.held)
             curved.append(jerk_rows(_part(self.jerk.lift, k), self.jerk.factors[:, k, j] * unit**1.5))
-        if not linear:
+        where = np.concatenate(places)
+        if not where.size:
             return Rows(None, tuple(curved))
-        lifts = [part[0] for part in linear]
-        joined = Lift(
-            np.concatenate([x.first for x in lifts]), np.concatenate([x.maps for x in lifts], axis=1), lifts[0].count
-        )
-        ra, rb, r0 = (np.concatenate([part[i] for part in linear]) for i in (1, 2, 3))
-        return Rows(LinearRows(joined, ra, rb, r0), tuple(curved))
+        ra, rb, r0, allowed = (np.concatenate([part[i] for part in parts]) for i in range(4))
+        return Rows(LinearRows(_part(grid.lift, where), ra, rb, r0, allowed), tuple(curved))
 
     @property
     def affine(self) -> bool:
         """Is the motors' torque affine in (a, b)?"""
-        d = self.dynamics
+        d = self.grid.dynamics
         if not has_torque_effects(d.model):
             return True
         one = np.ones(len(d.s)) * d.speed_bound(self.limits.velocity).min()
@@ -202,18 +194,21 @@ class PathLimits:
                 return False
         return True
 
-    def _torque_rows(self, block: Block, k: np.ndarray, unit: float) -> CurvedRows:
+    def _torque_rows(self, k: np.ndarray, unit: float) -> CurvedRows:
         """Nonlinear limits on the torque of all joints at the places k."""
-        d = block.dynamics
+        d = self.grid.dynamics
         n = d.robot.n
         value, curvature = torque_terms(SharedByStructure(d.model), n)
         shared = ca.DM(np.append(d.model.values(n), unit))
         z, at, multiplier = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1), ca.SX.sym("multiplier", n)
-        scale = ca.DM(1 / self.limits.effort)
+        scale = ca.SX.sym("scale", n)
         torque, slope = value(z, at, shared)
-        scaled = ca.Function("torque", [z, at], [torque * scale, slope * ca.repmat(scale, 1, 2)])
-        bent = ca.Function("torque_curvature", [z, at, multiplier], [curvature(z, at, shared, multiplier * scale)])
-        return CurvedRows(_part(block.lift, k), scaled, bent, point_numbers(d, np.zeros(len(d.s)))[:, k])
+        given = ca.vertcat(at, scale)
+        scaled = ca.Function("torque", [z, given], [torque * scale, slope * ca.repmat(scale, 1, 2)])
+        bent = ca.Function("torque_curvature", [z, given, multiplier], [curvature(z, at, shared, multiplier * scale)])
+        scales = 1 / (self.limits.effort * self.grid.tight["effort"][k])
+        numbers = np.vstack([point_numbers(d, np.zeros(len(d.s)))[:, k], scales.T])
+        return CurvedRows(_part(self.grid.lift, k), scaled, bent, numbers)
 
 
 def point_numbers(d: PathDynamics, time: np.ndarray) -> np.ndarray:
@@ -225,9 +220,9 @@ def _part(whole: Lift, places: np.ndarray) -> Lift:
     return Lift(whole.first[places], whole.maps[:, places], whole.count)
 
 
-def _near(use: np.ndarray) -> np.ndarray:
-    """Places (M, n) near or beyond the bound, and their neighbours."""
-    near = use > NEAR
+def _near(use: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Places (M, n) where more than `share` (n,) of the bound is used, and their neighbours."""
+    near = use > share
     out = near.copy()
     out[1:] |= near[:-1]
     out[:-1] |= near[1:]

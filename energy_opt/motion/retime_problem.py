@@ -31,6 +31,7 @@ class Move:
         shared: (terms.shared_size,) with the factors of energy and time at the end.
         ends: (2,) first and last control value.
         lower, upper: (N,) bounds of the free control values.
+        allowed: (N,) what the true velocity limits would allow in place of `upper`.
         duration: T_ref, in the problem's unit of time.
     """
 
@@ -39,6 +40,7 @@ class Move:
     ends: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    allowed: np.ndarray
     duration: float
 
 

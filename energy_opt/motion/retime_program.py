@@ -11,7 +11,7 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime_bound import largest_price, lower_bound
 from energy_opt.motion.retime_grid import GAUSS, quadrature
-from energy_opt.motion.retime_limits import PathLimits, point_numbers
+from energy_opt.motion.retime_limits import MARGIN, PathLimits, point_numbers
 from energy_opt.motion.retime_problem import Answer, Move, program
 from energy_opt.motion.retime_terms import Terms, compressed, compressed_terms, exact_power, general_terms
 from energy_opt.motion.timing_law import Timing, greville
@@ -114,7 +114,7 @@ class Retiming:
 
     def _grid_energy(self, timing: Timing) -> float:
         """J by the exact laws, by the program's own quadrature."""
-        a, b = self.limits.blocks[0].lift.values(timing.control)
+        a, b = self.limits.grid.lift.values(timing.control)
         power = _power(self.dynamics, a, b, timing.time_at(self.grid.s))
         return float((self.grid.weight / np.sqrt(b)) @ power)
 
@@ -134,7 +134,7 @@ class Retiming:
 
         On a straight path these are the velocity limits; elsewhere they leave room, and constraints do the rest.
         """
-        first = self.limits.blocks[0].lift.first
+        first = self.limits.grid.lift.first
         count = len(self.shortest.control)
         most, least = np.zeros(count), np.full(count, np.inf)
         for k in range(3):
@@ -175,7 +175,8 @@ class Retiming:
         lower = np.minimum(floor * np.minimum(1.0, 4 * g * (1 - g)), 0.5 * upper)
         x = np.clip(start.control[1:-1] / unit, lower, upper)
         factors = np.array([clock * energy, -price * clock])
-        move = Move(numbers, np.append(shared, factors), ends, lower, upper, longest / clock)
+        allowed = upper / (1 - MARGIN) ** 2
+        move = Move(numbers, np.append(shared, factors), ends, lower, upper, allowed, longest / clock)
         size = max(abs(whole.evaluate(move, x)[0]), 1e-3 * abs(price) * start.duration, 1e-12)
         move = replace(move, shared=np.append(shared, factors / size))
         self.limits.hold(start.control, always=True)
@@ -185,7 +186,11 @@ class Retiming:
             self.tally.add(answer)
             x = answer.x
             control = unit * np.concatenate([ends[:1], x, ends[1:]])
-            if not answer.solved or not (self.limits.hold(control) or self.limits.refine(control)):
+            if not answer.solved:
+                break
+            if self.limits.hold(control):
+                self.limits.hold(self.shortest.control, always=True)  # what binds the fastest may bind this one next
+            elif not self.limits.refine(control):
                 break
         timing = Timing(start.path, start.knots, control)
         bound = None

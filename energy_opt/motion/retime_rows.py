@@ -13,12 +13,16 @@ from energy_opt.motion.retime_terms import jerk_term
 
 @dataclass(frozen=True)
 class LinearRows:
-    """ra a + rb b + r0 at one place each (K,): speed, acceleration, and torque where it is affine."""
+    """ra a + rb b + r0 at one place each (K,): speed, acceleration, and torque where it is affine.
+
+    Its bound of 1 is kept a little tighter than the true limit, which stands at `allowed` (K,) >= 1.
+    """
 
     lift: Lift  # of (a, b)
     ra: np.ndarray
     rb: np.ndarray
     r0: np.ndarray
+    allowed: np.ndarray
 
     @property
     def count(self) -> int:

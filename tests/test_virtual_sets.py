@@ -99,18 +99,34 @@ def move(tmp_path: Path) -> Path:
 def test_simulate_command(move: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plant = tmp_path / "plant.toml"
     write_toml(plant, Plant(base_model("z1"), (Cogging(1.0),)).to_document())
-    out = tmp_path / "set"
-    arguments = _arguments(str(move), str(move), "--plant", str(plant), "--out", str(out), "--static", "1", "--json")
+    out, declared = tmp_path / "set", tmp_path / "believed.toml"
+    base_model("z1").save(declared)
+    arguments = _arguments(
+        str(move),
+        str(move),
+        "--plant",
+        str(plant),
+        "--out",
+        str(out),
+        "--static",
+        "1",
+        "--json",
+        "--payload",
+        "0.5,0,0,0.1",
+        "--model",
+        str(declared),
+    )
     assert cli.run(arguments) == 0
     said = json.loads(capsys.readouterr().out)
-    assert len(said["runs"]) == 4 and said["plant"] == ["standby", "copper_loss", "cogging"]
+    assert len(said["runs"]) == 4 and said["plant"] == ["standby", "copper_loss", "payload", "cogging"]
     seen = read_set(out)
     assert [run.kind for run in seen.runs] == ["static", "motion", "static", "motion"]
     assert np.abs(seen.runs[1].position).max(axis=0) == pytest.approx(
         0.8 * np.array([1, 0.9, 0.8, 0.3, 0.1, 0.2]), abs=5e-3
     )
     truth = tomllib.loads((out / "truth.toml").read_text())
-    assert truth["special"][0]["name"] == "cogging"
+    assert truth["special"][0]["name"] == "cogging" and truth["effect"][-1]["mass"] == 0.5
+    assert load_model(out / "declared.toml").to_document() == base_model("z1").to_document()
 
 
 def test_simulate_command_names_faults(move: Path, tmp_path: Path) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from energy_opt.cli.common import add_output, payload_from, say
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
@@ -24,11 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plant", type=Path, required=True, metavar="MODEL.toml", help="what the arm truly is: a model file"
     )
-    parser.add_argument(
-        "--out", type=Path, default=Path("simulated"), metavar="DIR", help="the set (default: simulated)"
-    )
-    parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the arm (default: the plant file's)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of noise and clocks (0)")
+    group = parser.add_argument_group("robot and model")
+    group.add_argument("--robot", metavar="NAME_OR_URDF", help="the arm (default: the plant file's)")
+    group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload [kg, m] that the arm truly carries")
+    group.add_argument("--model", type=Path, metavar="DECLARED.toml", help="what the owner believes: put into the set")
     group = parser.add_argument_group("runs")
     group.add_argument("--repeat", type=int, default=1, metavar="N", help="play all of them N times (1)")
     group.add_argument("--rest", type=float, default=0.3, metavar="S", help="standing before and after each [s] (0.3)")
@@ -51,20 +53,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--jitter", type=float, default=0.0, metavar="S", help="standard deviation of sampling times (0)"
     )
     group.add_argument("--log", nargs="*", default=[], metavar="SIGNAL", help="also log velocity, effort")
-    parser.add_argument("--json", action="store_true", help="what was played as one JSON document on stdout")
-    parser.add_argument("--quiet", action="store_true", help="no progress and no messages")
+    add_output(parser, "simulated")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.files import to_json
+    from energy_opt.power import load_model
     from energy_opt.robot import load_robot
     from energy_opt.virtual_arm import Instruments, load_plant, simulate
 
     if args.repeat < 1 or args.seed < 0:
         raise BadInput(f"--repeat {args.repeat}, --seed {args.seed}: expected --repeat 1 or more and --seed 0 or more")
     plant = load_plant(args.plant)
-    robot = load_robot(args.robot or plant.model.robot)
+    if args.payload is not None:
+        plant = dataclasses.replace(plant, model=plant.model.replaced(payload_from(args.payload)))
+    robot = load_robot(args.robot or plant.model.robot, limits=args.limits)
+    declared = load_model(args.model) if args.model is not None else None
     instruments = Instruments(
         rate=args.rate,
         meter_rate=args.meter_rate,
@@ -77,25 +82,23 @@ def run(args: argparse.Namespace) -> int:
     )
     references, sources = _references(args, robot)
     runs = simulate(references, plant, robot, args.out, seed=args.seed, instruments=instruments)
-    if not args.quiet:
-        for line in _remarks(runs, robot):
-            print(line, file=sys.stderr)
+    if declared is not None:
+        declared.save(args.out / "declared.toml")
+    for line in _remarks(runs, robot):
+        say(args, line)
     if args.json:
         rows = [
             {"file": r.file, "trajectory": s, "start": r.start, "duration": r.duration, "energy": r.energy}
             for r, s in zip(runs, sources, strict=True)
         ]
         sys.stdout.write(to_json({"out": args.out, "robot": robot.name, "plant": _names(plant), "runs": rows}))
-    elif not args.quiet:
-        energy = sum(r.energy for r in runs)
-        print(f"{args.out}: {len(runs)} runs, {sum(r.duration for r in runs):.1f} s, {energy:.1f} J really used")
+    used, duration = sum(r.energy for r in runs), sum(r.duration for r in runs)
+    say(args, f"{args.out}: {len(runs)} runs, {duration:.1f} s, {used:.1f} J really used")
     return 0
 
 
 def _references(args: argparse.Namespace, robot: Robot) -> tuple[list[Reference], list[str]]:
     """What to play, in order, named run01, run02, ..., and the file that each comes from."""
-    from dataclasses import replace
-
     from energy_opt.virtual_arm import pose, read_reference
 
     if args.static < 0:
@@ -107,7 +110,7 @@ def _references(args: argparse.Namespace, robot: Robot) -> tuple[list[Reference]
         if args.static > 0:
             out.append(pose(f"run{len(out) + 1:02d}", reference.position[0], args.static))
             sources.append(source)
-        out.append(replace(reference, name=f"run{len(out) + 1:02d}"))
+        out.append(dataclasses.replace(reference, name=f"run{len(out) + 1:02d}"))
         sources.append(source)
     return out, sources
 

@@ -12,6 +12,7 @@ import pytest
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Settings
+from energy_opt.motion.carry import Carried
 from energy_opt.motion.score import Energy
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
@@ -28,7 +29,7 @@ class KnownMove:
 
     duration: float | None = None
     max_duration: float | None = None
-    mode: str = "retime"
+    mode: str = "reshape"
 
 
 def law(branch: int, duration: float) -> float:
@@ -36,47 +37,61 @@ def law(branch: int, duration: float) -> float:
     return 10 * duration + 40 / duration**3 + 2 * (2 - duration) * branch
 
 
+def answer(branch, duration):
+    """A trajectory that tells its family by its position, and its energy."""
+    energy, standby = law(branch, duration), 10 * duration
+    still = np.zeros((2, 1))
+    trajectory = Trajectory(("j",), np.array([0.0, duration]), np.full((2, 1), float(branch)), still, still)
+    return trajectory, Energy(energy, standby, 0.0, energy - standby)
+
+
 class TwoOptima:
-    """A planner that stays in the family of its start, and finds the second family unaided only beyond 3.5 s."""
+    """A planner that knows only the first family, and steps that fall into the second one unaided beyond 3.5 s."""
 
     def __init__(self):
-        self.solves = 0
+        self.steps = 0
         self.settings = Settings()
 
     def minimum_time(self, move):
         return FASTEST
 
+    def score(self, trajectory):
+        return answer(int(trajectory.position[0, 0]), trajectory.duration)[1]
+
     def solve(self, move, warm=()):
-        self.solves += 1
-        if move.duration is not None and move.duration < FASTEST - 1e-9:
-            raise Infeasible("too fast", limit="duration", shortest_duration=FASTEST)
-        starts = {int(t.position[0, 0]) for t in warm} | {int(move.duration is not None and move.duration > 3.5)}
-        grid = [move.duration] if move.duration is not None else np.linspace(1, 6, 5001)
-        energy, duration, branch = min((law(b, d), d, b) for d in grid for b in starts)
-        standby = 10 * duration
-        trajectory = Trajectory(
-            ("j",), np.array([0.0, duration]), np.full((2, 1), float(branch)), np.zeros((2, 1)), np.zeros((2, 1))
-        )
-        found = Energy(energy, standby, 0.0, energy - standby)
-        return SimpleNamespace(status="solved", energy=found, trajectory=trajectory)
+        branches = {int(t.position[0, 0]) for t in warm} | {0}
+        grid = [FASTEST] if self.settings.objective == "time" else np.linspace(1, 6, 5001)
+        _, duration, branch = min((law(b, d), d, b) for d in grid for b in branches)
+        trajectory, energy = answer(branch, duration)
+        return SimpleNamespace(status="solved", energy=energy, trajectory=trajectory)
+
+    def at(self, duration, neighbour):
+        self.steps += 1
+        branch = 1 if duration > 3.5 else int(neighbour.trajectory.position[0, 0])
+        return Carried(*answer(branch, duration), converged=True)
+
+
+def front_of(planner=None, **options):
+    planner = planner or TwoOptima()
+    return trace(planner, KnownMove(), carrier=planner, **options)
 
 
 def test_better_optima_spread_both_ways():
     durations = np.linspace(1.0, 5.0, 33)
-    front = trace(TwoOptima(), KnownMove(), durations=durations)
+    front = front_of(durations=durations)
     best = [min(law(0, d), law(1, d)) for d in durations]
     assert [p.total for p in front.points] == pytest.approx(best, rel=1e-12)
     assert front.fastest.duration == FASTEST
 
 
 def test_minimum_is_not_read_off_the_grid():
-    front = trace(TwoOptima(), KnownMove(), durations=[1.0, 2.0, 5.0])
+    front = front_of(durations=[1.0, 2.0, 5.0])
     assert min(abs(front.minimum.duration - d) for d in (1.0, 2.0, 5.0)) > 0.05
     assert front.minimum.total <= min(p.total for p in front.points)
 
 
 def test_too_short_durations_are_marked_with_a_reason():
-    front = trace(TwoOptima(), KnownMove(), durations=[0.5, 0.9, 1.5])
+    front = front_of(durations=[0.5, 0.9, 1.5])
     assert [p.status for p in front.points] == ["infeasible", "infeasible", "solved"]
     assert "shorter than the fastest move, 1 s" in front.points[0].reason
     rows = table(front).splitlines()
@@ -86,12 +101,12 @@ def test_too_short_durations_are_marked_with_a_reason():
 
 def test_interrupted_front_keeps_what_is_there():
     class Interrupted(TwoOptima):
-        def solve(self, move, warm=()):
-            if self.solves == 6:
+        def at(self, duration, neighbour):
+            if self.steps == 5:
                 raise KeyboardInterrupt
-            return super().solve(move, warm)
+            return super().at(duration, neighbour)
 
-    front = trace(Interrupted(), KnownMove(), durations=np.linspace(1, 5, 9))
+    front = front_of(Interrupted(), durations=np.linspace(1, 5, 9))
     assert front.interrupted
     assert sum(p.status == "solved" for p in front.points) == 5
     assert front.minimum is not None
@@ -128,22 +143,22 @@ def test_cycle_weighs_the_wait_against_a_slower_move(panda):
     """With the arm's own standby waiting is as dear as moving, so slow is best; with none, the free optimum is."""
     model = PowerModel("panda", (Standby(power=10.0), CopperLoss(r_over_kt2=0.0)))
     durations = np.linspace(1, 3, 9)
-    dear = trace(TwoOptima(), KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0))
+    dear = front_of(durations=durations, cycle=Cycle(panda, model, GOAL, 3.0))
     assert dear.cycle_minimum.duration == pytest.approx(3.0, abs=0.02)
-    cheap = trace(TwoOptima(), KnownMove(), durations=durations, cycle=Cycle(panda, model, GOAL, 3.0, 0.0))
+    cheap = front_of(durations=durations, cycle=Cycle(panda, model, GOAL, 3.0, 0.0))
     assert cheap.cycle_minimum.duration == pytest.approx(cheap.minimum.duration, rel=2e-3)
     wide = np.linspace(1, 5, 17)
-    half = trace(TwoOptima(), KnownMove(), durations=wide, cycle=Cycle(panda, model, GOAL, 3.0, 6.0))
+    half = front_of(durations=wide, cycle=Cycle(panda, model, GOAL, 3.0, 6.0))
     fine = np.linspace(1, 3, 4001)
     costs = [min(law(0, d), law(1, d)) + 6 * (3 - d) for d in fine]
     assert half.cycle_minimum.cycle_total == pytest.approx(min(costs), rel=1e-4)
     with pytest.raises(Infeasible, match="shorter than the fastest"):
-        trace(TwoOptima(), KnownMove(), cycle=Cycle(panda, model, GOAL, 0.8))
+        front_of(cycle=Cycle(panda, model, GOAL, 0.8))
 
 
 def test_files(tmp_path, panda):
     cycle = Cycle(panda, source_method_2(), GOAL, 4.0)
-    front = trace(TwoOptima(), KnownMove(), durations=[0.5, 1, 2, 3, 4], cycle=cycle)
+    front = front_of(durations=[0.5, 1, 2, 3, 4], cycle=cycle)
     found = document(front, robot="panda", joints=panda.joints, mode="retime", cycle=cycle)
     write(tmp_path, front, found)
     read = json.loads((tmp_path / "tradeoff.json").read_text())

@@ -1,8 +1,9 @@
 """Energy against duration for one move.
 
-Every point is solved from its neighbour on either side: once on the way out from the free optimum, once on the way back
-from the ends; the better is kept, so a poorer local optimum cannot leave a bump that a neighbour's answer would have
-avoided. The minimum is a solve of its own with free duration, the fastest one of minimum time.
+Every point is reached from its neighbours on both sides: on the way out from the free optimum, and on the way back
+from the ends wherever the neighbour there is another local optimum and not the same one at another duration. The better
+is kept, so a poorer optimum cannot leave a bump that a neighbour's answer would have avoided. The minimum is a solve of
+its own with free duration, the fastest one of minimum time.
 """
 
 from __future__ import annotations
@@ -10,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from energy_opt.errors import Infeasible
+from energy_opt.motion.carry import Carried, Carrier
 from energy_opt.motion.score import Energy
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tradeoff.cycle import Cycle, Waiting
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 COUNT = 20  # points where none are asked for
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
 SAME = 1e-9  # relative difference of durations that count as equal
+FAMILY = 4.0  # times the front's usual change from point to point: what changes more is another optimum
 SEARCH = 12  # solves that the search for the best duration in a cycle may take
 
 
@@ -34,10 +37,19 @@ class Point:
 
     duration: float
     status: str
-    energy: Energy | None = None
-    trajectory: Trajectory | None = None
+    carried: Carried | None = None
     reason: str = ""
     waiting: Waiting | None = None
+
+    @property
+    def energy(self) -> Energy | None:
+        """Energy of the move, where there is a trajectory."""
+        return None if self.carried is None else self.carried.energy
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The move, where there is one."""
+        return None if self.carried is None else self.carried.trajectory
 
     @property
     def total(self) -> float:
@@ -76,6 +88,7 @@ def trace(
     cycle: Cycle | None = None,
     progress: Callable[[Front, int], None] = lambda front, total: None,
     stopped: Callable[[], bool] = lambda: False,
+    carrier: Steps | None = None,
 ) -> Front:
     """The front of a move; Ctrl-C ends it early and keeps what is there.
 
@@ -87,11 +100,12 @@ def trace(
         cycle: also the energy over this cycle.
         progress: called after every solve with the front and the number of solves expected.
         stopped: asked after every solve; True ends the front early, like Ctrl-C.
+        carrier: what takes an optimum to another duration; the planner's own by default.
 
     Raises:
         Infeasible: no duration works at all, or none that is within the cycle.
     """
-    tracer = _Tracer(planner, move, cycle, progress, stopped)
+    tracer = _Tracer(planner, carrier or Carrier(planner, move), move, cycle, progress, stopped)
     try:
         tracer.run(durations, longest)
     except KeyboardInterrupt:
@@ -99,18 +113,30 @@ def trace(
     return tracer.front
 
 
+class Steps(Protocol):
+    """Takes an optimum to another duration (see `motion.carry.Carrier`)."""
+
+    def at(self, duration: float, neighbour: Carried) -> Carried | None: ...
+
+
 class _Tracer:
     def __init__(
         self,
         planner: Planner,
+        carrier: Steps,
         move: Move,
         cycle: Cycle | None,
         progress: Callable[[Front, int], None],
         stopped: Callable[[], bool],
     ) -> None:
-        self.planner, self.cycle, self.progress, self.stopped = planner, cycle, progress, stopped
+        self.planner, self.carrier = planner, carrier
+        self.cycle, self.progress, self.stopped = (
+            cycle,
+            progress,
+            stopped,
+        )  # , self.progress, self.stopped = planner, cycle, progress, stopped
         self.free = replace(move, duration=None, max_duration=None)
-        self.front, self.expected = Front(), 2 * COUNT + 2
+        self.front, self.expected, self._usual = Front(), COUNT + 2, 0.0
 
     def run(self, durations: Sequence[float] | None, longest: float | None) -> None:
         front = self.front
@@ -123,30 +149,28 @@ class _Tracer:
                 shortest_duration=shortest,
             )
         warm = [front.fastest.trajectory] if front.fastest.trajectory is not None else []
-        front.minimum = self._solve(None, warm)
-        if front.minimum.energy is None:
-            raise Infeasible(front.minimum.reason, shortest_duration=shortest)
+        front.minimum = self._free(warm)
         grid = self._grid(shortest, front.minimum.duration, longest) if durations is None else np.unique(durations)
-        self.expected = 2 * len(grid) + 2 + (SEARCH if self.cycle else 0)
+        self.expected = len(grid) + 2 + (SEARCH if self.cycle else 0)
         front.points = [Point(float(d), "not_converged", reason="not computed") for d in grid]
-        with _changed(self.planner, starts=1):
-            self._sweep()
-            self._keep_minimum()
-            if self.cycle is not None:
-                front.cycle_minimum = self._best_in_cycle(self.cycle)
+        self._sweep()
+        self._keep_minimum()
+        if self.cycle is not None:
+            front.cycle_minimum = self._best_in_cycle(self.cycle)
 
     def _fastest(self) -> Point:
         """The fastest move: TOPP-RA's on the path itself, or a solve of minimum time where the path is free."""
         path_fastest = self.planner.minimum_time(self.free)
         if self.free.mode == "retime":
             return Point(path_fastest, "solved")
-        with _changed(self.planner, objective="time"):
+        with _changed(self.planner, objective="time", starts=1):
             result = self.planner.solve(self.free)
         self._count()
         if result.trajectory.duration > path_fastest:
             return Point(path_fastest, "solved")
         found = result.trajectory
-        return Point(found.duration, result.status, self.planner.score(found), found)
+        carried = Carried(found, self.planner.score(found), result.status == "solved")
+        return self._point(found.duration, carried)
 
     def _grid(self, fastest: float, best: float, longest: float | None) -> np.ndarray:
         last = self.cycle.length if self.cycle else max(REACH * fastest, 1.5 * best)
@@ -166,18 +190,29 @@ class _Tracer:
         if self.stopped():
             raise KeyboardInterrupt
 
-    def _solve(self, duration: float | None, warm: Sequence[Trajectory]) -> Point:
-        """One solve, of exactly `duration` s or free."""
+    def _free(self, warm: Sequence[Trajectory]) -> Point:
+        """The least energy at a duration of the program's own choice."""
+        result = self.planner.solve(self.free, warm=warm)
+        self._count()
+        carried = Carried(result.trajectory, result.energy, result.status == "solved")
+        return self._point(result.trajectory.duration, carried)
+
+    def _step(self, duration: float, neighbour: Carried) -> Point:
+        """One step to exactly `duration` s."""
         try:
-            result = self.planner.solve(replace(self.free, duration=duration), warm=warm)
+            carried = self.carrier.at(duration, neighbour)
         except Infeasible as error:
-            point = Point(duration or np.nan, "infeasible", reason=str(error))
+            point = Point(duration, "infeasible", reason=str(error))
         else:
-            found = result.trajectory
-            taken = found.duration if duration is None else duration
-            point = Point(taken, result.status, result.energy, found, waiting=self._waiting(taken))
+            point = self._point(duration, carried)
         self._count()
         return point
+
+    def _point(self, duration: float, carried: Carried | None) -> Point:
+        if carried is None:
+            return Point(duration, "not_converged", reason="no trajectory within limits was found from its neighbours")
+        status = "solved" if carried.converged else "not_converged"
+        return Point(duration, status, carried, waiting=self._waiting(duration))
 
     def _waiting(self, duration: float) -> Waiting | None:
         """What the wait costs; None without a cycle, or where the move outlasts it."""
@@ -189,43 +224,60 @@ class _Tracer:
         """Out from the free optimum to both ends, then back."""
         points, best = self.front.points, self.front.minimum
         assert best is not None
-        count = len(points)
         middle = int(np.searchsorted([p.duration for p in points], best.duration))
-        up, down = range(middle, count), range(middle - 1, -1, -1)
-        for order in (up, down):
+        sides = (range(middle, len(points)), range(middle - 1, -1, -1))
+        ends = []
+        for order in sides:
             neighbour = best
             for k in order:
                 neighbour = self._improve(k, neighbour)
-        for order in (up[::-1], down[::-1]):
-            beyond: Point | None = None
-            for k in order:
-                if beyond is not None and beyond.trajectory is not None:
-                    self._improve(k, beyond)
-                beyond = points[k]
+            ends.append(neighbour)
+        self._usual = self._usual_change()
+        for order, neighbour in zip(sides, ends, strict=True):
+            for k in order[-2::-1]:
+                if self._another_optimum(k, neighbour):
+                    self._improve(k, neighbour)
+                neighbour = points[k] if points[k].carried is not None else neighbour
+
+    def _another_optimum(self, k: int, neighbour: Point) -> bool:
+        """May a step back from a neighbour end elsewhere than at point k? Not where both are one smooth family."""
+        here, there = self.front.points[k].carried, neighbour.carried
+        if there is None or self.free.mode == "retime":
+            return False  # retiming starts from the path alone, wherever it is called from
+        if here is None:
+            return True
+        return change(self.front.points[k], neighbour) > FAMILY * self._usual
+
+    def _usual_change(self) -> float:
+        """Median change between neighbouring points."""
+        found = [p for p in self.front.points if p.carried is not None]
+        changes = [change(a, b) for a, b in zip(found, found[1:], strict=False)]
+        return float(np.median(changes)) if changes else 0.0
 
     def _improve(self, k: int, neighbour: Point) -> Point:
-        """Solve point k from a neighbour; returns the better of what was there and what came."""
+        """Step to point k from a neighbour and keep the better; returns what the next point is to start from."""
         old, fastest = self.front.points[k], self.front.fastest
         assert fastest is not None
         if old.duration < fastest.duration * (1 - SAME):
             reason = f"shorter than the fastest move, {fastest.duration:.6g} s"
             self.front.points[k] = Point(old.duration, "infeasible", reason=reason)
             return neighbour
-        starts = [neighbour.trajectory] if neighbour.trajectory is not None else []
-        if fastest.trajectory is not None and abs(old.duration / fastest.duration - 1) < 1e-3:
-            starts.append(fastest.trajectory)
-        new = self._solve(old.duration, starts)
-        if old.trajectory is None or (new.trajectory is not None and _better(new, old)):
-            self.front.points[k] = new
+        if neighbour.carried is not None:
+            new = self._step(old.duration, neighbour.carried)
+            if new.carried is None and fastest.carried is not None and _equal(old.duration, fastest.duration):
+                new = self._point(old.duration, fastest.carried)
+            if old.carried is None or (new.carried is not None and _better(new, old)):
+                self.front.points[k] = new
         kept = self.front.points[k]
-        return kept if kept.trajectory is not None else neighbour
+        return kept if kept.carried is not None else neighbour
 
     def _keep_minimum(self) -> None:
         """If a point of the grid lies below the free optimum, solve again with free duration from there."""
         best = min(self.front.points, key=lambda p: p.total, default=Point(np.nan, ""))
         assert self.front.minimum is not None
-        if best.trajectory is not None and best.total < self.front.minimum.total:
-            again = self._solve(None, [best.trajectory])
+        if best.trajectory is not None and best.total < self.front.minimum.total * (1 - SAME):
+            with _changed(self.planner, starts=1):
+                again = self._free([best.trajectory])
             self.front.minimum = min((self.front.minimum, again, best), key=lambda p: p.total)
 
     def _best_in_cycle(self, cycle: Cycle) -> Point:
@@ -236,12 +288,14 @@ class _Tracer:
 
         def at(duration: float) -> Point:
             near = min(known, key=lambda p: abs(p.duration - duration), default=None)
-            point = self._solve(duration, [near.trajectory] if near and near.trajectory is not None else [])
+            if near is None or near.carried is None:
+                return Point(duration, "not_converged", reason="nothing to start from")
+            point = self._step(duration, near.carried)
             if point.trajectory is not None:
                 known.append(point)
             return point
 
-        if not any(abs(p.duration / cycle.length - 1) < SAME for p in known):
+        if not any(_equal(p.duration, cycle.length) for p in known):
             end = at(cycle.length)  # slower is often better still: the whole cycle is always looked at
             if not known:
                 raise Infeasible(end.reason, limit="duration")
@@ -268,6 +322,19 @@ def _changed(planner: Planner, **changes: Any) -> Iterator[None]:
         yield
     finally:
         planner.settings = before
+
+
+def _equal(a: float, b: float) -> bool:
+    return abs(a / b - 1) <= SAME
+
+
+def change(a: Point, b: Point) -> float:
+    """How fast the move changes between two points: largest distance [rad] of any joint per relative duration."""
+    if a.trajectory is None or b.trajectory is None or _equal(a.duration, b.duration):
+        return 0.0
+    share = np.linspace(0, 1, 65)
+    q = [t.sample(t.time[0] + share * t.duration)[0] for t in (a.trajectory, b.trajectory)]
+    return float(np.abs(q[0] - q[1]).max() / abs(np.log(a.duration / b.duration)))
 
 
 def _better(new: Point, old: Point) -> bool:

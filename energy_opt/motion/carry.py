@@ -1,0 +1,104 @@
+"""A move's optimum carried to another duration: one solve from the neighbour's curve, without starts and baselines.
+
+Fronts of energy against duration are made of such steps. A reshaped curve is taken as it is, with the new duration, and
+with the rows that bound it; a retimed path is retimed anew, which costs as little and needs no start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from energy_opt.motion.move import Move
+from energy_opt.motion.planner import Planner, _Solve
+from energy_opt.motion.reshape import Curve, Level, fitted
+from energy_opt.motion.reshaper import COARSE, FEASIBLE, Reshaper, _all_rows
+from energy_opt.motion.retime import retime
+from energy_opt.motion.score import Energy
+from energy_opt.motion.timing_law import Timing
+from energy_opt.motion.trajectory import Trajectory
+
+OPTIONS: dict[str, object] = {"mu_init": 1e-5}
+
+
+@dataclass(frozen=True)
+class Carried:
+    """An optimum at one duration; `curve` and `rows` are what the next step starts from (None after retiming)."""
+
+    trajectory: Trajectory
+    energy: Energy
+    converged: bool
+    curve: Curve | None = None
+    rows: np.ndarray | None = None
+
+
+class Carrier:
+    """Carries the optimum of one move (its own duration is ignored) from duration to duration."""
+
+    def __init__(self, planner: Planner, move: Move) -> None:
+        self.planner, self.move = planner, replace(move, duration=None, max_duration=None)
+
+    @cached_property
+    def _fastest(self) -> Timing:
+        return self.planner._fastest(self.move)
+
+    @cached_property
+    def _reshaper(self) -> Reshaper:
+        return self.planner._reshaper("energy")
+
+    @cached_property
+    def _level(self) -> Level:
+        vias = len(self.move.via)
+        return self._reshaper.level(max(self._reshaper._fine, COARSE + 2 * vias + 4), vias)
+
+    def at(self, duration: float, neighbour: Carried) -> Carried | None:
+        """The optimum at exactly `duration` s, from a neighbour's; None where no trajectory within limits came of it.
+
+        Raises:
+            Infeasible: retiming, where `duration` is below the path's minimum time.
+        """
+        if self.move.mode == "retime":
+            return self._retimed(duration)
+        work = _Solve(self.planner, replace(self.move, duration=duration), ())
+        work.timing = None
+        task = work._task(duration)
+        if neighbour.curve is None:
+            t = neighbour.trajectory
+            vias = np.array([self._passed(t, via) for via in self.move.via])
+            u = (t.time - t.time[0]) / t.duration
+            guess = fitted(self._level.shape, u, t.position, task.ends, duration, vias)
+        else:
+            guess = replace(neighbour.curve, duration=duration)
+        rows = _all_rows(self._level.shape) if neighbour.rows is None else neighbour.rows
+        outcome = self._level.solve(
+            guess,
+            task.ends,
+            task.limits,
+            task.parameters,
+            task.durations,
+            tolerance=1e-5,
+            rows=rows,
+            offset=task.offset,
+            options=OPTIONS,
+        )
+        if outcome.broken > FEASIBLE:
+            return None
+        best, trajectory, certificate = work._mended(self._reshaper, outcome, task)
+        if not certificate.valid:
+            return None
+        return Carried(trajectory, self.planner.score(trajectory), best.converged, best.curve, best.rows)
+
+    def _passed(self, trajectory: Trajectory, via: np.ndarray) -> float:
+        """Where, in [0, 1] of its duration, a trajectory comes nearest to a via point."""
+        k = int(np.argmin(np.abs(trajectory.position - via).sum(axis=1)))
+        share = (trajectory.time[k] - trajectory.time[0]) / trajectory.duration
+        return float(np.clip(share, 0.02, 0.98))
+
+    def _retimed(self, duration: float) -> Carried | None:
+        planner, path = self.planner, self.planner._path(self.move)
+        found = retime(planner.robot, planner.model, path, duration=duration, shortest=self._fastest)
+        if not planner.certify(found.trajectory).valid:
+            return None
+        return Carried(found.trajectory, planner.score(found.trajectory), found.converged)

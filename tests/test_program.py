@@ -5,8 +5,9 @@ import pytest
 
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, ViscousFriction
 from energy_opt.motion.nodes import OBJECTIVES, node_functions
-from energy_opt.motion.program import Ends, Pattern, Program, Shape
+from energy_opt.motion.program import Program
 from energy_opt.motion.reshape import fitted
+from energy_opt.motion.shape import Ends, Pattern, Shape
 from energy_opt.motion.spline import Basis
 from energy_opt.power import source_method_2
 from energy_opt.robot import load_robot

@@ -19,163 +19,14 @@ is active along an arc gives independent rows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import casadi as ca
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from energy_opt.motion.nodes import NodeFunctions
 from energy_opt.motion.nodeval import Batch
-from energy_opt.motion.spline import DEGREE, Basis
+from energy_opt.motion.shape import LOCAL, Ends, Pattern
 
-LOCAL = DEGREE + 1  # control points that a node touches
 EFFORT = 4  # the kind of a torque row; kinds 1 to 3 are derivatives of position
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What is fixed about a program's form.
-
-    Attributes:
-        joints: n.
-        basis: the B-splines.
-        per_span: Gauss nodes per knot span.
-        free_acceleration: end accelerations are free; else zero.
-        vias: number of via points.
-    """
-
-    joints: int
-    basis: Basis
-    per_span: int = 3
-    free_acceleration: bool = False
-    vias: int = 0
-
-    @property
-    def pinned(self) -> int:
-        """Control points at each end that the end conditions determine."""
-        return 2 if self.free_acceleration else 3
-
-    @property
-    def free(self) -> int:
-        """Free control points."""
-        return self.basis.controls - 2 * self.pinned
-
-    @property
-    def unknowns(self) -> int:
-        return self.joints * self.free + 1 + self.vias
-
-    @cached_property
-    def grid(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes u (K,) and weights (K,): Gauss nodes of every span, and its breakpoints with weight zero."""
-        u, w = self.basis.gauss(self.per_span)
-        u = np.concatenate([u, self.basis.breaks])
-        w = np.concatenate([w, np.zeros(len(self.basis.breaks))])
-        order = np.argsort(u, kind="stable")
-        return u[order], w[order]
-
-    @cached_property
-    def matrices(self) -> list[np.ndarray]:
-        """Basis matrices at the nodes for derivatives 0 to 3, (K, controls) each."""
-        return [self.basis.matrix(self.grid[0], order) for order in range(4)]
-
-    @cached_property
-    def spans(self) -> np.ndarray:
-        """First control point that each node touches, (K,)."""
-        inside = np.searchsorted(self.basis.breaks, self.grid[0], side="right") - 1
-        return np.clip(inside, 0, len(self.basis.breaks) - 2)
-
-    @cached_property
-    def local(self) -> np.ndarray:
-        """Basis values of the touched control points for derivatives 0 to 3, (K, 4, 6)."""
-        columns = self.spans[:, None] + np.arange(LOCAL)
-        return np.stack([np.take_along_axis(m, columns, axis=1) for m in self.matrices], axis=1)
-
-    @cached_property
-    def sites(self) -> list[np.ndarray]:
-        """Matrices (sites, controls) to the control points of velocity, acceleration and jerk (times powers of T)."""
-        return [self.basis.polygon(order) for order in (1, 2, 3)]
-
-    @cached_property
-    def site_local(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each of `sites`: first control point that a site touches (S,), and its six coefficients (S, 6)."""
-        out = []
-        for matrix in self.sites:
-            first = np.minimum(np.argmax(np.abs(matrix) > 0, axis=1), self.basis.controls - LOCAL)
-            out.append((first, np.take_along_axis(matrix, first[:, None] + np.arange(LOCAL), axis=1)))
-        return out
-
-    @cached_property
-    def end_slopes(self) -> np.ndarray:
-        """Control-point offsets (2, pinned) per unit of u-velocity at the start and the end, acceleration zero."""
-        zero, one = np.zeros(1), np.ones(1)
-        acceleration = None if self.free_acceleration else zero
-        return np.stack([self.basis.ends(zero, one, acceleration, last)[:, 0] for last in (False, True)])
-
-
-@dataclass(frozen=True)
-class Ends:
-    """What is fixed at both ends, and what must be passed: q, v (n,) and via points (vias, n)."""
-
-    start: np.ndarray
-    goal: np.ndarray
-    v_start: np.ndarray
-    v_goal: np.ndarray
-    via: np.ndarray
-
-
-class Pattern:
-    """What all programs of one shape share: index maps of unknowns, the Hessian's pattern and its scatter matrix."""
-
-    def __init__(self, shape: Shape) -> None:
-        s = self.shape = shape
-        n, count = s.joints, len(s.grid[0])
-        self.time = n * s.free  # index of T
-        points = s.spans[:, None] + np.arange(LOCAL) - s.pinned
-        index = points[:, :, None] * n + np.arange(n)
-        index = np.where(((points >= 0) & (points < s.free))[:, :, None], index, -1)
-        self.index = index.reshape(count, LOCAL * n)  # unknown of each touched (control point, joint), -1 if pinned
-
-    def positions(self, rows: np.ndarray, columns: np.ndarray, pattern: ca.Sparsity) -> np.ndarray:
-        """Where entries (rows, columns) lie among a pattern's nonzeros."""
-        lookup = np.full(pattern.shape, -1)
-        r, c = pattern.get_triplet()
-        lookup[r, c] = np.arange(len(r))
-        return lookup[rows, columns]
-
-    @cached_property
-    def hessian(self) -> ca.Sparsity:
-        """Upper triangle: the band of control points that share a span, and full columns of T and the via times."""
-        s, size = self.shape, self.shape.unknowns
-        full = np.zeros((size, size), dtype=bool)
-        for index in np.unique(self.index, axis=0):
-            used = index[index >= 0]
-            full[np.ix_(used, used)] = True
-        full[:, self.time :] = True
-        r, c = np.nonzero(np.triu(full))
-        order = np.lexsort((r, c))
-        self._lookup = np.full((size, size), -1)
-        self._lookup[r[order], c[order]] = np.arange(len(order))
-        assert s.unknowns == size
-        return ca.Sparsity.triplet(size, size, r[order].tolist(), c[order].tolist())
-
-    @cached_property
-    def lookup(self) -> np.ndarray:
-        """(unknowns, unknowns) -> index among the Hessian's nonzeros, -1 outside."""
-        _ = self.hessian
-        return self._lookup
-
-    def scatter(self, nodes: np.ndarray) -> csr_matrix:
-        """Sparse matrix that sums per-node blocks (nodes, 6n, 6n) into the Hessian's nonzeros."""
-        index = self.index[nodes]
-        a = np.broadcast_to(index[:, :, None], (*index.shape, index.shape[1]))
-        b = np.broadcast_to(index[:, None, :], a.shape)
-        keep = ((a >= 0) & (b >= 0) & (a <= b)).ravel()
-        target = self.lookup[a.ravel()[keep], b.ravel()[keep]]
-        return csr_matrix(
-            (np.ones(len(target)), (target, np.flatnonzero(keep))), shape=(self.hessian.nnz(), keep.size)
-        )
 
 
 class Program:
@@ -301,12 +152,12 @@ class Program:
         """The Jacobian's pattern, and where each row's entries go: its six control points or all of a node's, and T."""
         s, n, t = self.shape, self.shape.joints, self.pattern.time
         rows, columns = [], []
-        for r in range(len(self._linear)):
-            columns.append(np.append(self._row_index[r], t))
-            rows.append(np.full(LOCAL + 1, r))
-        for r, (_, node, _) in enumerate(self._effort, start=len(self._linear)):
+        for row in range(len(self._linear)):
+            columns.append(np.append(self._row_index[row], t))
+            rows.append(np.full(LOCAL + 1, row))
+        for row, (_, node, _) in enumerate(self._effort, start=len(self._linear)):
             columns.append(np.append(self.pattern.index[node], t))
-            rows.append(np.full(LOCAL * n + 1, r))
+            rows.append(np.full(LOCAL * n + 1, row))
         base = len(self._linear) + len(self._effort)
         for i in range(s.vias):
             for j in range(n):
@@ -368,7 +219,9 @@ class Program:
         block = block.transpose(0, 1, 2, 4, 3).reshape(-1)
         out = self._scatter @ block
         # The column of T: C_k applied to dz/dT = (moving ends, 1).
-        z_slope = np.concatenate([self._z_slope[needed, :3].reshape(len(needed), -1), np.ones((len(needed), 1))], axis=1)
+        z_slope = np.concatenate(
+            [self._z_slope[needed, :3].reshape(len(needed), -1), np.ones((len(needed), 1))], axis=1
+        )
         towards = np.matmul(c, z_slope[:, :, None])[:, :, 0]
         column = np.zeros(s.unknowns)
         local = self._through_nodes(towards, needed)

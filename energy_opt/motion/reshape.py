@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,8 @@ import numpy as np
 from energy_opt.motion import ipopt
 from energy_opt.motion.nodes import NodeFunctions
 from energy_opt.motion.nodeval import Batch
-from energy_opt.motion.program import Ends, Pattern, Program, Shape
+from energy_opt.motion.program import Program
+from energy_opt.motion.shape import Ends, Pattern, Shape
 from energy_opt.robot import Limits
 
 BROKEN = 1e-7  # share beyond a bound at which a limit becomes a row
@@ -140,4 +140,3 @@ def refined(curve: Curve, shape: Shape, ends: Ends) -> Curve:
     """The same curve with the control points of another shape."""
     u = np.linspace(0, 1, 6 * shape.basis.controls)
     return fitted(shape, u, curve.shape.basis.matrix(u) @ curve.points, ends, curve.duration, curve.via_u)
-

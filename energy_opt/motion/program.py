@@ -51,7 +51,7 @@ class Program:
         s = self.shape = pattern.shape
         self.pattern, self.ends, self.parameters, self.scale = pattern, ends, parameters, scale
         n = s.joints
-        u, w = s.grid
+        _, w = s.grid
         linear = rows[:, 0] != EFFORT
         rows = np.vstack([rows[linear], rows[~linear]])
         self._linear, self._effort = rows[: linear.sum()], rows[linear.sum() :]
@@ -229,7 +229,7 @@ class Program:
         keep = index >= 0
         np.add.at(column, index[keep], local[:, :-1][keep])
         column[time] = local[:, -1].sum()
-        # Linear rows: value b x / T^k has second derivatives -k b / T^(k+1) with (x, T), k (k + 1) b x / T^(k+2) with T.
+        # Linear rows: b x / T^k has second derivatives -k b / T^(k+1) with (x, T), k (k + 1) b x / T^(k+2) with T.
         if first:
             kind = self._linear[:, 0]
             share = multipliers[:first] / t**kind

@@ -34,7 +34,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess over a bound at a node."""
+    """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess at a node."""
 
     curve: Curve
     cost: float

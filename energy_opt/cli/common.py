@@ -81,6 +81,8 @@ def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
     from energy_opt.power import load_model, source_method_2
 
     model = source_method_2(robot.name) if args.model is None else load_model(args.model)
+    if model.robot not in ("", robot.name):
+        say(args, f"warning: {args.model}: a model of {model.robot}, used for {robot.name}")
     if args.payload is not None:
         model = model.replaced(payload_from(args.payload))
     model.check(robot.n)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -66,17 +66,35 @@ class PathDynamics:
     def __init__(self, robot: Robot, model: PowerModel, path: JointPath, s: np.ndarray) -> None:
         self.robot, self.model, self.path, self.s = robot, model, path, s
         self.q, self.q1, self.q2, self.q3 = (path(s, order) for order in range(4))
+
+    @property
+    def M(self) -> np.ndarray:
+        """Torque per path acceleration, (M, n) [N m s^2]."""
+        return self._torque[0]
+
+    @property
+    def C(self) -> np.ndarray:
+        """Torque per squared path speed, (M, n) [N m s^2]."""
+        return self._torque[1]
+
+    @property
+    def G(self) -> np.ndarray:
+        """Torque of holding, (M, n) [N m]."""
+        return self._torque[2]
+
+    @cached_property
+    def _torque(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         zero = np.zeros_like(self.q)
         # three inverse dynamics in one call, so that payload and tilt are applied once
         torque = rigid_torque(
-            model,
-            robot.body,
+            self.model,
+            self.robot.body,
             np.concatenate([self.q] * 3),
             np.concatenate([zero, zero, self.q1]),
             np.concatenate([zero, self.q1, self.q2]),
         )
-        self.G, inertial, centrifugal = np.split(torque, 3)
-        self.M, self.C = inertial - self.G, centrifugal - self.G
+        holding, inertial, centrifugal = np.split(torque, 3)
+        return inertial - holding, centrifugal - holding, holding
 
     def under(self, model: PowerModel) -> PathDynamics:
         """The same for a model whose payload and tilt are the same."""

@@ -44,14 +44,18 @@ class Block:
         self.tight = {kind: np.ones(shape) for kind in KINDS}
 
     def usage(self, control: np.ndarray, limits: Limits) -> dict[str, np.ndarray]:
-        """Signed share of each bound that is used, (M, n) per kind; that of velocity squared."""
-        a, b = self.lift.values(control)
-        d = self.dynamics
-        return {
-            "velocity": d.q1**2 * b[:, None] / limits.velocity**2,
-            "acceleration": (d.q1 * a[:, None] + d.q2 * b[:, None]) / limits.acceleration,
-            "effort": d.motor_torque(a, b) / limits.effort,
-        }
+        """Share of each bound that is used, (M, n) per kind; that of velocity squared."""
+        return {kind: usage(self.dynamics, self.lift, kind, control, limits) for kind in KINDS}
+
+
+def usage(d: PathDynamics, at: Lift, kind: str, control: np.ndarray, limits: Limits) -> np.ndarray:
+    """Share of the bounds of one kind that is used at the places of `d` and `at`, (M, n); that of velocity squared."""
+    a, b = at.values(control)
+    if kind == "velocity":
+        return d.q1**2 * b[:, None] / limits.velocity**2
+    if kind == "acceleration":
+        return np.abs(d.q1 * a[:, None] + d.q2 * b[:, None]) / limits.acceleration
+    return np.abs(d.motor_torque(a, b)) / limits.effort
 
 
 class Jerk:
@@ -70,9 +74,9 @@ class Jerk:
         self.held = np.zeros(self.factors.shape[1:], dtype=bool)
 
     def usage(self, control: np.ndarray) -> np.ndarray:
-        """Signed share of the bound that is used, (M, n)."""
+        """Share of the bound that is used, (M, n)."""
         z = self.lift.values(control)
-        return np.einsum("dmj,dm->mj", self.factors, z) * np.sqrt(np.maximum(z[1], 0))[:, None]
+        return np.abs(np.einsum("dmj,dm->mj", self.factors, z)) * np.sqrt(np.maximum(z[1], 0))[:, None]
 
 
 class PathLimits:
@@ -94,9 +98,9 @@ class PathLimits:
         if self.jerk is not None:
             found.append(("jerk", self.jerk.s, self.jerk.usage(control)))
         for kind, s, use in found:
-            k, j = np.unravel_index(int(np.argmax(np.abs(use))), use.shape)
-            if abs(use[k, j]) - 1 > out.excess:
-                out = Worst(kind, int(j), float(s[k]), float(abs(use[k, j]) - 1))
+            k, j = np.unravel_index(int(np.argmax(use)), use.shape)
+            if use[k, j] - 1 > out.excess:
+                out = Worst(kind, int(j), float(s[k]), float(use[k, j] - 1))
         return out
 
     def hold(self, control: np.ndarray, *, always: bool = False) -> bool:
@@ -105,15 +109,15 @@ class PathLimits:
         With `always`, also where nothing is broken.
         """
         grid = self.grid
-        usage = {kind: np.abs(use) / grid.tight[kind] for kind, use in grid.usage(control, self.limits).items()}
-        broken = {kind: use.max(axis=0) > 1 + BROKEN for kind, use in usage.items()}
+        shares = {kind: use / grid.tight[kind] for kind, use in grid.usage(control, self.limits).items()}
+        broken = {kind: use.max(axis=0) > 1 + BROKEN for kind, use in shares.items()}
         if always or any(joints.any() for joints in broken.values()):
-            for kind, use in usage.items():
+            for kind, use in shares.items():
                 grid.held[kind] |= _near(use, np.where(broken[kind], WIDE, NEAR))
             return True
         if self.jerk is None:
             return False
-        use = np.abs(self.jerk.usage(control))
+        use = self.jerk.usage(control)
         if use.max() <= 1 + BROKEN:
             return False
         near = use > JERK_NEAR
@@ -127,23 +131,25 @@ class PathLimits:
         True where there was any.
         """
         grid, d = self.grid, self.grid.dynamics
-        close = [np.abs(use).max(axis=1) > CLOSE for use in grid.usage(control, self.limits).values()]
-        active = np.any(close, axis=0)
-        intervals = np.flatnonzero(active[:-1] | active[1:])
-        if not intervals.size:
-            return False
         inner = (np.arange(per_interval) + 0.5) / per_interval
-        places = d.s[intervals, None] + np.diff(d.s)[intervals, None] * inner
-        between = Block(PathDynamics(d.robot, d.model, d.path, places.ravel()), self.knots)
         broken = False
-        for kind, use in between.usage(control, self.limits).items():
-            excess = np.abs(use).reshape(*places.shape, -1).max(axis=1) - 1
+        for kind, use in grid.usage(control, self.limits).items():
+            close = use.max(axis=1) > CLOSE
+            intervals = np.flatnonzero(close[:-1] | close[1:])
+            if not intervals.size:
+                continue
+            places = (d.s[intervals, None] + np.diff(d.s)[intervals, None] * inner).ravel()
+            between = PathDynamics(d.robot, d.model, d.path, places)
+            share = usage(between, lift(self.knots, places), kind, control, self.limits)
+            excess = share.reshape(len(intervals), per_interval, -1).max(axis=1) - 1
             k, j = np.nonzero(excess > MARGIN / 2)  # the margin is there for what remains
             broken |= bool(k.size)
+            factor = np.ones_like(use)
             for side in (0, 1):
                 place = (intervals[k] + side, j)
                 grid.held[kind][place] = True
-                np.minimum.at(grid.tight[kind], place, 1 - 1.5 * excess[k, j])
+                np.minimum.at(factor, place, 1 - 1.5 * excess[k, j])
+            grid.tight[kind] *= factor
         return broken
 
     def rows(self, unit: float) -> Rows:

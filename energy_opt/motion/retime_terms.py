@@ -140,14 +140,17 @@ def compressed_terms() -> Terms:
     return _terms(power, z, at, factors)
 
 
-_PROBES = np.array([(a, b) for a in (-5.0, 0.5, 4.0) for b in (0.02, 0.15, 0.4, 0.8, 1.3)]).T
+_PROBES = np.array(
+    [(0, 0.02), (0, 0.15), (0, 0.4), (0, 0.8), (0, 1.3), (5, 0.05), (5, 0.4), (5, 1.2), (-4, 0.2), (-2, 0.9)],
+    dtype=float,
+).T
 _INVERSE = np.linalg.pinv(np.stack(_monomials(*_PROBES), axis=1))
 _RESIDUAL = np.eye(_PROBES.shape[1]) - np.stack(_monomials(*_PROBES), axis=1) @ _INVERSE
 
 
 @lru_cache(maxsize=16)
 def _probed(shared_by: SharedByStructure, n: int, m: int) -> ca.Function:
-    """(at (6 n + 1, m), shared) -> power at every probe, (15, m)."""
+    """(at (6 n + 1, m), shared) -> power at every probe, (10, m)."""
     built, function = law(shared_by, n), law_function(shared_by, n)
     power = ca.vertcat(*(function(ca.DM(probe), built.at, built.shared)[0] for probe in _PROBES.T))
     one = ca.Function("probed", [built.at, built.shared], [power])
@@ -158,7 +161,7 @@ def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.
     """Coefficients (9, M) of the power's monomials at points `at` (6 n + 1, M); None where the law has other terms.
 
     Copper loss, viscous friction and all that is affine come down to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b.
-    The coefficients are found from the law itself, evaluated at fifteen probes, six more than there are unknowns.
+    The coefficients are found from the law itself, evaluated at ten probes, one more than there are unknowns.
     """
     power = np.array(_probed(shared_by, n, at.shape[1])(at, shared))
     if np.abs(_RESIDUAL @ power).max() > 1e-9 * np.abs(power).max():

@@ -72,6 +72,7 @@ class RigidBody:
         self.n: int = model.nv
         self.gravity = np.array(model.gravity.linear)
         self.continuous = np.array([model.joints[j].nq == 2 for j in range(1, model.njoints)])
+        self._has_continuous = bool(self.continuous.any())
         self._index_q = np.array([model.joints[j].idx_q for j in range(1, model.njoints)])
 
     @classmethod
@@ -150,12 +151,13 @@ class RigidBody:
         return symbolic, symbolic.Model(self._model)
 
     def configuration(self, q: np.ndarray) -> np.ndarray:
-        """Pinocchio's configuration (nq,) of joint positions (n,): a continuous joint is stored as cosine and sine."""
+        """Pinocchio's configurations (..., nq) of positions (..., n): a continuous joint is stored as cosine and sine."""
+        q = np.asarray(q, dtype=float)
         if not self.continuous.any():
-            return np.asarray(q, dtype=float)
-        out = np.zeros(self._model.nq)
-        out[self._index_q] = np.where(self.continuous, np.cos(q), q)
-        out[self._index_q[self.continuous] + 1] = np.sin(np.asarray(q)[self.continuous])
+            return q
+        out = np.zeros((*q.shape[:-1], self._model.nq))
+        out[..., self._index_q] = np.where(self.continuous, np.cos(q), q)
+        out[..., self._index_q[self.continuous] + 1] = np.sin(q[..., self.continuous])
         return out
 
     def _variant(self, payload: PointMass | None, gravity: np.ndarray | None) -> tuple[pin.Model, pin.Data]:
@@ -182,8 +184,9 @@ class RigidBody:
         model, data = self._variant(payload, gravity)
         q, v, a = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, v, a))
         out = np.empty((len(q), self.n))
-        for k in range(len(q)):
-            out[k] = pin.rnea(model, data, self.configuration(q[k]), v[k], a[k])
+        rows = q if not self._has_continuous else [self.configuration(x) for x in q]
+        for k, row in enumerate(rows):
+            out[k] = pin.rnea(model, data, row, v[k], a[k])
         return out
 
     def energy(
@@ -195,7 +198,7 @@ class RigidBody:
         return np.array(
             [
                 pin.computeKineticEnergy(model, data, c, v[k]) + pin.computePotentialEnergy(model, data, c)
-                for k, c in enumerate(self.configuration(x) for x in q)
+                for k, c in enumerate(self.configuration(q))
             ]
         )
 
@@ -209,8 +212,8 @@ class RigidBody:
         model, data = self._variant(None, gravity)
         q, v, a = np.atleast_2d(q), np.atleast_2d(v), np.atleast_2d(a)
         out = np.empty((len(q), self.n, 10))
-        for k in range(len(q)):
-            out[k] = pin.computeJointTorqueRegressor(model, data, self.configuration(q[k]), v[k], a[k])[:, -10:]
+        for k, c in enumerate(self.configuration(q)):
+            out[k] = pin.computeJointTorqueRegressor(model, data, c, v[k], a[k])[:, -10:]
         return out
 
     def torque_derivatives(

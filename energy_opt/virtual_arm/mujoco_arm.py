@@ -137,7 +137,8 @@ class MujocoArm:
         """
         mujoco, m, d, laws = self.mujoco, self.model, self.data, self.laws
         settling = round(SETTLING / STEP)
-        at = np.concatenate([np.zeros(settling, dtype=int), np.arange(len(position))])
+        # The goal of a step is the reference at its end.
+        goals = np.clip(np.arange(-settling, len(position)) + 1, 0, len(position) - 1)
         n = position.shape[1]
         mujoco.mj_resetData(m, d)
         q, v, bias, applied, passive = d.qpos, d.qvel, d.qfrc_bias, d.qfrc_applied, d.qfrc_passive
@@ -149,11 +150,11 @@ class MujocoArm:
         kd = 2 * kp / BANDWIDTH
         tau = bias.copy()
         travel, heading = np.ones(n), np.zeros(n)
-        steps = len(at) - settling
+        steps = len(position)
         qs, vs, us = np.empty((steps + 1, n)), np.empty((steps + 1, n)), np.empty((steps, n))
-        for k, row in enumerate(at):
+        for k, row in enumerate(goals):
             mujoco.mj_step1(m, d)
-            goal_v = rest if k < settling else velocity[row]
+            goal_v = rest if row == 0 else velocity[row]
             friction = laws.damping(v, tau)
             known = laws.known(q, tau)
             # u = push - pull v+, v+ the speed at the end of the step

@@ -72,7 +72,6 @@ class RigidBody:
         self.n: int = model.nv
         self.gravity = np.array(model.gravity.linear)
         self.continuous = np.array([model.joints[j].nq == 2 for j in range(1, model.njoints)])
-        self._has_continuous = bool(self.continuous.any())
         self._index_q = np.array([model.joints[j].idx_q for j in range(1, model.njoints)])
 
     @classmethod
@@ -151,7 +150,7 @@ class RigidBody:
         return symbolic, symbolic.Model(self._model)
 
     def configuration(self, q: np.ndarray) -> np.ndarray:
-        """Pinocchio's configurations (..., nq) of positions (..., n): a continuous joint is stored as cosine and sine."""
+        """Pinocchio's configurations (..., nq) of joint positions (..., n); of a continuous joint, cosine and sine."""
         q = np.asarray(q, dtype=float)
         if not self.continuous.any():
             return q
@@ -184,8 +183,7 @@ class RigidBody:
         model, data = self._variant(payload, gravity)
         q, v, a = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, v, a))
         out = np.empty((len(q), self.n))
-        rows = q if not self._has_continuous else [self.configuration(x) for x in q]
-        for k, row in enumerate(rows):
+        for k, row in enumerate(self.configuration(q)):
             out[k] = pin.rnea(model, data, row, v[k], a[k])
         return out
 

@@ -12,14 +12,15 @@ from functools import cached_property
 import numpy as np
 
 from energy_opt.motion.move import Move
-from energy_opt.motion.planner import Planner, _Solve
+from energy_opt.motion.planner import Planner
 from energy_opt.motion.reshape import Curve, Level, fitted
 from energy_opt.motion.reshaper import COARSE, FEASIBLE, Reshaper, _all_rows
-from energy_opt.motion.retime import retime
 from energy_opt.motion.score import Energy
+from energy_opt.motion.solving import Solve
 from energy_opt.motion.timing_law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
+ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
 OPTIONS: dict[str, object] = {"mu_init": 1e-5}
 
 
@@ -61,7 +62,7 @@ class Carrier:
         """
         if self.move.mode == "retime":
             return self._retimed(duration)
-        work = _Solve(self.planner, replace(self.move, duration=duration), ())
+        work = Solve(self.planner, replace(self.move, duration=duration), ())
         work.timing = None
         task = work._task(duration)
         if neighbour.curve is None:
@@ -97,8 +98,16 @@ class Carrier:
         return float(np.clip(share, 0.02, 0.98))
 
     def _retimed(self, duration: float) -> Carried | None:
-        planner, path = self.planner, self.planner._path(self.move)
-        found = retime(planner.robot, planner.model, path, duration=duration, shortest=self._fastest)
-        if not planner.certify(found.trajectory).valid:
+        planner, shortest = self.planner, self._fastest
+        if abs(duration / shortest.duration - 1) < ONLY_ONE:
+            trajectory, converged = shortest.trajectory(planner.robot.joints), True
+        else:
+            work = Solve(planner, replace(self.move, duration=duration), ())
+            work.timing = shortest
+            found = work._retimed()
+            if found is None:
+                return None
+            trajectory, converged = found.trajectory, found.converged
+        if not planner.certify(trajectory).valid:
             return None
-        return Carried(found.trajectory, planner.score(found.trajectory), found.converged)
+        return Carried(trajectory, planner.score(trajectory), converged)

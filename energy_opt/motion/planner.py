@@ -1,4 +1,4 @@
-"""The planner: moves of one robot under one model, retimed or reshaped, judged, and never worse than their baselines."""
+"""The planner: moves of one robot under one model, retimed or reshaped, judged, never worse than their baselines."""
 
 from __future__ import annotations
 
@@ -124,8 +124,8 @@ class Planner:
         k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
         if excess[k, j] > ALLOWED:
             raise Infeasible(
-                f"{('start', 'goal')[k]}: {self.robot.joints[j]} needs {abs(tau[k, j]):.4g} N m to stand still, beyond its "
-                f"effort limit {self.robot.limits.effort[j]:.4g}; a lighter payload or another posture would work",
+                f"{('start', 'goal')[k]}: {self.robot.joints[j]} needs {abs(tau[k, j]):.4g} N m to stand still, beyond "
+                f"its effort limit {self.robot.limits.effort[j]:.4g}; a lighter payload or another posture would work",
                 joint=self.robot.joints[j],
                 limit="effort",
                 position=float(k),

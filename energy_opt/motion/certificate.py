@@ -1,4 +1,4 @@
-"""The judge: a trajectory's limits on a dense grid, from nothing but its rows, Pinocchio's torque and the exact laws."""
+"""The judge: a trajectory's limits on a dense grid, from its rows, Pinocchio's torque and the exact laws alone."""
 
 from __future__ import annotations
 

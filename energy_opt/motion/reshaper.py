@@ -1,4 +1,4 @@
-"""The search for a reshaped move: several coarse starts, the best refined, limits mended where the judge finds them broken.
+"""The search for a reshaped move: several coarse starts, the best refined, limits mended where they are found broken.
 
 A coarse problem (few control points) is solved from every start; it is cheap, and it is there that local optima differ.
 Starts are the timed straight line, the trajectories that are handed in, and bent lines: of many random bends those with
@@ -81,8 +81,16 @@ class Reshaper:
             if guess is None:
                 guess = self._bent(coarse, guesses[0], task, rng)
             outcome = coarse.solve(
-                guess, task.ends, task.limits, task.parameters, task.durations,
-                tolerance=1e-3, rows=rows, offset=task.offset, options={"mu_init": 1e-2, "max_iter": 60}, rounds=3,
+                guess,
+                task.ends,
+                task.limits,
+                task.parameters,
+                task.durations,
+                tolerance=1e-3,
+                rows=rows,
+                offset=task.offset,
+                options={"mu_init": 1e-2, "max_iter": 60},
+                rounds=3,
             )
             iterations += outcome.iterations
             found.append(outcome)
@@ -105,16 +113,30 @@ class Reshaper:
     def _refine(self, fine: Level, curve: Curve, task: Task) -> Outcome:
         guess = refined(curve, fine.shape, task.ends)
         return fine.solve(
-            guess, task.ends, task.limits, task.parameters, task.durations,
-            tolerance=1e-5, rows=_all_rows(fine.shape), offset=task.offset, options={"mu_init": 1e-2},
+            guess,
+            task.ends,
+            task.limits,
+            task.parameters,
+            task.durations,
+            tolerance=1e-5,
+            rows=_all_rows(fine.shape),
+            offset=task.offset,
+            options={"mu_init": 1e-2},
         )
 
     def polish(self, outcome: Outcome, task: Task) -> Outcome:
         """Solve again from an outcome, under limits or values that have changed a little."""
         level = self.level(outcome.curve.shape.basis.controls, outcome.curve.shape.vias)
         return level.solve(
-            outcome.curve, task.ends, task.limits, task.parameters, task.durations,
-            tolerance=1e-6, rows=outcome.rows, offset=task.offset, options={"mu_init": 1e-3},
+            outcome.curve,
+            task.ends,
+            task.limits,
+            task.parameters,
+            task.durations,
+            tolerance=1e-6,
+            rows=outcome.rows,
+            offset=task.offset,
+            options={"mu_init": 1e-3},
         )
 
     def _curve(self, shape: Shape, line: tuple[np.ndarray, np.ndarray, float], task: Task) -> Curve:
@@ -137,7 +159,8 @@ class Reshaper:
             amplitude = rng.normal(size=(2, shape.joints)) * [[1.0], [0.5]] * BEND * half
             bend = np.sin(np.pi * u)[:, None] ** 2 * amplitude[0] + np.sin(2 * np.pi * u)[:, None] ** 3 * amplitude[1]
             points = np.clip(straight.points + bend, limits.lower, limits.upper)
-            points[: shape.pinned], points[-shape.pinned :] = straight.points[: shape.pinned], straight.points[-shape.pinned :]
+            points[: shape.pinned] = straight.points[: shape.pinned]
+            points[-shape.pinned :] = straight.points[-shape.pinned :]
             curve = replace(straight, points=points)
             cost, shares = level.shares(curve, task.parameters, bounds)
             excess = max(0.0, max(float(share.max()) for share in shares) - 1)
@@ -163,10 +186,11 @@ def _settled(found: list[Outcome]) -> bool:
 
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:
-    """Rows at most 4 ms apart and at least 200 of them, one at every knot: between rows the curve is the quintic itself."""
+    """Rows at most 4 ms apart, at least 200, one at every knot: between rows the curve is the quintic itself."""
     breaks = curve.shape.basis.breaks
     count = max(MIN_ROWS, int(np.ceil(curve.duration / ROW_STEP)))
-    u = np.concatenate([np.linspace(a, b, max(2, int(np.ceil((b - a) * count)) + 1))[:-1] for a, b in zip(breaks, breaks[1:])])
-    u = np.append(u, 1.0)
+    parts = [max(1, int(np.ceil(width * count))) for width in np.diff(breaks)]
+    spans = zip(breaks[:-1], breaks[1:], parts, strict=True)
+    u = np.append(np.concatenate([np.linspace(a, b, k, endpoint=False) for a, b, k in spans]), 1.0)
     q, v, a, _ = curve.derivatives(u)
     return Trajectory(joints, u * curve.duration, q, v, a)

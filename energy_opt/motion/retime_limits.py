@@ -18,6 +18,7 @@ BROKEN = 1e-7  # of a bound: more than this is a violation
 NEAR = 0.98  # of a bound: places from here on become constraints together with the broken ones
 WIDE = 0.8  # the same for a joint's limit that is broken somewhere: mending it moves what is beside it
 JERK_NEAR = 0.8  # the same for jerk, which moves farther when it is mended
+BESIDE = 8  # so many points on both sides are taken along
 CLOSE = 1 - 1e-3  # of a bound: from here on the places between the grid's points are looked at
 AFFINE = 1e-9  # relative: torque that deviates less from its tangent is affine
 KINDS = ("velocity", "acceleration", "effort")
@@ -87,6 +88,9 @@ class PathLimits:
         self.limits = limits.replace(**tight)
         self.knots = knots
         self.grid = Block(dynamics, knots)
+        self.at_knot = np.isin(dynamics.s, knots) | (dynamics.s < knots[1]) | (dynamics.s > knots[-2])
+        # where the velocity limits allow the same speed everywhere, bounds of the control values stand for them
+        self.even = bool(np.ptp(dynamics.q1, axis=0).max() <= 1e-12 * np.abs(dynamics.q1).max())
         limited = jerk and bool(np.isfinite(limits.jerk).any())
         self.jerk = Jerk(dynamics, knots, self.limits) if limited else None
 
@@ -113,7 +117,12 @@ class PathLimits:
         broken = {kind: use.max(axis=0) > 1 + BROKEN for kind, use in shares.items()}
         if always or any(joints.any() for joints in broken.values()):
             for kind, use in shares.items():
-                grid.held[kind] |= _near(use, np.where(broken[kind], WIDE, NEAR))
+                if kind == "velocity" and self.even:
+                    continue
+                near = _near(use, np.where(broken[kind], WIDE, NEAR))
+                if kind == "acceleration" and self.even:  # on a straight path it is linear between knots
+                    near &= self.at_knot[:, None] | (use > 1 + BROKEN)
+                grid.held[kind] |= near
             return True
         if self.jerk is None:
             return False
@@ -125,28 +134,30 @@ class PathLimits:
         self.jerk.held |= np.tile(near[:third] | near[third : 2 * third] | near[2 * third :], (3, 1))
         return True
 
-    def refine(self, control: np.ndarray, per_interval: int = 3) -> bool:
-        """Look between the grid's points where a limit is close; where one is broken there, tighten it beside.
+    def refine(self, control: np.ndarray) -> bool:
+        """Look between the grid's points, and at both ends, where a limit is close; where it is broken, tighten it beside.
 
         True where there was any.
         """
         grid, d = self.grid, self.grid.dynamics
-        inner = (np.arange(per_interval) + 0.5) / per_interval
+        edges = np.concatenate([[0.0], d.s, [1.0]])
+        inner = np.array([0.0, 1 / 3, 2 / 3])
         broken = False
         for kind, use in grid.usage(control, self.limits).items():
-            close = use.max(axis=1) > CLOSE
+            close = np.pad(use.max(axis=1) > CLOSE, 1, mode="edge")
             intervals = np.flatnonzero(close[:-1] | close[1:])
             if not intervals.size:
                 continue
-            places = (d.s[intervals, None] + np.diff(d.s)[intervals, None] * inner).ravel()
-            between = PathDynamics(d.robot, d.model, d.path, places)
-            share = usage(between, lift(self.knots, places), kind, control, self.limits)
-            excess = share.reshape(len(intervals), per_interval, -1).max(axis=1) - 1
+            share_of = np.where(intervals[:, None] == len(d.s), 1 - inner, inner)
+            places = edges[intervals, None] + np.diff(edges)[intervals, None] * share_of
+            between = PathDynamics(d.robot, d.model, d.path, places.ravel())
+            share = usage(between, lift(self.knots, places.ravel()), kind, control, self.limits)
+            excess = share.reshape(len(intervals), len(inner), -1).max(axis=1) - 1
             k, j = np.nonzero(excess > MARGIN / 2)  # the margin is there for what remains
             broken |= bool(k.size)
             factor = np.ones_like(use)
-            for side in (0, 1):
-                place = (intervals[k] + side, j)
+            for side in (-1, 0):
+                place = (np.clip(intervals[k] + side, 0, len(d.s) - 1), j)
                 grid.held[kind][place] = True
                 np.minimum.at(factor, place, 1 - 1.5 * excess[k, j])
             grid.tight[kind] *= factor
@@ -230,6 +241,7 @@ def _near(use: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Places (M, n) where more than `share` (n,) of the bound is used, and their neighbours."""
     near = use > share
     out = near.copy()
-    out[1:] |= near[:-1]
-    out[:-1] |= near[1:]
+    for step in range(1, BESIDE + 1):
+        out[step:] |= near[:-step]
+        out[:-step] |= near[step:]
     return out & (use > 0.5)

@@ -149,8 +149,8 @@ def plot_tradeoff(
 
     Args:
         duration: (N,) s, rising; points without an answer are left out by the caller.
-        parts: energy (N,) [J] by name, stacked in this order; the first may be negative, the others then stand on it, so
-            that the top is always the total.
+        parts: energy (N,) [J] by name, stacked in this order; the first may be negative, the others then stand on it,
+            so that the top is always the total.
         marks: named points (duration [s], energy [J]).
         fastest: shortest feasible duration, s; infeasible: durations marked as such.
     """

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def add_common(parser: argparse.ArgumentParser, out: str) -> None:
     """Options of every verb that plans."""
     group = parser.add_argument_group("robot and model")
-    group.add_argument("--robot", required=True, metavar="NAME_OR_URDF", help="a name (see `energy-opt robots`) or a URDF")
+    group.add_argument("--robot", required=True, metavar="NAME_OR_URDF", help="a name (`energy-opt robots`) or a URDF")
     group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
     group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m]")
@@ -55,7 +55,8 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move")
     group.add_argument("--end-acceleration", default="zero", metavar="KIND", help="zero (default) or free (reshape)")
     group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never")
-    group.add_argument("--objective", default="energy", metavar="NAME", help="energy, torque, power_squared, path_length, time")
+    objectives = "energy, torque, power_squared, path_length, time"
+    group.add_argument("--objective", default="energy", metavar="NAME", help=objectives)
     group.add_argument("--verify-samples", type=int, metavar="N", help="samples of the certificate (default: 10 a row)")
 
 
@@ -134,7 +135,9 @@ def _number(word: str, where: str, expected: str) -> float:
     return value
 
 
-def move_of(args: argparse.Namespace, robot: Robot, duration: float | None = None, longest: float | None = None) -> Move:
+def move_of(
+    args: argparse.Namespace, robot: Robot, duration: float | None = None, longest: float | None = None
+) -> Move:
     """The move that --start, --goal, --path, --via and --mode describe."""
     from energy_opt.motion import Move
     from energy_opt.motion.path import read_path

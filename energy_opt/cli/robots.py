@@ -42,9 +42,8 @@ def run(args: argparse.Namespace) -> int:
         for j, joint in enumerate(r.joints):
             m = r.limits
             span = f"{m.lower[j]:.4g} … {m.upper[j]:.4g}"
-            print(
-                f"  {joint:<24}{span:>20}{m.velocity[j]:>10.4g}{m.acceleration[j]:>9.4g}{m.jerk[j]:>9.4g}{m.effort[j]:>9.4g}"
-            )
+            rates = f"{m.velocity[j]:>10.4g}{m.acceleration[j]:>9.4g}{m.jerk[j]:>9.4g}"
+            print(f"  {joint:<24}{span:>20}{rates}{m.effort[j]:>9.4g}")
         if not args.quiet:
             for warning in r.warnings:
                 print(f"  warning: {warning}", file=sys.stderr)

@@ -69,18 +69,14 @@ def _build_in_background(source: str, cc: str, library: Path) -> None:
         return
     code.write_text(source)
     script = "import sys; from energy_opt.motion.compile import build_file; build_file(*sys.argv[1:])"
-    subprocess.Popen(
-        [sys.executable, "-c", script, str(code), cc, str(library)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    quiet = [(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_RDWR, 0) for fd in (0, 1, 2)]
+    words = [sys.executable, "-c", script, str(code), cc, str(library)]
+    os.posix_spawn(sys.executable, words, os.environ, file_actions=quiet, setpgroup=0)
 
 
 def build_file(code: str, cc: str, library: str) -> None:
     """Build a source file that was left in the cache; the source goes when the library is there."""
-    _build(Path(code).read_text(), cc, Path(library))
+    _build(Path(code).read_text(encoding="utf-8"), cc, Path(library))
     Path(code).unlink(missing_ok=True)
 
 

@@ -187,7 +187,7 @@ def remarks(found: Trace, measured: MeasuredSet) -> list[str]:
     if measured.payload is not None:
         mass, com = measured.payload.mass, ", ".join(f"{x:.3g}" for x in measured.payload.com)
         out.append(
-            f"The recording states a payload of {mass:.3g} kg at ({com}) m; it counts as declared where the model has none."
+            f"The recording states a payload of {mass:.3g} kg at ({com}) m, declared or not; it counts as declared."
         )
     if not measured.clock:
         out.append("The log does not state every run's start; runs are taken to follow one another without a pause.")

@@ -41,7 +41,7 @@ class Motion:
 
 
 def rivals_of(found: Trace, n: int) -> list[PowerModel]:
-    """The models to tell apart: those that fit equally well, or the accepted one with and without more in idle joints."""
+    """The models to tell apart: those that fit equally well, or the accepted one with more in idle joints."""
     if len(found.rivals) > 1:
         return [f.model for f in found.rivals]
     model = found.accepted.model

@@ -66,7 +66,7 @@ def _rigid_maps() -> tuple[ca.Function, ca.Function]:
 
 
 def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Rigid torque (N, n) and its derivatives by payload (N, n, 4) and base tilt (N, n, 2), None where there is none."""
+    """Rigid torque (N, n) and its derivatives by payload (N, n, 4) and base tilt (N, n, 2), where the model has them."""
     payload_map, tilt_map = _rigid_maps()
     payload, tilt = model.get(Payload.name), model.get(BaseTilt.name)
     gravity, by_angle = s.body.gravity, None

@@ -17,7 +17,7 @@ from energy_opt.power import PowerModel
 
 LAGS = (0.02, 0.06, 0.15, 0.4)  # [s] at which delays and lags of the meter are tried
 SPEEDS = (0.03, 0.1, 0.3)  # [rad/s] Stribeck velocities tried
-TIMES = (8.0, 30.0, 120.0, 500.0)  # [s] time constants tried
+TIMES = (12.0, 30.0, 120.0, 500.0)  # [s] time constants tried
 SHAPES = {"stribeck_friction": SPEEDS, "winding_temperature": TIMES, "standby_drift": TIMES}  # of the last parameter
 
 

@@ -6,7 +6,7 @@ noise's long-run variance over its variance (samples that repeat each other coun
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,12 +19,14 @@ from energy_opt.diagnose.unlisted import exclusive, structures
 from energy_opt.power import PowerModel
 
 BEAM = 3
-TRIED = 5  # candidates fitted per hypothesis and round
+TRIED = 6  # effects tried per hypothesis and round
 DEEPEST = 6
 MOST_EXTRAS = 2  # unlisted structures after which the verdict no longer changes
 BUDGET = 1.5e6  # samples times evaluations that a search may take
+LOOK = 20  # evaluations that looking for candidates is worth
 FEW = 6  # iterations while growing; the best are then fitted to the end
 PRICE = 14.0  # per effect, for the many that are looked at
+REFIT_PRICE = 8.0  # per declared effect whose values are fitted anew
 EXTRA_PRICE = 21.0  # per unlisted structure, whose setting is scanned
 
 LAGGING = {"meter_delay", "meter_filter"}
@@ -49,9 +51,10 @@ class Search:
         """True when the search has taken what it may."""
         return self.work > BUDGET
 
-    def price(self, numbers: int, terms: int, extras: int) -> float:
+    def price(self, numbers: int, terms: Sequence[Term], extras: int) -> float:
         """What free numbers and effects cost."""
-        return float(np.log(len(self.samples.power))) * numbers + PRICE * terms + EXTRA_PRICE * extras
+        effects = sum(REFIT_PRICE if term.declared else PRICE for term in terms)
+        return float(np.log(len(self.samples.power))) * numbers + effects + EXTRA_PRICE * extras
 
     def score(self, f: Fit) -> float:
         """Lower is better; infinite where an effect's values are too small to be claimed."""
@@ -61,7 +64,7 @@ class Search:
             both = [float(c.values(z)[0]) for c, z in zip(f.charts, f.numbers, strict=True) if c.term.name in LAGGING]
             if abs(sum(both)) < RESOLVED_LAG:
                 return float("inf")
-        return f.loss / self.inflation + self.price(f.count, len(f.terms), len(f.extras))
+        return f.loss / self.inflation + self.price(f.count, f.terms, len(f.extras))
 
     def ranked(self) -> list[Fit]:
         """All hypotheses, best first."""
@@ -113,14 +116,15 @@ class Search:
                     candidate = sprung_joints(base, candidate, self.samples)
                 gained, weights = gain(base, candidate, self.samples)
                 numbers = len(candidate.origin)
-                found.append((gained / self.inflation - self.price(numbers, 1, 0), candidate, weights))
+                found.append((gained / self.inflation - self.price(numbers, (candidate.term,), 0), candidate, weights))
             self.looked[key] = best_of(found)
+            self.work += LOOK * len(self.samples.power)
         return self.looked[key]
 
     def extra_proposals(self, base: Fit) -> Iterator[tuple[float, Extra]]:
         """Unlisted structures whose linearised gain is worth their price."""
         for gained, extra in structures(base, self.samples):
-            value = gained / self.samples.noise**2 / self.inflation - self.price(extra.columns.shape[1] + 1, 0, 1)
+            value = gained / self.samples.noise**2 / self.inflation - self.price(extra.columns.shape[1] + 1, (), 1)
             if value > 0 and exclusive(extra, base.terms):
                 yield value, extra
 
@@ -129,15 +133,38 @@ def _key(terms: tuple[Term, ...], extras: tuple[Extra, ...]) -> Key:
     return (frozenset(terms), frozenset((e.family, e.joint) for e in extras))
 
 
+def _refitted(found: Search) -> list[Fit]:
+    """The declared effects with all their values fitted anew: where they are off, others show only beside that."""
+    root = found.hypothesis((), [], ())
+    chosen: dict[str, Candidate] = {}
+    for _, candidate, _ in found.proposals(root):
+        if candidate.term.declared and candidate.term.mode in ("number", "shared", "scale"):
+            chosen.setdefault(candidate.term.name, candidate)
+    if len(chosen) < 2:
+        return []
+    return [found.hypothesis(tuple(c.term for c in chosen.values()), [c.origin for c in chosen.values()], ())]
+
+
+def _first(rows: list[tuple[float, Candidate, np.ndarray]]) -> list[tuple[float, Candidate, np.ndarray]]:
+    """The proposals worth their price of the first `TRIED` effects, in all their variants."""
+    names: list[str] = []
+    for value, candidate, _ in rows:
+        if value > 0 and candidate.term.name not in names and len(names) < TRIED:
+            names.append(candidate.term.name)
+    return [row for row in rows if row[0] > 0 and row[1].term.name in names]
+
+
 def search(samples: Samples, declared: PowerModel) -> Search:
     """Look for effects until the best hypothesis gains nothing by one more."""
     out = Search(samples, declared)
-    beam = [out.hypothesis((), [], ())]
+    beam = [out.hypothesis((), [], ()), *_refitted(out)]
     for _ in range(DEEPEST):
         grown: dict[int, Fit] = {}
         for rank, base in enumerate(beam):
+            if out.exhausted:
+                break
             base = out.polish(base) if rank == 0 else base
-            terms = [row for row in out.proposals(base) if row[0] > 0][:TRIED]
+            terms = _first(out.proposals(base))
             extras = sorted(out.extra_proposals(base), key=lambda row: -row[0])[:2]
             if rank == 0 and not terms and not extras:
                 return out

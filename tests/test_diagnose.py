@@ -1,0 +1,209 @@
+"""Diagnosis of sets from the forward simulation: verdicts, values, invariances, files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from energy_opt.cli.main import main
+from energy_opt.diagnose import diagnose
+from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby
+from energy_opt.files import read_table, read_toml, write_table, write_toml
+from energy_opt.measured import read_set
+from energy_opt.power import PowerModel, load_model
+from energy_opt.virtual_arm import Instruments
+from energy_opt.virtual_arm.sets import base_model, make_set
+
+pytest.importorskip("mujoco")
+SHARED = Path(__file__).resolve().parents[2] / "shared/data"
+CALM = Instruments(noise=0.6, power_resolution=0.05)
+FRICTION = CoulombFriction(tau_c=[0.6, 0.5, 0.45, 0.5, 0.3, 0.25, 0.2])
+
+
+def names(result):
+    return [row["name"] for row in result.document["effects"]]
+
+
+@pytest.fixture(scope="module")
+def coulomb(tmp_path_factory):
+    return make_set(tmp_path_factory.mktemp("c") / "set", "panda", [FRICTION], seed=1, instruments=CALM)
+
+
+@pytest.fixture(scope="module")
+def found(coulomb):
+    return diagnose(read_set(coulomb.folder), coulomb.declared)
+
+
+def test_friction_is_named_with_its_values(found):
+    d = found.document
+    assert d["verdict"] == "explained" and names(found) == ["coulomb_friction"]
+    row = d["effects"][0]
+    low, high = np.array(row["ci95"]["tau_c"]).T if np.ndim(row["ci95"]["tau_c"]) > 1 else row["ci95"]["tau_c"]
+    true = FRICTION.values["tau_c"]
+    width = high - low
+    assert ((low - width / 4 <= true) & (true <= high + width / 4)).all()
+    assert row["p_value"] <= 0.01 and row["share_of_residual"] > 0.95
+
+
+def test_errors_fall_to_the_noise_on_runs_never_fitted(found):
+    e = found.document["error"]
+    assert e["before"]["holdout"]["power_rmse"] > 1.2 * e["noise_floor"]
+    assert e["after"]["holdout"]["power_rmse"] < 1.1 * e["noise_floor"]
+    assert e["after"]["holdout"]["energy_percent"] < e["before"]["holdout"]["energy_percent"]
+    assert abs(e["noise_floor"] - 0.6) < 0.06
+
+
+def test_the_split_is_by_run(found, coulomb):
+    s = found.document["split"]
+    assert set(s["train"]) | set(s["holdout"]) == {r.file for r in coulomb.runs}
+    assert not set(s["train"]) & set(s["holdout"]) and len(s["holdout"]) >= 2
+
+
+def test_a_clean_set_has_nothing_missing(tmp_path):
+    made = make_set(tmp_path / "set", "z1", seed=5)
+    result = diagnose(read_set(made.folder), made.declared)
+    assert result.document["verdict"] == "nothing_missing" and names(result) == []
+    assert result.model == made.declared or result.model.effects == made.declared.effects
+
+
+def test_payload_is_found_with_its_centre(tmp_path):
+    load = Payload(mass=1.8, com=[0.02, -0.03, 0.09])
+    made = make_set(tmp_path / "set", "ur5", [load], seed=2, instruments=CALM)
+    row = diagnose(read_set(made.folder), made.declared).document["effects"][0]
+    assert row["name"] == "payload" and abs(row["parameters"]["mass"] - 1.8) < 0.05
+    np.testing.assert_allclose(row["parameters"]["com"], load.values["com"], atol=0.02)
+
+
+def test_two_effects_at_once(tmp_path):
+    effects = [FRICTION, Regeneration(efficiency=0.2, level="joint")]
+    made = make_set(tmp_path / "set", "panda", effects, seed=3, instruments=CALM)
+    result = diagnose(read_set(made.folder), made.declared)
+    assert set(names(result)) == {"coulomb_friction", "regeneration"}
+
+
+@pytest.mark.parametrize("special", ["cogging", "fan", "standby_step"])
+def test_what_no_effect_accounts_for_stays_unexplained(special, tmp_path):
+    made = make_set(tmp_path / "set", "panda", specials=[special], seed=4)
+    result = diagnose(read_set(made.folder), made.declared)
+    assert result.document["verdict"] == "unexplained" and names(result) == []
+    signal = result.document["residual_goes_with"][0]["signal"]
+    assert signal.startswith("position" if special == "cogging" else "time")
+
+
+def test_supply_and_gain_are_one_at_the_meter(tmp_path):
+    made = make_set(tmp_path / "set", "z1", ["supply_efficiency"], seed=6)
+    result = diagnose(read_set(made.folder), made.declared)
+    assert result.document["verdict"] == "ambiguous"
+    assert sorted(map(tuple, result.document["alternatives"])) == [("meter_gain",), ("supply_efficiency",)]
+
+
+@pytest.mark.parametrize("weak", ["static_only", "still_joint"])
+def test_too_little_excitation(weak, tmp_path):
+    made = make_set(tmp_path / "set", "panda", ["armature"], seed=7, weak=weak)
+    out = tmp_path / "out"
+    words = ["diagnose", str(made.folder), "--model", str(made.folder / "declared.toml"), "--out", str(out), "--quiet"]
+    assert main(words) == 0
+    document = json.loads((out / "diagnosis.json").read_text())
+    assert document["verdict"] in ("insufficient", "ambiguous")
+    motion = read_table(out / document["next_motion"])
+    limits = made.robot.limits
+    for j, joint in enumerate(made.robot.joints):
+        assert np.abs(motion[f"{joint}.velocity"]).max() <= limits.velocity[j]
+        assert limits.lower[j] <= motion[f"{joint}.position"].min() <= motion[f"{joint}.position"].max() <= limits.upper[j]
+        assert np.abs(motion[f"{joint}.velocity"]).max() > 0.01
+
+
+def test_wrong_declared_values_are_fitted_anew(tmp_path):
+    made = make_set(tmp_path / "set", "ur5", seed=8, instruments=CALM)
+    wrong = made.declared.replaced(Standby(power=89.0))
+    result = diagnose(read_set(made.folder), wrong)
+    assert names(result) == ["standby"] and result.document["effects"][0]["refit"]
+    assert abs(result.document["effects"][0]["parameters"]["power"] - 92.6) < 0.1
+
+
+def test_a_missing_overhead_counts_too(tmp_path):
+    made = make_set(tmp_path / "set", "z1", seed=9, instruments=CALM)
+    only_copper = base_model("z1").without("standby")
+    assert "standby" in names(diagnose(read_set(made.folder), PowerModel("z1", only_copper.effects)))
+
+
+def test_order_of_runs_and_units_change_nothing(coulomb, found, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    log = read_toml(coulomb.folder / "log.toml")
+    joints = coulomb.robot.joints
+    for row in log["run"]:
+        table = read_table(coulomb.folder / row["file"])
+        columns = {"ms": 1000 * table["time"], **{f"{j} deg": np.degrees(table[f"{j}.position"]) for j in joints}}
+        write_table(other / row["file"], [*columns, "kW"], [*columns.values(), table["power"] / 1000])
+    log["run"] = log["run"][::-1]
+    log["columns"] = {
+        "time": {"column": "ms", "unit": "ms"},
+        "power": {"column": "kW", "unit": "kW"},
+        **{f"{j}.position": {"column": f"{j} deg", "unit": "deg"} for j in joints},
+    }
+    write_toml(other / "log.toml", log)
+    again = diagnose(read_set(other), coulomb.declared)
+    assert again.document["verdict"] == "explained" and names(again) == names(found)
+    assert set(again.document["split"]["holdout"]) == set(found.document["split"]["holdout"])
+
+
+def test_noise_in_place_of_power_gives_no_effect(coulomb, tmp_path):
+    rng = np.random.default_rng(0)
+    other = tmp_path / "noise"
+    other.mkdir()
+    for path in coulomb.folder.iterdir():
+        (other / path.name).write_bytes(path.read_bytes())
+    for row in read_toml(other / "log.toml")["run"]:
+        table = read_table(other / row["file"])
+        table["power"] = 90 + 5 * rng.normal(size=len(table["time"]))
+        write_table(other / row["file"], list(table), list(table.values()))
+    level = PowerModel("panda", (Standby(power=90.0),))
+    result = diagnose(read_set(other), level)
+    assert "coulomb_friction" not in names(result)
+
+
+def test_the_files_of_the_contract(coulomb, tmp_path, capsys):
+    words = ["diagnose", str(coulomb.folder), "--model", str(coulomb.folder / "declared.toml"), "--json"]
+    assert main([*words, "--out", str(tmp_path), "--quiet"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document == json.loads((tmp_path / "diagnosis.json").read_text())
+    keys = {"verdict", "effects", "alternatives", "residual_goes_with", "error", "split", "next_motion"}
+    assert keys <= set(document)
+    model = load_model(tmp_path / "model.toml")
+    assert [e.name for e in model.effects] == ["standby", "copper_loss", "coulomb_friction"]
+    page = (tmp_path / "report.html").read_text()
+    assert "coulomb_friction" in page and "noise floor" in page
+
+
+@pytest.mark.parametrize("name", ["clean_panda", "coulomb_panda", "payload_ur5", "cogging_panda"])
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared sets are not here")
+def test_shared_sets(name):
+    folder = SHARED / "virtual_sets" / name
+    truth = read_toml(folder / "truth.toml")
+    result = diagnose(read_set(folder), load_model(folder / "declared.toml"))
+    expected = {"clean": "nothing_missing", "single": "explained", "unlisted": "unexplained"}[truth["category"]]
+    assert result.document["verdict"] == expected and names(result) == truth["names"]
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recording is not here")
+def test_a_real_ur3e(tmp_path):
+    (tmp_path / "fig9.csv").write_bytes((SHARED / "rad_ur3e_power/fig9.csv").read_bytes())
+    write_toml(
+        tmp_path / "log.toml",
+        {
+            "format": "energy-opt/log/1",
+            "robot": "ur3e",
+            "run": [{"file": "fig9.csv", "kind": "motion"}],
+            "columns": {"preset": "ur_rtde"},
+            "segment": {"at": "standstill"},
+        },
+    )
+    assert main(["diagnose", str(tmp_path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    document = json.loads((tmp_path / "out/diagnosis.json").read_text())
+    assert document["effects"][0]["name"] in ("coulomb_friction", "viscous_friction")
+    assert document["error"]["before"]["holdout"]["power_rmse"] > 5
+    assert document["error"]["after"]["holdout"]["power_rmse"] <= 2.0

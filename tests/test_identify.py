@@ -1,0 +1,90 @@
+"""The source paper's two methods, on poses with known causes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.identify import Pose, identify, poses_of, suggest
+from energy_opt.measured import read_set
+from energy_opt.power import load_model
+from energy_opt.robot import load_robot
+from energy_opt.virtual_arm.sets import make_set
+
+
+def poses(loads, power):
+    return [
+        Pose(f"p{k}", np.full(7, 0.1 * k), float(p), float(x), 3.0)
+        for k, (x, p) in enumerate(zip(loads, power, strict=True))
+    ]
+
+
+def test_the_line_and_its_interval():
+    rng = np.random.default_rng(1)
+    inside = []
+    for _ in range(200):
+        load = rng.uniform(0, 2500, 8)
+        found = identify("panda", poses(load, 88.04 + 0.0036 * load + 0.8 * rng.normal(size=8)))
+        assert found.line is not None
+        low, high = found.line["ci95"]["r_over_kt2"]
+        inside.append(low <= 0.0036 <= high)
+        assert 0.5 < found.line["r_squared"] <= 1
+    assert 0.9 <= np.mean(inside) <= 0.99
+
+
+def test_method_1_is_the_mean():
+    found = identify("panda", poses([100, 400, 900, 1600], [90.0, 91.0, 92.0, 95.0]))
+    assert found.standby == 92.0 and found.model_1().values(7).tolist() == [92.0]
+
+
+@pytest.mark.parametrize(
+    ("load", "power", "word"),
+    [
+        ([500, 500.0, 500, 500], [90, 91, 92, 91], "all alike"),
+        ([100, 900], [90, 93], "2 different pose"),
+        ([500, 501, 502, 503], [90, 93, 89, 92], "do not vary enough"),
+        ([100, 900, 1600, 2500], [95, 92, 90, 87], "falls with gravity torque"),
+    ],
+)
+def test_refusals_say_why(load, power, word):
+    found = identify("panda", poses(load, power))
+    assert found.line is None and found.model_2() is None and word in found.word
+
+
+def test_no_pose_at_all():
+    with pytest.raises(BadInput, match="no static pose"):
+        identify("panda", [])
+
+
+def test_a_simulated_arm(tmp_path):
+    pytest.importorskip("mujoco")
+    made = make_set(tmp_path / "set", robot="ur5", seed=3, poses=8)
+    assert main(["identify", str(tmp_path / "set"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    document = json.loads((tmp_path / "out/identify.json").read_text())
+    assert abs(document["method2"]["standby"] - 92.6) < 4
+    low, high = document["method2"]["ci95"]["r_over_kt2"]
+    assert low <= 0.0046 and 0 < high  # the heavily loaded joints have 0.004 to 0.0046
+    assert load_model(tmp_path / "out/model_method2.toml").get("copper_loss") is not None
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+        "identify.json", "model_method1.toml", "model_method2.toml", "plot.png",
+    }  # fmt: skip
+    assert len(poses_of(read_set(made.folder))) == 8
+
+
+def test_suggested_poses_beat_random_ones(tmp_path):
+    robot = load_robot("panda")
+    found = suggest(robot, 8)
+    assert (found.poses > robot.limits.lower).all() and (found.poses < robot.limits.upper).all()
+    rng = np.random.default_rng(0)
+    rest = np.zeros((8, 7))
+    for _ in range(20):
+        q = rng.uniform(robot.limits.lower, robot.limits.upper, (8, 7))
+        load = np.sum(robot.body.torque(q, rest, rest) ** 2, axis=1)
+        assert np.var(found.load) > np.var(load)
+    assert main(["identify", "--suggest", "6", "--robot", "z1", "--out", str(tmp_path), "--quiet"]) == 0
+    assert (tmp_path / "suggested_poses.csv").read_text().count("\n") == 7
+    assert main(["identify", "--suggest", "2", "--robot", "z1", "--out", str(tmp_path), "--quiet"]) == 2

@@ -13,12 +13,12 @@ from energy_opt.motion.retime_rows import CurvedRows, LinearRows, Rows, jerk_row
 from energy_opt.motion.retime_terms import torque_terms
 from energy_opt.robot import Limits
 
-MARGIN = 3e-7  # share of every bound that is kept free, for what lies between the points
+MARGIN = 5e-7  # share of every bound that is kept free, for what lies between the points
 BROKEN = 1e-7  # of a bound: more than this is a violation
-NEAR = 0.98  # of a bound: places from here on become constraints together with the broken ones
+NEAR = 0.9  # of a bound: places from here on become constraints together with the broken ones
 WIDE = 0.8  # the same for a joint's limit that is broken somewhere: mending it moves what is beside it
 JERK_NEAR = 0.8  # the same for jerk, which moves farther when it is mended
-BESIDE = 8  # so many points on both sides are taken along
+BESIDE = 4  # so many points on both sides are taken along
 CLOSE = 1 - 1e-3  # of a bound: from here on the places between the grid's points are looked at
 AFFINE = 1e-9  # relative: torque that deviates less from its tangent is affine
 KINDS = ("velocity", "acceleration", "effort")
@@ -88,7 +88,9 @@ class PathLimits:
         self.limits = limits.replace(**tight)
         self.knots = knots
         self.grid = Block(dynamics, knots)
-        self.at_knot = np.isin(dynamics.s, knots) | (dynamics.s < knots[1]) | (dynamics.s > knots[-2])
+        s = dynamics.s
+        nearest = np.abs(s - knots[np.searchsorted((knots[1:] + knots[:-1]) / 2, s)])
+        self.at_knot = (nearest < 1e-9) | (s < knots[1]) | (s > knots[-2])
         # where the velocity limits allow the same speed everywhere, bounds of the control values stand for them
         self.even = bool(np.ptp(dynamics.q1, axis=0).max() <= 1e-12 * np.abs(dynamics.q1).max())
         limited = jerk and bool(np.isfinite(limits.jerk).any())
@@ -135,9 +137,9 @@ class PathLimits:
         return True
 
     def refine(self, control: np.ndarray) -> bool:
-        """Look between the grid's points, and at both ends, where a limit is close; where it is broken, tighten it beside.
+        """Look between the grid's points, and at both ends, where a limit is close.
 
-        True where there was any.
+        Where it is broken there, it is tightened at the points beside; True where there was any.
         """
         grid, d = self.grid, self.grid.dynamics
         edges = np.concatenate([[0.0], d.s, [1.0]])
@@ -153,7 +155,7 @@ class PathLimits:
             between = PathDynamics(d.robot, d.model, d.path, places.ravel())
             share = usage(between, lift(self.knots, places.ravel()), kind, control, self.limits)
             excess = share.reshape(len(intervals), len(inner), -1).max(axis=1) - 1
-            k, j = np.nonzero(excess > MARGIN / 2)  # the margin is there for what remains
+            k, j = np.nonzero(excess > 0.9 * MARGIN)  # the margin is there for what remains
             broken |= bool(k.size)
             factor = np.ones_like(use)
             for side in (-1, 0):

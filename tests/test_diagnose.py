@@ -112,7 +112,9 @@ def test_too_little_excitation(weak, tmp_path):
     limits = made.robot.limits
     for j, joint in enumerate(made.robot.joints):
         assert np.abs(motion[f"{joint}.velocity"]).max() <= limits.velocity[j]
-        assert limits.lower[j] <= motion[f"{joint}.position"].min() <= motion[f"{joint}.position"].max() <= limits.upper[j]
+        assert (
+            limits.lower[j] <= motion[f"{joint}.position"].min() <= motion[f"{joint}.position"].max() <= limits.upper[j]
+        )
         assert np.abs(motion[f"{joint}.velocity"]).max() > 0.01
 
 

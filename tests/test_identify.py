@@ -67,7 +67,7 @@ def test_a_simulated_arm(tmp_path):
     document = json.loads((tmp_path / "out/identify.json").read_text())
     assert abs(document["method2"]["standby"] - 92.6) < 4
     low, high = document["method2"]["ci95"]["r_over_kt2"]
-    assert low <= 0.0046 and 0 < high  # the heavily loaded joints have 0.004 to 0.0046
+    assert low <= 0.0046 and high > 0  # the heavily loaded joints have 0.004 to 0.0046
     assert load_model(tmp_path / "out/model_method2.toml").get("copper_loss") is not None
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "identify.json", "model_method1.toml", "model_method2.toml", "plot.png",

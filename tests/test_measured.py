@@ -64,7 +64,7 @@ def test_other_headers_and_units_mean_the_same(plain, tmp_path):
     write_run(other / "a.csv", 1000 * t, np.degrees(q), (30 + q[:, 1]) / 48, header)
     text = (other / "a.csv").read_text().splitlines()
     write_text(other / "a.csv", "\n".join([text[0] + ",ampere", *(line + ",48" for line in text[1:])]) + "\n")
-    rules = ['[columns]', 'time = { column = "ms", unit = "ms" }', 'power = { product = ["volt", "ampere"] }']
+    rules = ["[columns]", 'time = { column = "ms", unit = "ms" }', 'power = { product = ["volt", "ampere"] }']
     rules += [f'"{joint}.position" = {{ column = "q{k}", unit = "deg" }}' for k, joint in enumerate(JOINTS)]
     write_log(other, ONE + "\n".join(rules))
     a, b = read_set(plain).runs[0], read_set(other).runs[0]
@@ -166,7 +166,7 @@ def test_a_recording_is_cut_at_standstill(tmp_path):
     q = np.array([0.1, 1.0, -1.0, 0.1, 0.1, 0.1]) + 0.5 * (3 * ramp**2 - 2 * ramp**3)[:, None]
     assert len(standstills(t, q)) == 4
     write_run(tmp_path / "a.csv", t, q, 30 + t)
-    runs = read_set(write_log(tmp_path, ONE + "[segment]\nat = \"standstill\"")).runs
+    runs = read_set(write_log(tmp_path, ONE + '[segment]\nat = "standstill"')).runs
     assert [r.kind for r in runs].count("motion") == 3 and any(r.kind == "static" for r in runs)
     for run in runs:
         np.testing.assert_allclose(run.power, 30 + run.start + run.power_time)

@@ -9,9 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from energy_opt.cli.main import main
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.motion import Settings
+from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.carry import Carried
 from energy_opt.motion.score import Energy
 from energy_opt.motion.trajectory import Trajectory
@@ -168,3 +169,71 @@ def test_files(tmp_path, panda):
     assert read["cycle"]["minimum"]["energy_total"] <= read["cycle"]["at_free_minimum"]["energy_total"]
     assert (tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
     assert len((tmp_path / "tradeoff.csv").read_text().splitlines()) == 6
+
+
+def test_convex_retiming_gives_a_convex_front(panda):
+    """E(T) on one path, by the program's own choice of durations; second differences never below the solver's noise."""
+    move = Move(START, GOAL, mode="retime")
+    planner = Planner(panda, source_method_2(), Settings(compile="never"))
+    fastest = planner.minimum_time(move)
+    durations = np.linspace(1.02 * fastest, 2 * fastest, 7)
+    front = trace(planner, move, durations=durations)
+    assert [p.status for p in front.points] == ["solved"] * 7
+    energy = np.array([p.total for p in front.points])
+    assert np.diff(energy, 2).min() > -2e-5 * energy.max()
+    assert front.minimum.total <= energy.min() * (1 + 1e-6)
+    assert front.fastest.duration == pytest.approx(fastest, rel=1e-9)
+
+
+def test_reshaped_front_has_no_bumps_and_beats_the_retimed_one(panda):
+    planner = Planner(panda, source_method_2(), Settings(compile="never", starts=2))
+    durations = [0.5, 0.9, 1.2, 1.6]
+    reshaped = trace(planner, Move(START, GOAL, mode="reshape"), durations=durations)
+    retimed = trace(planner, Move(START, GOAL, mode="retime"), durations=durations)
+    assert [p.status for p in reshaped.points] == ["infeasible", "solved", "solved", "solved"]
+    assert reshaped.fastest.duration < retimed.fastest.duration
+    for a, b in zip(reshaped.points[1:], retimed.points[1:], strict=True):
+        assert planner.certify(a.trajectory).valid
+        assert a.trajectory.duration == pytest.approx(a.duration, rel=1e-12)
+        assert planner.score(a.trajectory).total == pytest.approx(a.total, rel=1e-12)
+        assert a.energy.loss < b.energy.loss
+    assert reshaped.minimum.total <= min(p.total for p in reshaped.points) * (1 + 1e-6)
+
+
+def command(*words):
+    return [*words, "--robot", "panda", "--start", "0,-0.785,0,-2.356,0,1.571,0.785", "--quiet", "--mode", "retime"]
+
+
+def test_command_line(tmp_path, capsys):
+    goal = ["--goal", "0.4,-0.5,0.2,-2,0,1.6,0.5", "--out", str(tmp_path)]
+    code = main(
+        command("tradeoff", *goal, "--durations", "0.3:1.5:4", "--cycle", "1.5", "--idle-power", "20", "--json")
+    )
+    found = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert found == json.loads((tmp_path / "tradeoff.json").read_text())
+    assert [p["status"] for p in found["points"]] == ["infeasible", "solved", "solved", "solved"]
+    assert found["cycle"]["minimum"]["energy_total"] <= found["cycle"]["at_free_minimum"]["energy_total"] * (1 + 1e-9)
+    header, *rows = (tmp_path / "tradeoff.csv").read_text().splitlines()
+    assert header == "duration,energy_total,energy_standby,energy_loss,status"
+    assert [row.split(",")[-1] for row in rows] == [p["status"] for p in found["points"]]
+    assert (tmp_path / "plot.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "named"),
+    [
+        (["--durations", "1:2"], 2, "FIRST:LAST:COUNT"),
+        (["--durations", "2:1:5"], 2, "FIRST:LAST:COUNT"),
+        (["--durations", "0.1:0.2:2"], 3, "the shortest that can"),
+        (["--idle-power", "10"], 2, "--cycle"),
+        (["--cycle", "0.2"], 3, "shorter than the fastest"),
+        (["--max-duration", "0.2"], 3, "shorter than the fastest"),
+        (["--objective", "torque"], 2, "leave it out"),
+    ],
+)
+def test_command_line_refuses(tmp_path, capsys, words, code, named):
+    goal = ["--goal", "0.4,-0.5,0.2,-2,0,1.6,0.5", "--out", str(tmp_path)]
+    line = [word for word in command("tradeoff", *goal, *words) if word != "--quiet"]
+    assert main(line) == code
+    assert named in capsys.readouterr().err

@@ -13,7 +13,7 @@ import numpy as np
 
 from energy_opt.motion.move import Move
 from energy_opt.motion.planner import Planner
-from energy_opt.motion.reshape import Curve, Level, fitted
+from energy_opt.motion.reshape import Level, Outcome, fitted
 from energy_opt.motion.reshaper import COARSE, FEASIBLE, Reshaper, _all_rows
 from energy_opt.motion.score import Energy
 from energy_opt.motion.solving import Solve
@@ -21,18 +21,18 @@ from energy_opt.motion.timing_law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
+TOLERANCE = 1e-4  # a step stops within about 0.2 % of the loss; the free optimum is solved to more
 OPTIONS: dict[str, object] = {"mu_init": 1e-5}
 
 
 @dataclass(frozen=True)
 class Carried:
-    """An optimum at one duration; `curve` and `rows` are what the next step starts from (None after retiming)."""
+    """An optimum at one duration; the next step starts from `outcome` (None after retiming)."""
 
     trajectory: Trajectory
     energy: Energy
     converged: bool
-    curve: Curve | None = None
-    rows: np.ndarray | None = None
+    outcome: Outcome | None = None
 
 
 class Carrier:
@@ -65,22 +65,23 @@ class Carrier:
         work = Solve(self.planner, replace(self.move, duration=duration), ())
         work.timing = None
         task = work._task(duration)
-        if neighbour.curve is None:
+        known = neighbour.outcome
+        if known is None:
             t = neighbour.trajectory
             vias = np.array([self._passed(t, via) for via in self.move.via])
             u = (t.time - t.time[0]) / t.duration
             guess = fitted(self._level.shape, u, t.position, task.ends, duration, vias)
         else:
-            guess = replace(neighbour.curve, duration=duration)
-        rows = _all_rows(self._level.shape) if neighbour.rows is None else neighbour.rows
+            guess = replace(known.curve, duration=duration)
         outcome = self._level.solve(
             guess,
             task.ends,
             task.limits,
             task.parameters,
             task.durations,
-            tolerance=1e-5,
-            rows=rows,
+            tolerance=TOLERANCE,
+            rows=_all_rows(self._level.shape) if known is None else known.rows,
+            multipliers=None if known is None else known.multipliers,
             offset=task.offset,
             options=OPTIONS,
         )
@@ -89,7 +90,7 @@ class Carrier:
         best, trajectory, certificate = work._mended(self._reshaper, outcome, task)
         if not certificate.valid:
             return None
-        return Carried(trajectory, self.planner.score(trajectory), best.converged, best.curve, best.rows)
+        return Carried(trajectory, self.planner.score(trajectory), best.converged, best)
 
     def _passed(self, trajectory: Trajectory, via: np.ndarray) -> float:
         """Where, in [0, 1] of its duration, a trajectory comes nearest to a via point."""

@@ -43,6 +43,7 @@ class Outcome:
     status: str
     iterations: int
     rows: np.ndarray
+    multipliers: tuple[np.ndarray, np.ndarray] | None
 
 
 class Level:
@@ -75,8 +76,11 @@ class Level:
         offset: float = 0.0,
         options: dict[str, object] | None = None,
         rounds: int = ROUNDS,
+        multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> Outcome:
         """Minimise from `guess`; `durations` bounds T (equal: fixed).
+
+        `multipliers` (of bounds, of `rows`) of a neighbouring problem make it a warm start.
 
         `offset` is what the objective costs per second whatever the path; it only serves the scaling.
         """
@@ -96,7 +100,8 @@ class Level:
             np.concatenate([np.tile(limits.lower, s.free), [durations[0]], np.zeros(s.vias)]),
             np.concatenate([np.tile(limits.upper, s.free), [durations[1]], np.ones(s.vias)]),
         )
-        iterations, warm, before = 0, None, np.zeros((0, 3), dtype=int)
+        iterations, warm = 0, multipliers
+        before = np.zeros((0, 3), dtype=int) if rows is None else rows
         for _ in range(rounds):
             chosen = np.vstack([np.insert(np.argwhere(active[k]), 0, k + 1, axis=1) for k in range(4)])
             program = Program(self.pattern, self._nodes, ends, chosen, bounds, parameters, scale)
@@ -122,7 +127,7 @@ class Level:
                 # The peak between two rows moves to their neighbours next: take them along.
                 active[k][1:] |= new[k][:-1]
                 active[k][:-1] |= new[k][1:]
-        return Outcome(curve, cost, broken, answer.success, answer.status, iterations, chosen)
+        return Outcome(curve, cost, broken, answer.success, answer.status, iterations, chosen, warm)
 
 
 def fitted(

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 COUNT = 20  # points where none are asked for
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
+LOWER = 1e-6  # a point this much (relative) below the free optimum makes it solve again from there
 SAME = 1e-9  # relative difference of durations that count as equal
 FAMILY = 4.0  # times the front's usual change from point to point: what changes more is another optimum
 SEARCH = 12  # solves that the search for the best duration in a cycle may take
@@ -275,7 +276,7 @@ class _Tracer:
         """If a point of the grid lies below the free optimum, solve again with free duration from there."""
         best = min(self.front.points, key=lambda p: p.total, default=Point(np.nan, ""))
         assert self.front.minimum is not None
-        if best.trajectory is not None and best.total < self.front.minimum.total * (1 - SAME):
+        if best.trajectory is not None and best.total < self.front.minimum.total * (1 - LOWER):
             with _changed(self.planner, starts=1):
                 again = self._free([best.trajectory])
             self.front.minimum = min((self.front.minimum, again, best), key=lambda p: p.total)

@@ -55,14 +55,14 @@ class Answer:
 
 
 class _Callback(ca.Callback):
-    """A CasADi function whose value is computed by `evaluate` (DM arguments in, list of DM or arrays out)."""
+    """A CasADi function whose value is computed by `evaluate`: arrays of all nonzeros in, one per result out."""
 
     def __init__(
         self,
         name: str,
         inputs: dict[str, ca.Sparsity],
         outputs: dict[str, ca.Sparsity],
-        evaluate: Callable[..., Sequence[object]],
+        evaluate: Callable[..., Sequence[float | np.ndarray]],
     ) -> None:
         ca.Callback.__init__(self)
         self._in, self._out = list(inputs.items()), list(outputs.items())
@@ -87,8 +87,16 @@ class _Callback(ca.Callback):
     def get_name_out(self, i: int) -> str:
         return self._out[i][0]
 
-    def eval(self, arguments: list[ca.DM]) -> Sequence[object]:
-        return self._evaluate(*arguments)
+    def has_eval_buffer(self) -> bool:
+        return True
+
+    def eval_buffer(self, arguments: Sequence[memoryview | None], results: Sequence[memoryview | None]) -> int:
+        """Straight from and into IPOPT's memory, without CasADi's matrices between."""
+        values = self._evaluate(*(np.zeros(0) if x is None else np.frombuffer(x).copy() for x in arguments))
+        for result, value in zip(results, values, strict=True):
+            if result is not None:
+                np.frombuffer(result)[:] = value
+        return 0
 
 
 def _array(x: ca.DM) -> np.ndarray:
@@ -113,26 +121,24 @@ def solve(
     one, g_shape = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(len(row_bounds[0]), 1)
     jac, hess = problem.jacobian_pattern, problem.hessian_pattern
     xp = {"x": x_shape, "p": none}
-    nlp = _Callback(
-        "nlp", xp, {"f": one, "g": g_shape}, lambda x, p: [problem.cost(_array(x)), problem.rows(_array(x))]
-    )
+    nlp = _Callback("nlp", xp, {"f": one, "g": g_shape}, lambda x, p: [problem.cost(x), problem.rows(x)])
     grad_f = _Callback(
         "nlp_grad_f",
         xp,
         {"f": one, "grad_f_x": x_shape},
-        lambda x, p: [problem.cost(_array(x)), problem.gradient(_array(x))],
+        lambda x, p: [problem.cost(x), problem.gradient(x)],
     )
     jac_g = _Callback(
         "nlp_jac_g",
         xp,
         {"g": g_shape, "jac_g_x": jac},
-        lambda x, p: [problem.rows(_array(x)), ca.DM(jac, problem.jacobian(_array(x)))],
+        lambda x, p: [problem.rows(x), problem.jacobian(x)],
     )
     hess_lag = _Callback(
         "nlp_hess_l",
         {**xp, "lam_f": one, "lam_g": g_shape},
         {"triu_hess_gamma_x_x": hess},
-        lambda x, p, f, g: [ca.DM(hess, problem.hessian(_array(x), float(f), _array(g)))],
+        lambda x, p, f, g: [problem.hessian(x, float(f[0]), g)],
     )
     solver = ca.nlpsol(
         "ipopt",

@@ -50,7 +50,7 @@ def plain(tmp_path):
 
 def test_plain_set(plain):
     run = read_set(plain).runs[0]
-    t, q = motion()
+    _, q = motion()
     np.testing.assert_allclose(run.position, q)
     np.testing.assert_allclose(run.power, 30 + q[:, 1])
     assert run.start == 0 and run.velocity is None and check_set(plain) == []

@@ -14,7 +14,7 @@ from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.goes_with import goes_with
 from energy_opt.diagnose.samples import Samples, take_samples
 from energy_opt.diagnose.split import split
-from energy_opt.diagnose.trace import MOVES, Trace, trace
+from energy_opt.diagnose.trace import SLOW, Trace, excited, trace
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput
 from energy_opt.measured import MeasuredSet, Smoothing
@@ -63,7 +63,7 @@ def diagnose(measured: MeasuredSet, declared: PowerModel, seed: int = 0) -> Diag
     if len(samples.power) < 50:
         raise BadInput(f"{measured.path}: {len(samples.power)} samples in all; a diagnosis needs at least 50")
     train, holdout = split(samples, seed)
-    moving = np.abs(samples.v).max(axis=0) > MOVES
+    moving = excited(samples, measured.robot.limits)
     fitted = samples.part(train)
     found = trace(fitted, declared, moving)
     model = found.accepted.model
@@ -179,7 +179,8 @@ def remarks(found: Trace, measured: MeasuredSet) -> list[str]:
     joints = measured.robot.joints
     if len(found.idle) == len(joints):
         out.append(
-            "No joint moves: static poses show neither friction nor rotor inertia, regeneration or the meter's lag."
+            f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: poses and crawling show neither friction nor rotor "
+            "inertia, regeneration or the meter's lag."
         )
     elif found.idle:
         names = ", ".join(joints[j] for j in found.idle)

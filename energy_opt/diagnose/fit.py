@@ -12,7 +12,8 @@ from energy_opt.diagnose.samples import Samples
 from energy_opt.diagnose.terms import Chart, Term, chart
 from energy_opt.power import PowerModel
 
-ITERATIONS = 20
+ITERATIONS = 30  # at most
+FALLING = 0.02  # a fit that still falls by this share at a step goes on whatever it was allowed
 ENOUGH = 0.02  # a step that lowers the loss by less ends the fit
 
 
@@ -103,7 +104,7 @@ def fit(
 
     model, residual, jacobian, weights, loss = state(z, None)
     evaluations = 1
-    for _ in range(iterations if charts else 0):
+    for k in range(ITERATIONS if charts else 0):
         step = _bounded_step(jacobian, residual, lower - z, upper - z, len(weights))
         moved = False
         for shorten in (1.0, 0.5, 0.2, 0.05):
@@ -117,7 +118,7 @@ def fit(
             break
         gained = loss - new[4]
         z, (model, residual, jacobian, weights, loss) = trial, new
-        if gained < ENOUGH:
+        if gained < ENOUGH or (k >= iterations - 1 and gained < FALLING * loss):
             break
     parts = tuple(np.split(z, cuts)) if charts else ()
     return Fit(tuple(terms), tuple(extras), charts, parts, weights, model, residual, jacobian, loss, evaluations)

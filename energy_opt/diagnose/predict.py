@@ -66,7 +66,7 @@ def _rigid_maps() -> tuple[ca.Function, ca.Function]:
 
 
 def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Rigid torque (N, n) and its derivatives by payload (N, n, 4) and base tilt (N, n, 2), where the model has them."""
+    """Rigid torque (N, n), its derivatives by payload (N, n, 4) and base tilt (N, n, 2) where the model has them."""
     payload_map, tilt_map = _rigid_maps()
     payload, tilt = model.get(Payload.name), model.get(BaseTilt.name)
     gravity, by_angle = s.body.gravity, None
@@ -114,13 +114,18 @@ def predict(model: PowerModel, s: Samples) -> Prediction:
             both = effect.reading(time, np.column_stack([before[rows], jacobian[rows]]), value)
             reading[rows], jacobian[rows] = both[:, 0], both[:, 1:]
             jacobian[rows, where[effect.name].start] = own
-    for rows in s.slices:
-        reading[rows], jacobian[rows] = _bin_mean(reading[rows]), _bin_mean(jacobian[rows])
+    for rows, count in zip(s.slices, s.counts, strict=True):
+        reading[rows], jacobian[rows] = _bin_mean(reading[rows], count), _bin_mean(jacobian[rows], count)
     return Prediction(reading, jacobian, power, tau)
 
 
-def _bin_mean(x: np.ndarray) -> np.ndarray:
-    """The mean over a sample's bin from values at the bins' middles: x + x'' h^2 / 24, by second differences."""
+def _bin_mean(x: np.ndarray, count: int) -> np.ndarray:
+    """The mean of `count` even readings in a bin of width h from the values at the bins' middles.
+
+    x + x'' (h^2 - (h / count)^2) / 24, with second differences in place of x'' h^2.
+    """
+    if count == 1:
+        return x
     out = x.copy()
-    out[1:-1] += (x[2:] - 2 * x[1:-1] + x[:-2]) / 24
+    out[1:-1] += (x[2:] - 2 * x[1:-1] + x[:-2]) * (1 - 1 / count**2) / 24
     return out

@@ -22,8 +22,9 @@ class Samples:
 
     Attributes:
         q, v, a: (N, n) rad, rad/s, rad/s^2. t: (N,) set time, s.
-        power: (N,) measured, W. readings: how many meter readings stand in a sample's mean, (N,).
-        run: (N,) index of the run. slices: where each run lies. files, kinds: of the runs.
+        power: (N,) measured, W.
+        run: (N,) index of the run. slices: where each run lies. files, kinds: of the runs;
+            counts: how many readings stand in a sample's mean.
         temperature: (N, n) degC or nan.
         weight: (N,) the meter's noise over that of the whole comparison, see `weighted`.
         noise: standard deviation of a sample's meter noise, W. floor: of a single reading, W.
@@ -41,6 +42,7 @@ class Samples:
     slices: tuple[slice, ...]
     files: tuple[str, ...]
     kinds: tuple[str, ...]
+    counts: tuple[int, ...]
     temperature: np.ndarray
     weight: np.ndarray
     noise: float
@@ -61,7 +63,8 @@ class Samples:
             self.body, self.q[rows], self.v[rows], self.a[rows], self.t[rows], self.power[rows],
             np.repeat(np.arange(len(runs)), lengths),
             tuple(slice(int(x), int(y)) for x, y in zip(ends[:-1], ends[1:], strict=True)),
-            tuple(self.files[r] for r in runs), tuple(self.kinds[r] for r in runs), self.temperature[rows],
+            tuple(self.files[r] for r in runs), tuple(self.kinds[r] for r in runs),
+            tuple(self.counts[r] for r in runs), self.temperature[rows],
             self.weight[rows], self.noise, self.floor, self.clock, tuple(self.readings[r] for r in runs),
         )  # fmt: skip
         for name in ("free_torque", "gravity_torque", "free_regressor", "gravity_regressor"):
@@ -103,7 +106,8 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     first = min(float(run.start + run.time[0]) for run in measured.runs)
     samples = Samples(
         measured.robot.body, q, v, a, t - first, power, np.repeat(np.arange(len(parts)), lengths), slices,
-        tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), temperature,
+        tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs),
+        tuple(_per_bin(r) for r in measured.runs), temperature,
         np.ones(len(t)), _meter_noise([power[s] for s in slices]),
         _meter_noise([r.power for r in measured.runs]), measured.clock,
         tuple((run.start + run.power_time - first, run.power) for run in measured.runs),
@@ -121,9 +125,13 @@ def weighted(samples: Samples, power: np.ndarray) -> Samples:
     return replace(samples, weight=1 / np.sqrt(1 + (SLACK * slope / samples.noise) ** 2))
 
 
+def _per_bin(run: Run) -> int:
+    """How many of a run's meter readings make a sample."""
+    return max(1, int(BIN / float(np.median(np.diff(run.power_time))) + 0.5))
+
+
 def _bins(run: Run, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
-    step = float(np.median(np.diff(run.power_time)))
-    count = max(1, int(BIN / step + 0.5))
+    count = _per_bin(run)
     whole = len(run.power) // count * count
     time = run.power_time[:whole].reshape(-1, count).mean(axis=1)
     power = run.power[:whole].reshape(-1, count).mean(axis=1)

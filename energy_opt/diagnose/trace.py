@@ -12,10 +12,12 @@ from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples, weighted
 from energy_opt.diagnose.search import Search, search
 from energy_opt.power import PowerModel
+from energy_opt.robot import Limits
 
 TOLERANCE = 6.0  # rivals whose score is this near cannot be told from the best
 RIVALS = 5  # tried in place of each accepted effect
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
+SLOW = 0.1  # of a joint's velocity limit
 KEPT_SHARE = 0.8  # of what can be explained that effects must hold to be named beside unlisted structure
 OWN_SHARE = 0.5  # and that unlisted structures alone must miss
 
@@ -41,13 +43,25 @@ class Trace:
     idle: tuple[int, ...]
 
 
+def excited(samples: Samples, limits: Limits) -> np.ndarray:
+    """(n,) True for the joints whose motion can show what moves them costs.
+
+    A joint must move at all; and where no joint of the arm reaches `SLOW` of its velocity limit, all count as idle, since
+    friction's dependence on speed, regeneration and inertia hide at a crawl.
+    """
+    fastest = np.abs(samples.v).max(axis=0)
+    if (fastest < SLOW * limits.velocity).all():
+        return np.zeros(samples.n, dtype=bool)
+    return fastest > MOVES
+
+
 def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
     """Run the search and judge it.
 
     Args:
         samples: the training runs.
         declared: the owner's model.
-        moving: (n,) True for the joints that move somewhere in the set.
+        moving: (n,) True for the joints that the set excites, see `excited`.
     """
     samples = weighted(samples, predict(declared, samples).reading)
     found = search(samples, declared)

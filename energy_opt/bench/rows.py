@@ -88,6 +88,7 @@ def filled(row: Row, document: Mapping[str, Any]) -> Row:
     out = {
         **row,
         "status": document["status"],
+        "error": None if document["status"] == "solved" else document.get("message"),
         "duration": document["duration"],
         **{f"energy_{part}": energy[part] for part in ("total", "standby", "stored", "loss")},
         "max_violation": max(violations, default=None),

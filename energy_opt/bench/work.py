@@ -53,10 +53,15 @@ def _planner(task: Task) -> Planner:
 
 
 def _move(task: Task, duration: float | None) -> Move:
+    """The move; a retimed one follows a path through its via points, a reshaped one passes them as it likes."""
     from energy_opt.motion import Move
+    from energy_opt.motion.path import through
 
+    start, goal = np.array(task.start), np.array(task.goal)
     via = tuple(np.array(point) for point in task.via)
-    return Move(np.array(task.start), np.array(task.goal), mode=task.mode, duration=duration, via=via)
+    if task.mode == "retime" and via:
+        return Move(start, goal, task.mode, duration, path=through(np.vstack([start, *via, goal])))
+    return Move(start, goal, task.mode, duration, via=via)
 
 
 def _row(task: Task) -> dict[str, Any]:

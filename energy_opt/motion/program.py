@@ -151,20 +151,16 @@ class Program:
     def _build_jacobian(self) -> None:
         """The Jacobian's pattern, and where each row's entries go: its six control points or all of a node's, and T."""
         s, n, t = self.shape, self.shape.joints, self.pattern.time
-        rows, columns = [], []
-        for row in range(len(self._linear)):
-            columns.append(np.append(self._row_index[row], t))
-            rows.append(np.full(LOCAL + 1, row))
-        for row, (_, node, _) in enumerate(self._effort, start=len(self._linear)):
-            columns.append(np.append(self.pattern.index[node], t))
-            rows.append(np.full(LOCAL * n + 1, row))
-        base = len(self._linear) + len(self._effort)
+        linear, hot = len(self._linear), len(self._effort)
+        touched = (self._row_index, self.pattern.index[self._effort[:, 1]])
+        columns = [np.hstack([index, np.full((len(index), 1), t)]).ravel() for index in touched]
+        rows = [np.repeat(np.arange(linear), LOCAL + 1), np.repeat(linear + np.arange(hot), LOCAL * n + 1)]
+        base = linear + hot
         for i in range(s.vias):
             for j in range(n):
                 columns.append(np.concatenate([np.arange(j, t, n), [t, t + 1 + i]]))
                 rows.append(np.full(len(columns[-1]), base + i * n + j))
-        flat_r = np.concatenate([*rows, np.zeros(0, dtype=int)]).astype(int)
-        flat_c = np.concatenate([*columns, np.zeros(0, dtype=int)]).astype(int)
+        flat_r, flat_c = np.concatenate(rows), np.concatenate(columns)
         self._kept = flat_c >= 0
         r, c = flat_r[self._kept], flat_c[self._kept]
         order = np.lexsort((r, c))

@@ -179,8 +179,8 @@ def remarks(found: Trace, measured: MeasuredSet) -> list[str]:
     joints = measured.robot.joints
     if len(found.idle) == len(joints):
         out.append(
-            f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: poses and crawling show neither friction nor rotor "
-            "inertia, regeneration or the meter's lag."
+            f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: poses and crawling show neither friction nor "
+            "rotor inertia, regeneration or the meter's lag."
         )
     elif found.idle:
         names = ", ".join(joints[j] for j in found.idle)

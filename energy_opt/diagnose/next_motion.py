@@ -94,7 +94,8 @@ def samples_of(robot: Robot, time: np.ndarray, q: np.ndarray, v: np.ndarray, a: 
     """A motion as samples without a measured power."""
     count = len(time)
     return Samples(
-        robot.body, q, v, a, time, np.zeros(count), np.zeros(count, dtype=int), (slice(0, count),), ("",), ("motion",), (1,),
+        robot.body, q, v, a, time, np.zeros(count), np.zeros(count, dtype=int), (slice(0, count),), ("",), ("motion",),
+        (1,),
         np.full_like(q, np.nan), np.ones(count), 1.0, 1.0, True, ((time, np.zeros(count)),),
     )  # fmt: skip
 

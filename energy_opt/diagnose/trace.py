@@ -46,8 +46,8 @@ class Trace:
 def excited(samples: Samples, limits: Limits) -> np.ndarray:
     """(n,) True for the joints whose motion can show what moves them costs.
 
-    A joint must move at all; and where no joint of the arm reaches `SLOW` of its velocity limit, all count as idle, since
-    friction's dependence on speed, regeneration and inertia hide at a crawl.
+    A joint must move at all; and where no joint of the arm reaches `SLOW` of its velocity limit, all count as idle,
+    since friction's dependence on speed, regeneration and inertia hide at a crawl.
     """
     fastest = np.abs(samples.v).max(axis=0)
     if (fastest < SLOW * limits.velocity).all():

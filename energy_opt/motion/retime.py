@@ -33,6 +33,7 @@ LONGEST = 50.0  # a free duration ends at this many times the shortest one
 GLOBAL_GAP = 0.1  # [%] an answer with a bound closer than this is called the global optimum
 USED_UP = 1e-6  # relative slack of the duration below which it counts as used up
 FLOOR = 1e-6  # least b, as a share of the start's largest
+CORRECTIONS = 4  # of a duration that the grid does not resolve
 CREEP = 1e-2  # the same where creeping pays: slower than a tenth of the top speed is not resolved by the grid
 
 
@@ -109,7 +110,7 @@ def retime(
     bounds = robot.limits if limits is None else limits
     if shortest is None:
         ends = {"start_speed": path.start_speed, "end_speed": path.end_speed}
-        shortest = fastest(robot, model, path, grid=grid, limits=bounds, jerk=False, **ends)
+        shortest = fastest(robot, model, path, grid=grid, limits=bounds, jerk=jerk, **ends)
     if not path.moves:
         return _standing(robot, model, path, duration, shortest)
     work = Retiming(robot, model, shortest, bounds, jerk)
@@ -168,10 +169,22 @@ def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
         if found.solved and abs(found.timing.duration / duration - 1) <= USED_UP:
             return _Plan(_exactly(found.timing, duration), found.energy, bound, True)
     found = _best(work, start, price=price, longest=duration, floor=CREEP, exactly=True)
-    if not found.solved:
-        return _given_up(work, start, found)
+    slowed = _given_up(work, start, found, bound)
+    for _ in range(CORRECTIONS):  # creeping is not resolved by the grid: its durations are a little off the true ones
+        off = found.timing.duration / duration - 1
+        if not found.solved or off <= 1e-7:
+            break
+        nearer = duration * (duration / found.timing.duration) * (1 - 0.1 * off)
+        found = work.optimise(found.timing, price=price, longest=nearer, floor=CREEP, exactly=True)
     timing = _exactly(found.timing, duration)
-    return _Plan(timing, work.energy(timing), bound, True)
+    inside = work.limits.worst(timing.control).excess <= 1e-6
+    if not found.solved and not inside:
+        return slowed
+    energy = work.energy(timing)
+    if all(work.rest) and slowed.energy < energy:
+        return replace(slowed, converged=found.solved)
+    message = "" if found.solved else f"the solver stopped with {found.status}, at a timing that holds all limits"
+    return _Plan(timing, energy, bound, True, message)
 
 
 def _best(
@@ -194,10 +207,13 @@ def _best(
     return found
 
 
-def _given_up(work: Retiming, start: Timing, found: Solved) -> _Plan:
-    """The start, which is feasible: TOPP-RA's timing, slowed."""
+def _given_up(work: Retiming, start: Timing, found: Solved, bound: float | None = None) -> _Plan:
+    """The start, which is feasible: TOPP-RA's timing, slowed. No failure where the bound proves it good enough."""
+    energy = work.energy(start)
+    if bound is not None and energy - bound <= GLOBAL_GAP / 100 * abs(energy):
+        return _Plan(start, energy, bound, True)
     message = f"the solver stopped with {found.status}: this is the minimum-time timing, slowed evenly"
-    return _Plan(start, work.energy(start), None, False, message)
+    return _Plan(start, energy, bound, False, message)
 
 
 def _exactly(timing: Timing, duration: float) -> Timing:

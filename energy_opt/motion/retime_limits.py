@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure, has_torque_effects
 from energy_opt.motion.retime_grid import Lift, lift
 from energy_opt.motion.retime_rows import CurvedRows, LinearRows, Rows, jerk_rows
-from energy_opt.motion.retime_terms import torque_terms
+from energy_opt.motion.retime_terms import BLURS, torque_terms
 from energy_opt.robot import Limits
 
 MARGIN = 5e-7  # share of every bound that is kept free, for what lies between the points
@@ -18,6 +18,7 @@ BROKEN = 1e-7  # of a bound: more than this is a violation
 NEAR = 0.9  # of a bound: places from here on become constraints together with the broken ones
 WIDE = 0.8  # the same for a joint's limit that is broken somewhere: mending it moves what is beside it
 JERK_NEAR = 0.8  # the same for jerk, which moves farther when it is mended
+FAR = 1.5  # times its bound: jerk that is so far beyond it is limited all along the path
 BESIDE = 4  # so many points on both sides are taken along
 CLOSE = 1 - 1e-3  # of a bound: from here on the places between the grid's points are looked at
 AFFINE = 1e-9  # relative: torque that deviates less from its tangent is affine
@@ -132,6 +133,8 @@ class PathLimits:
         if use.max() <= 1 + BROKEN:
             return False
         near = use > JERK_NEAR
+        if use.max() > FAR:  # mending it will move the whole course of that joint
+            near[:, np.argmax(use.max(axis=0))] = True
         third = len(near) // 3  # both ends and the middle of every interval
         self.jerk.held |= np.tile(near[:third] | near[third : 2 * third] | near[2 * third :], (3, 1))
         return True
@@ -146,7 +149,7 @@ class PathLimits:
         inner = np.array([0.0, 1 / 3, 2 / 3])
         broken = False
         for kind, use in grid.usage(control, self.limits).items():
-            close = np.pad(use.max(axis=1) > CLOSE, 1, mode="edge")
+            close = np.pad(use.max(axis=1) > CLOSE, 1, constant_values=True)
             intervals = np.flatnonzero(close[:-1] | close[1:])
             if not intervals.size:
                 continue
@@ -218,7 +221,7 @@ class PathLimits:
         d = self.grid.dynamics
         n = d.robot.n
         value, curvature = torque_terms(SharedByStructure(d.model), n)
-        shared = ca.DM(np.append(d.model.values(n), unit))
+        shared = ca.DM(np.append(d.model.values(n), [unit, BLURS[-1]]))
         z, at, multiplier = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1), ca.SX.sym("multiplier", n)
         scale = ca.SX.sym("scale", n)
         torque, slope = value(z, at, shared)

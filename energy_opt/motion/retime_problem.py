@@ -21,6 +21,8 @@ from energy_opt.motion.retime_grid import Grid, lift
 from energy_opt.motion.retime_rows import Rows
 from energy_opt.motion.retime_terms import Terms
 
+TOLERANCE = 1e-8  # of the solver, on a cost of order one
+
 
 @dataclass(frozen=True)
 class Move:
@@ -85,22 +87,22 @@ class Program:
         self.time = ca.sum1(pace)
         self.time_slope = of_b @ (-0.5 * pace / b)
         self._values = ca.Function("values", [self.x, self.p], [self.cost, self.cost_slope, self.time, self.time_slope])
-        self._without_rows: dict[float, ca.Function] = {}
+        self._without_rows: dict[bool, ca.Function] = {}
 
     def evaluate(self, move: Move, x: np.ndarray) -> tuple[float, np.ndarray, float, np.ndarray]:
         """Cost and time at the free control values x (N,), each with its gradient (N,)."""
         cost, slope, duration, time_slope = self._values(x, parameters(move))
         return float(cost), np.array(slope).ravel(), float(duration), np.array(time_slope).ravel()
 
-    def solver(self, rows: Rows, ends: np.ndarray, tolerance: float) -> ca.Function:
+    def solver(self, rows: Rows, ends: np.ndarray, near: bool = False) -> ca.Function:
         """IPOPT for the program with the limits in `rows`; T / T_ref is the first constraint."""
         if rows.count:
-            return self._solver(rows, ends, tolerance)
-        if tolerance not in self._without_rows:
-            self._without_rows[tolerance] = self._solver(rows, ends, tolerance)
-        return self._without_rows[tolerance]
+            return self._solver(rows, ends, near)
+        if near not in self._without_rows:
+            self._without_rows[near] = self._solver(rows, ends, near)
+        return self._without_rows[near]
 
-    def _solver(self, rows: Rows, ends: np.ndarray, tolerance: float) -> ca.Function:
+    def _solver(self, rows: Rows, ends: np.ndarray, near: bool) -> ca.Function:
         x, p = self.x, self.p
         of_cost, multiplier = ca.MX.sym("of_cost"), ca.MX.sym("multiplier", 1 + rows.count)
         bend = self.terms.curvature.map("bend", "serial", len(self.grid.s), [2, 3, 4], [])
@@ -132,20 +134,20 @@ class Program:
             "print_time": 0,
             "ipopt.print_level": 0,
             "ipopt.sb": "yes",
-            "ipopt.tol": tolerance,
+            "ipopt.tol": TOLERANCE,
             "ipopt.max_iter": 200,
             "ipopt.nlp_scaling_method": "none",
-            "ipopt.mu_init": 1e-2,
+            "ipopt.mu_init": 1e-4 if near else 1e-2,
             "ipopt.bound_relax_factor": 0.0,
         }
         return ca.nlpsol("retime", "ipopt", {"x": x, "p": p, "f": self.cost, "g": g}, options)
 
-    def solve(
-        self, move: Move, start: np.ndarray, rows: Rows, *, exactly: bool = False, tolerance: float = 1e-8
-    ) -> Answer:
-        """Solve from `start` (N,); with `exactly`, T = T_ref in place of T <= T_ref."""
+    def solve(self, move: Move, start: np.ndarray, rows: Rows, *, exactly: bool = False, near: bool = False) -> Answer:
+        """Solve from `start` (N,); with `exactly`, T = T_ref in place of T <= T_ref.
+
+        `near` says that the start is close to the answer."""
         begun = time.perf_counter()
-        solver = self.solver(rows, move.ends, tolerance)
+        solver = self.solver(rows, move.ends, near)
         built = time.perf_counter()
         result = solver(
             x0=np.clip(start, move.lower, move.upper),

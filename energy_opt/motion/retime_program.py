@@ -13,7 +13,15 @@ from energy_opt.motion.retime_bound import largest_price, lower_bound
 from energy_opt.motion.retime_grid import GAUSS, quadrature
 from energy_opt.motion.retime_limits import MARGIN, PathLimits, point_numbers
 from energy_opt.motion.retime_problem import Answer, Move, program
-from energy_opt.motion.retime_terms import Terms, compressed, compressed_terms, exact_power, general_terms
+from energy_opt.motion.retime_terms import (
+    BLURS,
+    Terms,
+    compressed,
+    compressed_terms,
+    exact_power,
+    general_terms,
+    law_function,
+)
 from energy_opt.motion.timing_law import Timing, greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
@@ -123,11 +131,19 @@ class Retiming:
         n, d = self.robot.n, self.dynamics
         drifts = any(self.model.get(name) is not None for name in DRIFTING)
         numbers = point_numbers(d, start.time_at(d.s) if drifts else np.zeros(len(d.s)))
-        shared_by, shared = SharedByStructure(self.model), np.append(self.model.values(n), unit)
+        shared_by, shared = SharedByStructure(self.model), np.append(self.model.values(n), [unit, BLURS[0]])
         coefficients = compressed(shared_by, n, numbers, shared)
         if coefficients is not None:
             return compressed_terms(), coefficients, np.zeros(0)
         return general_terms(shared_by, n), numbers, shared
+
+    def _smoothing(self, numbers: np.ndarray, shared: np.ndarray, control: np.ndarray, unit: float) -> float:
+        """What the smoothed kinks leave out of a bound [J]: supporting lines of the exact ones in their place."""
+        z = self.limits.grid.lift.values(control) / unit
+        values = np.repeat(shared[:, None], z.shape[1], axis=1)
+        shared_by, n = SharedByStructure(self.model), self.robot.n
+        lines, smooth = (np.array(law_function(shared_by, n, k)(z, numbers, values)[0]) for k in (True, False))
+        return float((self.grid.weight / np.sqrt(unit * z[1])) @ (lines - smooth).ravel())
 
     def _upper(self) -> np.ndarray:
         """Bounds of the free control values: the largest that the velocity limits allow anywhere near.
@@ -180,9 +196,17 @@ class Retiming:
         size = max(abs(whole.evaluate(move, x)[0]), 1e-3 * abs(price) * start.duration, 1e-12)
         move = replace(move, shared=np.append(shared, factors / size))
         self.limits.hold(start.control, always=True)
+        kinked = terms is not compressed_terms()
+        for blur in BLURS[:-1] if kinked else ():
+            move.shared[-3] = blur
+            answer = whole.solve(move, x, self.limits.rows(unit), exactly=exactly, near=blur < BLURS[0])
+            self.tally.add(answer)
+            x = answer.x if answer.solved else x
+        if kinked:
+            move.shared[-3] = BLURS[-1]
         for _ in range(ROUNDS):
             rows = self.limits.rows(unit)
-            answer = whole.solve(move, x, rows, exactly=exactly)
+            answer = whole.solve(move, x, rows, exactly=exactly, near=kinked)
             self.tally.add(answer)
             x = answer.x
             control = unit * np.concatenate([ends[:1], x, ends[1:]])
@@ -196,6 +220,8 @@ class Retiming:
         bound = None
         if answer.solved and self.convex and not rows.curved:
             bound = lower_bound(whole, move, answer, rows) * size
+            if kinked:
+                bound += self._smoothing(numbers, move.shared[:-2], control, unit)
         if answer.solved and self.limits.worst(control).excess > 1e-6:
             return Solved(timing, np.inf, bound, False, f"limits not held after {ROUNDS} rounds")
         on_grid = whole.evaluate(move, x)[2] * clock

@@ -21,30 +21,52 @@ from energy_opt.effects import Signals
 from energy_opt.motion.path_dynamics import SharedByStructure
 from energy_opt.power import drive_function, drive_terms
 
-SHARPNESS = 0.05  # widths of the smoothed kinks, as a share of those stated at each law
+# Widths of the smoothed kinks, in units of those stated at each law: an interior-point method crosses sharp kinks in
+# short steps only, so it is led to them from wide ones.
+BLURS = (400.0, 40.0, 4.0, 1.0)
 
 
 @dataclass(frozen=True)
 class AlongPath:
-    """Kinks for a path that is passed forwards at speed `rate` = sqrt(b); `typical` is a usual value of it."""
+    """Kinks for a path that is passed forwards at speed `rate` = sqrt(b); `typical` is a usual value of it.
+
+    `blur` multiplies the width of every kink.
+    """
 
     rate: ca.SX
     typical: ca.SX
+    blur: ca.SX
 
     def sign(self, x: ca.SX, width: float) -> ca.SX:
         return ca.sign(x)
 
     def magnitude(self, x: ca.SX, width: float) -> ca.SX:
-        w = width * SHARPNESS
+        w = width * self.blur
         return ca.sqrt(x * x + w * w) - w
 
     def positive(self, x: ca.SX, width: float) -> ca.SX:
-        d = width * SHARPNESS / self.typical
+        d = width * self.blur / self.typical
         y = x / self.rate
         return self.rate * (y + ca.sqrt(y * y + d * d) - d) / 2
 
     def moving(self, v: ca.SX) -> ca.SX:
         return ca.SX(1)
+
+
+class Tangents(AlongPath):
+    """The exact kinks' supporting lines, with the slopes that the smoothed kinks have at the same place.
+
+    A clamp is nowhere below slope * x, whatever the slope between 0 and 1, and with fixed slopes the law is convex: its
+    bounds are bounds of the exact law, without the smoothed one's offset of half its width.
+    """
+
+    def magnitude(self, x: ca.SX, width: float) -> ca.SX:
+        return x * x / ca.sqrt(x * x + (width * self.blur) ** 2)
+
+    def positive(self, x: ca.SX, width: float) -> ca.SX:
+        d = width * self.blur / self.typical
+        y = x / self.rate
+        return x * (1 + y / ca.sqrt(y * y + d * d)) / 2
 
 
 @dataclass(frozen=True)
@@ -88,8 +110,8 @@ def _terms(power: ca.SX, z: ca.SX, at: ca.SX, shared: ca.SX) -> Terms:
 class Law:
     """The model's law at a point, (z, at, shared) -> power [W] and motor torque (n, 1) [N m].
 
-    at (6 n + 1, 1): q, q', q'', M, C, G and the time [s] (for effects that drift); shared: the model's values and the
-    unit of a and b [1/s^2].
+    at (6 n + 1, 1): q, q', q'', M, C, G and the time [s] (for effects that drift); shared: the model's values, the
+    unit of a and b [1/s^2] and the blur of the kinks.
     """
 
     z: ca.SX
@@ -100,23 +122,25 @@ class Law:
 
 
 @lru_cache(maxsize=16)
-def law(shared_by: SharedByStructure, n: int) -> Law:
-    """Built once for a model's structure and number of joints."""
-    z, at, unit = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1), ca.SX.sym("unit")
+def law(shared_by: SharedByStructure, n: int, tangents: bool = False) -> Law:
+    """Built once for a model's structure, number of joints and way of writing kinks (smooth, or as `Tangents`)."""
+    z, at = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1)
+    unit, blur = ca.SX.sym("unit"), ca.SX.sym("blur")
     p = shared_by.model.symbols(n)
     q, q1, q2, inertial, centrifugal, gravity = (at[k * n : (k + 1) * n] for k in range(6))
     a, b = unit * z[0], unit * z[1]
     rate = ca.sqrt(b)
     tau = inertial * a + centrifugal * b + gravity
     signals = Signals(q, q1 * rate, q1 * a + q2 * b, tau, at[-1])
-    drive = drive_terms(shared_by.model, signals, p, AlongPath(rate, ca.sqrt(unit)))
-    return Law(z, at, ca.vertcat(p, unit), drive.power, drive.tau_m)
+    kinks = Tangents if tangents else AlongPath
+    drive = drive_terms(shared_by.model, signals, p, kinks(rate, ca.sqrt(unit), blur))
+    return Law(z, at, ca.vertcat(p, unit, blur), drive.power, drive.tau_m)
 
 
 @lru_cache(maxsize=16)
-def law_function(shared_by: SharedByStructure, n: int) -> ca.Function:
+def law_function(shared_by: SharedByStructure, n: int, tangents: bool = False) -> ca.Function:
     """(z, at, shared) -> power, motor torque."""
-    built = law(shared_by, n)
+    built = law(shared_by, n, tangents)
     return ca.Function("law", [built.z, built.at, built.shared], [built.power, built.torque])
 
 

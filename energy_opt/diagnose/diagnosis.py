@@ -98,7 +98,7 @@ def covariance(f: Fit, inflation: float, noise: float) -> np.ndarray:
 
 
 def effect_rows(found: Trace, seed: int) -> list[dict[str, Any]]:
-    """The accepted effects with values, intervals, share of the residual explained, and evidence."""
+    """The accepted effects, largest first, with values, intervals, share of the residual explained, and evidence."""
     f, samples = found.accepted, found.search.samples
     if not f.terms:
         return []
@@ -128,7 +128,7 @@ def effect_rows(found: Trace, seed: int) -> list[dict[str, Any]]:
             }
         )
         rows[-1]["parameters"].update(effect.choices)
-    return rows
+    return sorted(rows, key=lambda row: -row["share_of_residual"])
 
 
 def _parameters(kind: Any, mode: str, values: np.ndarray, deviation: np.ndarray, n: int) -> dict[str, Any]:

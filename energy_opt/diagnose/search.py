@@ -23,6 +23,7 @@ TRIED = 6  # effects tried per hypothesis and round
 DEEPEST = 6
 MOST_EXTRAS = 2  # unlisted structures after which the verdict no longer changes
 BUDGET = 1.5e6  # samples times evaluations that a search may take
+FEW_SAMPLES = 2000  # below these an evaluation costs the same
 LOOK = 20  # evaluations that looking for candidates is worth
 FEW = 6  # iterations while growing; the best are then fitted to the end
 PRICE = 14.0  # per effect, for the many that are looked at
@@ -81,7 +82,7 @@ class Search:
         if held is not None:
             terms, starts, extras = held.terms, list(held.numbers), held.extras
         new = fit(self.samples, self.declared, terms, starts, extras, 30 if thorough else FEW)
-        self.work += new.evaluations * len(self.samples.power)
+        self.work += new.evaluations * max(len(self.samples.power), FEW_SAMPLES)
         if thorough:
             self.polished.add(key)
         if held is None or new.loss < held.loss:
@@ -118,7 +119,7 @@ class Search:
                 numbers = len(candidate.origin)
                 found.append((gained / self.inflation - self.price(numbers, (candidate.term,), 0), candidate, weights))
             self.looked[key] = best_of(found)
-            self.work += LOOK * len(self.samples.power)
+            self.work += LOOK * max(len(self.samples.power), FEW_SAMPLES)
         return self.looked[key]
 
     def extra_proposals(self, base: Fit) -> Iterator[tuple[float, Extra]]:

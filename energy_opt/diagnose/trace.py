@@ -81,6 +81,10 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
     else:
         accepted = listed
         rivals = _rivals(found, accepted)
+        simpler = [f for f in rivals if set(f.names) < set(accepted.names)]
+        if simpler:  # the data do not insist on more
+            accepted = min(simpler, key=lambda f: (len(f.terms), found.score(f)))
+            rivals = _rivals(found, accepted)
         verdict = "explained" if accepted.terms else "nothing_missing"
         if len(rivals) > 1:
             verdict = "ambiguous"

@@ -1,9 +1,10 @@
 """The search for a reshaped move: several coarse starts, the best refined, limits mended where they are found broken.
 
-A coarse problem (few control points) is solved from every start; it is cheap, and it is there that local optima differ.
-Starts are the timed straight line, the trajectories that are handed in, and bent lines: of many random bends those with
-the least cost are taken. The best coarse curve is carried to the fine problem, whose rows bind nearly where the coarse
-ones did.
+A coarse problem (few control points) is solved from several starts; it is cheap, and it is there that local optima
+differ. Starts are the timed straight line and the trajectories that are handed in; and bent lines, each the cheapest of
+some random bends, which descend for a few iterations without limits on velocity, acceleration and jerk: what lies
+lowest then, before limits wall the valleys off, is solved in full. The best coarse curve is carried to the fine
+problem, whose rows bind nearly where the coarse ones did.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits
 
 COARSE, COARSE_PACKING = 12, 0.5
-CANDIDATES = 48  # random bends that are looked at for every start that is solved
+CANDIDATES = 16  # random bends of which the cheapest descends
+DESCENT = 8  # iterations of a descent without limits
+TRIED = 3  # one of so many descents, the lowest, is solved in full
 BEND = 0.5  # standard deviation of a bend's amplitude, as a share of half of a joint's range
 FEASIBLE = 1e-4  # a coarse outcome with a larger excess over a bound counts as infeasible
 WORTH_REFINING = 0.05  # more control points may still mend an excess up to this share of a bound
-ALIKE = 1e-3  # coarse costs that differ by less than this share are the same optimum
-ENOUGH = 3  # starts in a row that lead to the same optimum end the search
 ROW_STEP, MIN_ROWS = 0.004, 200  # [s]
 
 
@@ -72,14 +73,12 @@ class Reshaper:
         vias = len(task.ends.via)
         coarse = self.level(COARSE + 2 * vias, vias)
         guesses = [self._curve(coarse.shape, line, task) for line in lines]
-        rng = np.random.default_rng(seed)
-        rows = _all_rows(coarse.shape)
         iterations, found = 0, []
-        queue = iter(guesses)
-        for attempt in range(max(starts, len(guesses))):
-            guess = next(queue, None)
-            if guess is None:
-                guess = self._bent(coarse, guesses[0], task, rng)
+        descents = self._descents(coarse, guesses[0], task, starts - len(guesses), seed, stopped)
+        iterations += sum(outcome.iterations for outcome in descents)
+        lowest = sorted(descents, key=lambda outcome: outcome.cost)[: -(-len(descents) // TRIED)]
+        rows = _all_rows(coarse.shape)
+        for guess in (*guesses, *(outcome.curve for outcome in lowest)):
             outcome = coarse.solve(
                 guess,
                 task.ends,
@@ -94,7 +93,7 @@ class Reshaper:
             )
             iterations += outcome.iterations
             found.append(outcome)
-            if stopped() or (attempt + 1 >= len(guesses) and _settled(found)):
+            if stopped():
                 break
         order = sorted(found, key=lambda o: (o.broken > FEASIBLE, o.cost if o.broken <= FEASIBLE else o.broken))
         fine = self.level(max(self._fine, COARSE + 2 * vias + 4), vias)
@@ -109,6 +108,35 @@ class Reshaper:
             if best is not None or stopped():
                 break
         return best, iterations
+
+    def _descents(
+        self,
+        level: Level,
+        straight: Curve,
+        task: Task,
+        count: int,
+        seed: int,
+        stopped: Callable[[], bool],
+    ) -> list[Outcome]:
+        """A few iterations from each of `count` bent copies of a curve, at its duration, with limits on torque only."""
+        none = np.full(level.shape.joints, np.inf)
+        limits = task.limits.replace(velocity=none, acceleration=none, jerk=none)
+        rng = np.random.default_rng(seed)
+        out: list[Outcome] = []
+        while len(out) < count and not stopped():
+            outcome = level.solve(
+                self._bent(level, straight, task, rng),
+                task.ends,
+                limits,
+                task.parameters,
+                (straight.duration, straight.duration),
+                tolerance=1e-2,
+                offset=task.offset,
+                options={"mu_init": 1e-2, "max_iter": DESCENT},
+                rounds=1,
+            )
+            out.append(outcome)
+        return out
 
     def _refine(self, fine: Level, curve: Curve, task: Task) -> Outcome:
         guess = refined(curve, fine.shape, task.ends)
@@ -175,14 +203,6 @@ def _all_rows(shape: Shape) -> np.ndarray:
     return np.array(
         [(kind, site, j) for kind in (1, 2) for site in range(len(shape.sites[kind - 1])) for j in range(shape.joints)]
     )
-
-
-def _settled(found: list[Outcome]) -> bool:
-    """Have the last few starts all led to the best optimum known?"""
-    good = [o.cost for o in found if o.broken <= FEASIBLE]
-    if len(found) < ENOUGH or len(good) < ENOUGH:
-        return False
-    return all(o.broken <= FEASIBLE and o.cost <= min(good) * (1 + ALIKE) for o in found[-ENOUGH:])
 
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:

@@ -95,10 +95,15 @@ class Solve:
         tight = self.limits
         timing = self.timing
         for _ in range(3):
-            solution = retime(
-                self.robot, self.p.model, path, duration=move.duration, max_duration=move.max_duration,
-                shortest=timing, limits=tight,
-            )  # fmt: skip
+            try:
+                solution = retime(
+                    self.robot, self.p.model, path, duration=move.duration, max_duration=move.max_duration,
+                    shortest=timing, limits=tight,
+                )  # fmt: skip
+            except Infeasible:
+                if move.mode == "retime":
+                    raise
+                return None
             if move.mode == "reshape":  # there it is a start and a candidate, and judged as such
                 return solution
             self.iterations += solution.iterations

@@ -151,10 +151,10 @@ def table(result: Result, out: Path) -> str:
         f"worst limit: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, {worst['value']:.6g} of "
         f"{worst['bound']:.6g} ({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"
     )
-    if result.optimality.kind == "global":
+    if result.optimality.lower_bound is not None:
         lines.append(
-            f"global optimum of the timing: at least {result.optimality.lower_bound:.6f} J (gap "
-            f"{result.optimality.gap_percent:.1e} %)"
+            f"{result.optimality.kind} optimum of the timing: no timing of this path takes less than "
+            f"{result.optimality.lower_bound:.6f} J (gap {result.optimality.gap_percent:.1e} %)"
         )
     lines.append(f"files: {out}/result.json, trajectory.csv, trajectory.yaml, plot.png, report.html")
     return "\n".join(lines)

@@ -35,7 +35,7 @@ class Baseline:
 
 @dataclass(frozen=True)
 class Optimality:
-    """How good the answer is known to be; a bound [J] and gap [%] of the total only where `kind` is "global"."""
+    """How good the answer is known to be; "global" where a proven lower bound [J] is near (gap in % of the total)."""
 
     kind: str
     lower_bound: float | None = None

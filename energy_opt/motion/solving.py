@@ -299,10 +299,10 @@ class Solve:
             baselines = self._baselines(trajectory.duration)
         interrupted = self.p._stopped()
         optimality = Optimality("local")
-        if name == "retime" and retimed is not None and retimed.kind == "global" and self.move.mode == "retime":
+        if name == "retime" and retimed is not None and retimed.lower_bound is not None and self.move.mode == "retime":
             bound = retimed.lower_bound
-            gap = None if bound is None else 100 * (energy.total - bound) / max(abs(energy.total), 1e-12)
-            optimality = Optimality("global", bound, gap)
+            gap = 100 * (energy.total - bound) / max(abs(energy.total), 1e-12)
+            optimality = Optimality(retimed.kind, bound, gap)
         report = SolverReport(self.p.settings.solver, self.iterations, build, solve, self.p._compiled)
         warnings = list(self.robot.warnings)
         if self.p.model.assumed:

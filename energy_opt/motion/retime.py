@@ -30,10 +30,11 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 
 LONGEST = 50.0  # a free duration ends at this many times the shortest one
-GLOBAL_GAP = 0.1  # [%] an answer with a bound closer than this is called the global optimum
-USED_UP = 1e-6  # relative slack of the duration below which it counts as used up
+GLOBAL_GAP = 0.25  # [%] an answer with a bound closer than this is called the global optimum
+USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
 FLOOR = 1e-6  # least b, as a share of the start's largest
 CORRECTIONS = 4  # of a duration that the grid does not resolve
+HELD = 3e-7  # of a bound beyond the tighter one that the program is held to
 CREEP = 1e-2  # the same where creeping pays: slower than a tenth of the top speed is not resolved by the grid
 
 
@@ -170,14 +171,14 @@ def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
             return _Plan(_exactly(found.timing, duration), found.energy, bound, True)
     found = _best(work, start, price=price, longest=duration, floor=CREEP, exactly=True)
     slowed = _given_up(work, start, found, bound)
+    timing, nearer = _exactly(found.timing, duration), duration
     for _ in range(CORRECTIONS):  # creeping is not resolved by the grid: its durations are a little off the true ones
-        off = found.timing.duration / duration - 1
-        if not found.solved or off <= 1e-7:
+        if not found.solved or work.limits.worst(timing.control).excess <= HELD:
             break
-        nearer = duration * (duration / found.timing.duration) * (1 - 0.1 * off)
+        nearer *= (1 - 1e-7) * duration / found.timing.duration
         found = work.optimise(found.timing, price=price, longest=nearer, floor=CREEP, exactly=True)
-    timing = _exactly(found.timing, duration)
-    inside = work.limits.worst(timing.control).excess <= 1e-6
+        timing = _exactly(found.timing, duration)
+    inside = work.limits.worst(timing.control).excess <= HELD
     if not found.solved and not inside:
         return slowed
     energy = work.energy(timing)

@@ -21,7 +21,7 @@ from energy_opt.motion.retime_grid import Grid, lift
 from energy_opt.motion.retime_rows import Rows
 from energy_opt.motion.retime_terms import Terms
 
-TOLERANCE = 1e-8  # of the solver, on a cost of order one
+TOLERANCE = 1e-7  # of the solver, on a cost of order one
 
 
 @dataclass(frozen=True)
@@ -139,6 +139,8 @@ class Program:
             "ipopt.nlp_scaling_method": "none",
             "ipopt.mu_init": 1e-4 if near else 1e-2,
             "ipopt.bound_relax_factor": 0.0,
+            "ipopt.mumps_scaling": 0,  # the program is scaled already
+            "ipopt.mumps_permuting_scaling": 0,
         }
         return ca.nlpsol("retime", "ipopt", {"x": x, "p": p, "f": self.cost, "g": g}, options)
 

@@ -40,7 +40,7 @@ from energy_opt.files import read_toml, to_json
 from energy_opt.robot import Robot
 
 FORMAT = "energy-opt/suite/1"
-COMPILE_FROM = 12  # tasks on one built problem from which a compiler pays for itself
+COMPILE_FROM = 20  # tasks on one built problem from which a compiler pays for itself
 
 
 @dataclass(frozen=True)

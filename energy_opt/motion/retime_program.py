@@ -27,9 +27,8 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 
 ROUNDS = 12  # of adding constraints
-CREDIT = (
-    0.9  # share of a price above standby that is used: at the price itself, creeping at one place would cost nothing
-)
+# Share of a price above standby that is used: at the price itself, creeping at one place would cost nothing.
+CREDIT = 0.99
 RESOLVED = 1e-6  # relative: where the grid's duration is farther from the true one, energy is integrated anew
 DRIFTING = ("standby_drift", "winding_temperature")  # effects that depend on time itself
 

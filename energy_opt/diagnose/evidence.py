@@ -15,6 +15,7 @@ BLOCK = 0.25  # [s] residuals this far apart count as independent
 DRAWS = 999
 LEFT_P = 1e-4  # p-value below which what is left is structure
 LEFT_RATIO = 1.35  # and its block variance over that of noise
+LEFT_SHARE = 0.01  # of the declared model's own excess that may stay without counting
 
 
 def blocks(samples: Samples, seconds: float = BLOCK) -> list[slice]:
@@ -48,10 +49,12 @@ class Leftover:
     structured: bool
 
 
-def leftover(f: Fit, samples: Samples) -> Leftover:
-    """Is the residual of a hypothesis noise?"""
+def leftover(f: Fit, root: Fit, samples: Samples) -> Leftover:
+    """Is the residual of a hypothesis noise, or small beside that of the declared model (`root`)?"""
     ratio, p = block_ratio(f.residual, samples, f.count)
-    return Leftover(ratio, p, p < LEFT_P and ratio > LEFT_RATIO)
+    before, _ = block_ratio(root.residual, samples)
+    floor = LEFT_RATIO if f is root else max(LEFT_RATIO, 1 + LEFT_SHARE * (before - 1))
+    return Leftover(ratio, p, p < LEFT_P and ratio > floor)
 
 
 def inflation(f: Fit, samples: Samples) -> float:

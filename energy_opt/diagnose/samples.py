@@ -12,6 +12,8 @@ from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, k
 from energy_opt.robot import RigidBody
 
 BIN = 0.03  # [s] readings closer than this are averaged
+NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
+EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight
 SLACK = 2e-3  # [s] by which motion and meter may be apart
 REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise says
 
@@ -118,11 +120,18 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
 def weighted(samples: Samples, power: np.ndarray) -> Samples:
     """The same samples, trusted less where power changes fast: clocks and motion are known to `SLACK` only.
 
+    Where a motion begins or ends, smoothed positions do not say to the sample when; `EDGE` samples are doubted there.
+
     Args:
         power: (N,) W, a model's reading; its slope times `SLACK` adds to the meter's noise.
     """
     slope = np.concatenate([np.gradient(power[s], samples.t[s]) for s in samples.slices])
-    return replace(samples, weight=1 / np.sqrt(1 + (SLACK * slope / samples.noise) ** 2))
+    weight = 1 / np.sqrt(1 + (SLACK * slope / samples.noise) ** 2)
+    moving = (samples.v != 0).any(axis=1)
+    for rows in samples.slices:
+        for k in rows.start + 1 + np.flatnonzero(moving[rows][1:] != moving[rows][:-1]):
+            weight[max(rows.start, k - EDGE) : min(rows.stop, k + EDGE)] *= DOUBTED
+    return replace(samples, weight=weight)
 
 
 def _per_bin(run: Run) -> int:
@@ -150,7 +159,13 @@ def _bins(run: Run, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
 def _meter_noise(powers: Sequence[np.ndarray]) -> float:
     """Standard deviation of a reading's noise, W, from third differences: what no smooth power explains.
 
-    Robust (median of runs), so that kinks and steps of the true power do not count.
+    Robust twice: by the median within a run, so that kinks and steps of the true power do not count, and over the runs.
+    Coarse readings, whose median difference is zero, go by their rms.
     """
-    levels = [np.sqrt(np.mean(np.diff(x, 3) ** 2) / 20) for x in powers if len(x) > 12]
+    levels = []
+    for x in powers:
+        if len(x) > 12:
+            third = np.diff(x, 3)
+            middle = float(np.median(np.abs(third))) / NORMAL_MEDIAN
+            levels.append((middle if middle > 0 else float(np.sqrt(np.mean(third**2)))) / np.sqrt(20))
     return max(float(np.median(levels)), 1e-3) if levels else 1.0

@@ -73,7 +73,7 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
         best = _refine(found, found.ranked()[0])
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
     listed = _listed(found, root, best)
-    left = leftover(best, samples)
+    left = leftover(best, root, samples)
     if best.extras or left.structured:
         accepted = _kept(found, root, best, listed)
         verdict = "unexplained"
@@ -90,7 +90,9 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
             verdict = "ambiguous"
     if idle:
         verdict = "insufficient" if verdict != "ambiguous" else verdict
-    return Trace(found, root, best, _per_joint(found, accepted), verdict, rivals, leftover(accepted, samples), idle)
+    return Trace(
+        found, root, best, _per_joint(found, accepted), verdict, rivals, leftover(accepted, root, samples), idle
+    )
 
 
 def _refine(found: Search, start: Fit) -> Fit:

@@ -118,10 +118,13 @@ def draw(costs: Sequence[Cost], path: Path) -> None:
         line = [x for x in costs if x.nodes == k]
         x, y = np.array([c.joints for c in line]), np.array([1e3 * c.iteration for c in line])
         over_joints.append(plots.Curve(f"{k} nodes", x, y))
-    for axis, label, lines in ((axes[0, 0], "nodes", over_nodes), (axes[0, 1], "joints", over_joints)):
+    drawn = ((axes[0, 0], "nodes", over_nodes, spans), (axes[0, 1], "joints", over_joints, joints))
+    for axis, label, lines, ticks in drawn:
         plots.curves(plots.labelled(axis, label, "time per iteration [ms]"), lines)
         axis.set_xscale("log")
         axis.set_yscale("log")
+        axis.set_xticks(ticks, [str(tick) for tick in ticks])
+        axis.minorticks_off()
     plots.save(figure, path)
 
 

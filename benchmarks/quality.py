@@ -121,18 +121,20 @@ def proxies(robot: Robot, model: PowerModel, count: int) -> list[dict[str, Any]]
     """Loss of every objective's answers above that of the objective energy, % of the latter, over the first moves."""
     loss: dict[str, list[float]] = {}
     total: dict[str, list[float]] = {}
+    solved: dict[str, int] = {}
     for objective in OBJECTIVES:
         planner = Planner(robot, model, Settings(compile="always", objective=objective))
         answers = [planner.solve(case.move) for case in cases(robot, planner, count)]
         loss[objective] = [x.energy.loss for x in answers]
         total[objective] = [x.energy.total for x in answers]
+        solved[objective] = sum(x.status == "solved" for x in answers)
         print(f"{robot.name} {objective}: done", file=sys.stderr)
     out = []
     for objective in OBJECTIVES:
         above = 100 * (np.array(loss[objective]) / np.array(loss["energy"]) - 1)
         of_total = 100 * (np.array(total[objective]) / np.array(total["energy"]) - 1)
         out.append({
-            "objective": objective, "moves": len(above), "loss": float(np.mean(loss[objective])),
+            "objective": objective, "moves": len(above), "solved": solved[objective], "loss": float(np.mean(loss[objective])),
             "above_mean": float(above.mean()), "above_worst": float(above.max()),
             "above_total": float(of_total.mean()),
         })  # fmt: skip

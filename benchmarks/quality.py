@@ -134,7 +134,8 @@ def proxies(robot: Robot, model: PowerModel, count: int) -> list[dict[str, Any]]
         above = 100 * (np.array(loss[objective]) / np.array(loss["energy"]) - 1)
         of_total = 100 * (np.array(total[objective]) / np.array(total["energy"]) - 1)
         out.append({
-            "objective": objective, "moves": len(above), "solved": solved[objective], "loss": float(np.mean(loss[objective])),
+            "objective": objective, "moves": len(above), "solved": solved[objective],
+            "loss": float(np.mean(loss[objective])),
             "above_mean": float(above.mean()), "above_worst": float(above.max()),
             "above_total": float(of_total.mean()),
         })  # fmt: skip

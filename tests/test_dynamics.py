@@ -14,6 +14,8 @@ import pytest
 
 from energy_opt.dynamics import SOURCES, compact, pinocchio_casadi, torque_function, verify
 from energy_opt.errors import BadInput, EnergyOptError
+from energy_opt.motion import Planner, Settings
+from energy_opt.power import source_method_2
 from energy_opt.robot import Link, PointMass, RigidBody, known_robots, load_robot
 
 TEMPLATES = importlib.util.find_spec("energy_opt_pinsx") is not None
@@ -160,6 +162,12 @@ def test_unknown_and_absent_sources_are_bad_input(monkeypatch: pytest.MonkeyPatc
                 torque_function(body, source)
         else:
             torque_function(body, source)
+
+
+def test_the_planner_tells_at_once_that_a_source_is_absent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pinocchio.casadi", None)
+    with pytest.raises(BadInput, match="--dynamics pinocchio: not available"):
+        Planner(load_robot("z1"), source_method_2("z1"), Settings(dynamics="pinocchio"))
 
 
 class _Stub(types.ModuleType):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from energy_opt.dynamics import torque_function
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.certificate import ALLOWED, Certificate, certify
 from energy_opt.motion.compile import compiled
@@ -48,6 +49,8 @@ class Planner:
         self._build_seconds = 0.0
         self._structure = model.structure
         self.set_model(model)
+        if self.settings.dynamics != "auto":  # a source that is not there is told now, not when a move needs it
+            torque_function(robot.body, self.settings.dynamics)
 
     def set_model(self, model: PowerModel) -> None:
         """Other values of the same effects; nothing is built again.

@@ -72,7 +72,7 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
         found.looked.clear()
         best = _refine(found, found.ranked()[0])
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
-    listed = _listed(found, root, best)
+    listed = _listed(found, best)
     left = leftover(best, root, samples)
     if best.extras or left.structured:
         accepted = _kept(found, root, best, listed)
@@ -122,7 +122,7 @@ def _refine(found: Search, start: Fit) -> Fit:
     return best
 
 
-def _listed(found: Search, root: Fit, best: Fit) -> Fit:
+def _listed(found: Search, best: Fit) -> Fit:
     """The best hypothesis without unlisted structures."""
     if not best.extras:
         return best

@@ -21,6 +21,7 @@ from energy_opt.measured import MeasuredSet, Smoothing
 from energy_opt.power import PowerModel
 
 STUDENT = 1.96
+WIDER = 1.25  # of intervals, for errors of smoothing and clocks that repeat; calibrated on virtual sets
 RATE = 0.01  # stated rate of false positives per set
 
 
@@ -137,7 +138,7 @@ def _parameters(kind: Any, mode: str, values: np.ndarray, deviation: np.ndarray,
     at = 0
     for p in kind.parameters:
         count = p.count(n)
-        value, width = values[at : at + count], STUDENT * deviation[at : at + count]
+        value, width = values[at : at + count], WIDER * STUDENT * deviation[at : at + count]
         low, high = np.maximum(value - width, p.lower), np.minimum(value + width, p.upper)
         at += count
         if count == 1 or (mode == "shared" and p.size == "joint"):

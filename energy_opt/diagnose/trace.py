@@ -15,6 +15,7 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
 TOLERANCE = 6.0  # rivals whose score is this near cannot be told from the best
+EVEN = 0.5  # gain per number below which joints are alike beyond chance and share one
 RIVALS = 5  # tried in place of each accepted effect
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
 SLOW = 0.1  # of a joint's velocity limit
@@ -170,7 +171,7 @@ def _per_joint(found: Search, accepted: Fit) -> Fit:
         terms = tuple(joint if i == k else t for i, t in enumerate(best.terms))
         starts = [_spread(best, i, found.samples.n) if i == k else z for i, z in enumerate(best.numbers)]
         trial = found.hypothesis(terms, starts, best.extras, thorough=True)
-        if (best.loss - trial.loss) / found.inflation > 2 * (trial.count - best.count):
+        if (best.loss - trial.loss) / found.inflation > EVEN * (trial.count - best.count):
             best = trial
     return best
 

@@ -63,6 +63,7 @@ class Planner:
         model.check(self.robot.n)
         self.model = model
         self._scorer = Scorer(self.robot, model)
+        self._certified: tuple[Trajectory, Certificate] | None = None  # the last, which is often asked for again
         self._values = model.values(self.robot.n)
 
     def score(self, trajectory: Trajectory) -> Energy:
@@ -71,7 +72,10 @@ class Planner:
 
     def certify(self, trajectory: Trajectory) -> Certificate:
         """How far any trajectory stays inside the robot's limits."""
-        return certify(trajectory, self._scorer, self.robot.limits, self.settings.verify_samples)
+        if self._certified is None or self._certified[0] is not trajectory:
+            certificate = certify(trajectory, self._scorer, self.robot.limits, self.settings.verify_samples)
+            self._certified = trajectory, certificate
+        return self._certified[1]
 
     def minimum_time(self, move: Move) -> float:
         """The shortest duration of the move's path within all limits, by TOPP-RA, s."""

@@ -23,7 +23,7 @@ from energy_opt.robot import Limits
 
 COARSE, COARSE_PACKING = 12, 0.5
 CANDIDATES = 16  # random bends of which the cheapest descends
-DESCENT = 8  # iterations of a descent without limits
+DESCENT = 5  # iterations of a descent without limits
 TRIED = 3  # one of so many descents, the lowest, is solved in full
 BEND = 0.5  # standard deviation of a bend's amplitude, as a share of half of a joint's range
 FEASIBLE = 1e-4  # a coarse outcome with a larger excess over a bound counts as infeasible

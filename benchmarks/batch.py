@@ -11,17 +11,19 @@ resident memory after the first hundred against every later move. Exit code 1 wh
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import resource
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from energy_opt.bench import Suite, load_suite, run_batch
 from energy_opt.bench.journal import NAME, read_journal
-from energy_opt.files import to_json, write_text
+from energy_opt.files import write_text
 
 SPEEDUP = 1.7
 DRIFT = 0.10
@@ -42,7 +44,7 @@ def suite_of(folder: Path, name: str, count: int, mode: str) -> Suite:
     return load_suite(path, compile="never")  # neither ratio is about the compiler
 
 
-def speedup(folder: Path, moves: int, rounds: int) -> dict[str, float | int]:
+def speedup(folder: Path, moves: int, rounds: int) -> dict[str, Any]:
     """Moves per second with one and two workers."""
     suite = suite_of(folder, "speed", moves, "reshape")
     best, spent = {1: 0.0, 2: 0.0}, {1: np.inf, 2: np.inf}
@@ -68,7 +70,7 @@ def processor_time() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def memory(folder: Path, moves: int, mode: str) -> dict[str, float | int | str]:
+def memory(folder: Path, moves: int, mode: str) -> dict[str, Any]:
     """Resident memory of one worker over many moves, as shares of what it is after the first hundred."""
     out = folder / f"memory_{mode}"
     run_batch(suite_of(folder, out.name, moves, mode), out, jobs=1)
@@ -88,21 +90,28 @@ def memory(folder: Path, moves: int, mode: str) -> dict[str, float | int | str]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--moves", type=int, default=2000, help="moves of the memory run (2000)")
-    parser.add_argument("--speed-moves", type=int, default=24, help="moves of the speed run (24)")
+    parser.add_argument("--speed-moves", type=int, default=40, help="moves of the speed run (40)")
     parser.add_argument("--rounds", type=int, default=2, help="rounds of the speed run (2)")
     args = parser.parse_args()
     if args.moves < 2 * WARM_UP:
         parser.error(f"--moves: at least {2 * WARM_UP}")
+    held = True
+    show({"cores": len(os.sched_getaffinity(0)), "load": os.getloadavg()[0]})
     with tempfile.TemporaryDirectory() as name:
-        found = {
-            "speedup": speedup(Path(name), args.speed_moves, args.rounds),
-            "memory": [memory(Path(name), args.moves, mode) for mode in ("retime", "reshape")],
-            "cores": len(os.sched_getaffinity(0)),
-            "load": os.getloadavg()[0],
-        }
-    sys.stdout.write(to_json(found))
-    flat = all(row["least"] >= 1 - DRIFT and row["most"] <= 1 + DRIFT for row in found["memory"])
-    return 0 if found["speedup"]["ratio"] >= SPEEDUP and flat else 1
+        speed = speedup(Path(name), args.speed_moves, args.rounds)
+        show({"speedup": speed})
+        held &= speed["ratio"] >= SPEEDUP
+        for mode in ("retime", "reshape"):
+            size = memory(Path(name), args.moves, mode)
+            show({"memory": size})
+            held &= 1 - DRIFT <= size["least"] <= size["most"] <= 1 + DRIFT
+    return 0 if held else 1
+
+
+def show(found: dict[str, Any]) -> None:
+    """Print one measurement as soon as it is made."""
+    sys.stdout.write(json.dumps(found) + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

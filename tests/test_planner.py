@@ -57,6 +57,15 @@ def test_retime_lies_between_scaled_and_reshape(planner, reshaped):
     assert np.ptp(line, axis=1).max() < 1e-9
 
 
+def test_a_share_of_no_loss_is_none():
+    robot = load_robot("ur5")
+    planner = Planner(robot, source_method_1("ur5"), Settings(starts=1, controls=20, compile="never"))
+    start = np.array([0.3, -1.2, 1.0, -0.5, 0.4, 0.1])
+    result = planner.solve(Move(start, start + 0.5, "retime", duration=3.0))
+    assert result.energy.loss == pytest.approx(0, abs=1e-6)
+    assert result.saving["loss_percent"] is None and result.saving["total_percent"] == pytest.approx(0, abs=1e-6)
+
+
 def test_free_duration_beats_its_neighbours(planner):
     best = planner.solve(Move(START, GOAL))
     for factor in (1.05, 1.3):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.bench.rows import IDENTITY, Row
+from energy_opt.motion.result import ROUNDING
 
 PACKAGES = ("energy-opt", "casadi", "pin", "toppra", "numpy", "scipy")
 WORST = 5  # rows that a list of the worst holds
@@ -85,7 +86,9 @@ def _proxies(solved: Sequence[Row]) -> list[dict[str, Any]]:
         pairs = [(row, other) for row in group if (other := best.get(tuple(row[name] for name in same)))]
         pairs = [(row, other) for row, other in pairs if abs(row["duration"] / other["duration"] - 1) < 1e-6]
         more = [
-            100 * (row["energy_loss"] / other["energy_loss"] - 1) for row, other in pairs if other["energy_loss"] > 0
+            100 * (row["energy_loss"] / other["energy_loss"] - 1)
+            for row, other in pairs
+            if other["energy_loss"] > ROUNDING * abs(other["energy_total"])
         ]
         joules = [row["energy_total"] - other["energy_total"] for row, other in pairs]
         quantiles = distribution(more)

@@ -57,6 +57,9 @@ class SolverReport:
     compiled: bool = False
 
 
+ROUNDING = 1e-9  # share of an energy that its parts may miss by rounding alone
+
+
 @dataclass(frozen=True)
 class Result:
     """A solved move.
@@ -88,12 +91,16 @@ class Result:
 
     @property
     def saving(self) -> dict[str, float | None]:
-        """Against "scaled", which has the same duration: percent of its total, percent of its loss, and joules."""
+        """Against "scaled", which has the same duration: percent of its total, percent of its loss, and joules.
+
+        A percentage of nothing is None: a model without losses leaves only rounding there.
+        """
         scaled = self.baseline("scaled").energy
         joules = scaled.total - self.energy.total
+        rounding = ROUNDING * max(scaled.standby, abs(scaled.stored), abs(scaled.total))
 
         def percent(part: float, whole: float) -> float | None:
-            return 100 * part / whole if whole > 1e-12 else None
+            return 100 * part / whole if whole > rounding else None
 
         return {
             "total_percent": percent(joules, scaled.total),

@@ -11,7 +11,7 @@ import pytest
 from energy_opt.cli.main import main
 from energy_opt.diagnose import diagnose
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby
-from energy_opt.files import read_table, read_toml, write_table, write_toml
+from energy_opt.files import read_table, read_toml, write_toml
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
 from energy_opt.virtual_arm import Instruments
@@ -130,42 +130,6 @@ def test_a_missing_overhead_counts_too(tmp_path):
     made = make_set(tmp_path / "set", "z1", seed=9, instruments=CALM)
     only_copper = base_model("z1").without("standby")
     assert "standby" in names(diagnose(read_set(made.folder), PowerModel("z1", only_copper.effects)))
-
-
-def test_order_of_runs_and_units_change_nothing(coulomb, found, tmp_path):
-    other = tmp_path / "other"
-    other.mkdir()
-    log = read_toml(coulomb.folder / "log.toml")
-    joints = coulomb.robot.joints
-    for row in log["run"]:
-        table = read_table(coulomb.folder / row["file"])
-        columns = {"ms": 1000 * table["time"], **{f"{j} deg": np.degrees(table[f"{j}.position"]) for j in joints}}
-        write_table(other / row["file"], [*columns, "kW"], [*columns.values(), table["power"] / 1000])
-    log["run"] = log["run"][::-1]
-    log["columns"] = {
-        "time": {"column": "ms", "unit": "ms"},
-        "power": {"column": "kW", "unit": "kW"},
-        **{f"{j}.position": {"column": f"{j} deg", "unit": "deg"} for j in joints},
-    }
-    write_toml(other / "log.toml", log)
-    again = diagnose(read_set(other), coulomb.declared)
-    assert again.document["verdict"] == "explained" and names(again) == names(found)
-    assert set(again.document["split"]["holdout"]) == set(found.document["split"]["holdout"])
-
-
-def test_noise_in_place_of_power_gives_no_effect(coulomb, tmp_path):
-    rng = np.random.default_rng(0)
-    other = tmp_path / "noise"
-    other.mkdir()
-    for path in coulomb.folder.iterdir():
-        (other / path.name).write_bytes(path.read_bytes())
-    for row in read_toml(other / "log.toml")["run"]:
-        table = read_table(other / row["file"])
-        table["power"] = 90 + 5 * rng.normal(size=len(table["time"]))
-        write_table(other / row["file"], list(table), list(table.values()))
-    level = PowerModel("panda", (Standby(power=90.0),))
-    result = diagnose(read_set(other), level)
-    assert "coulomb_friction" not in names(result)
 
 
 def test_the_files_of_the_contract(coulomb, tmp_path, capsys):

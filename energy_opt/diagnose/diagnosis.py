@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.diagnose.claims import RATE, family_wise, left_out_gain
 from energy_opt.diagnose.errors import errors
-from energy_opt.diagnose.evidence import block_permutation, left_out_loss
 from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.goes_with import goes_with
 from energy_opt.diagnose.samples import Samples, take_samples
@@ -22,7 +22,6 @@ from energy_opt.power import PowerModel
 
 STUDENT = 1.96
 WIDER = 1.25  # of intervals, for errors of smoothing and clocks that repeat; calibrated on virtual sets
-RATE = 0.01  # stated rate of false positives per set
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,6 @@ def effect_rows(found: Trace, seed: int) -> list[dict[str, Any]]:
     spread = covariance(f, found.search.inflation, samples.noise)
     explained = max(found.root.loss - f.loss, 1e-9)
     rows, at = [], 0
-    with_all = left_out_loss(f, samples)
     for k, (term, chart, z) in enumerate(zip(f.terms, f.charts, f.numbers, strict=True)):
         part = slice(at, at + len(z))
         at += len(z)
@@ -116,13 +114,13 @@ def effect_rows(found: Trace, seed: int) -> list[dict[str, Any]]:
         assert effect is not None
         values = effect.full(samples.n)
         less = found.search.without(f, k)
-        left_out = left_out_loss(less, samples) - with_all
+        left_out = left_out_gain(found.search, found.rivals[0], k)
         rows.append(
             {
                 "name": term.name,
                 **_parameters(term.kind, term.mode, values, deviation, samples.n),
                 "share_of_residual": float(np.clip((less.loss - f.loss) / explained, 0.0, 1.0)),
-                "p_value": block_permutation(less, f.jacobian[:, part], samples, seed),
+                "p_value": family_wise(found.search, found.rivals[0], k, seed),
                 "refit": term.declared,
                 "left_out_gain": float(left_out.sum()),
                 "runs_improved": [int((left_out > 0).sum()), len(left_out)],
@@ -178,6 +176,11 @@ def remarks(found: Trace, measured: MeasuredSet) -> list[str]:
     """What the reader of the verdict should know, one sentence each."""
     out = []
     joints = measured.robot.joints
+    if not found.follows:
+        out.append(
+            "The measured power does not follow the motion: shifted against each other they fit as well. "
+            "Are power and motion columns of the same recording, in the same order?"
+        )
     if len(found.idle) == len(joints):
         out.append(
             f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: poses and crawling show neither friction nor "

@@ -9,7 +9,6 @@ import numpy as np
 
 from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.samples import Samples
-from energy_opt.diagnose.screen import basis
 
 BLOCK = 0.25  # [s] residuals this far apart count as independent
 DRAWS = 999
@@ -62,28 +61,6 @@ def inflation(f: Fit, samples: Samples) -> float:
     ratio, _ = block_ratio(f.residual, samples, f.count)
     variance = float(np.mean(f.residual**2)) / samples.noise**2
     return max(1.0, ratio / max(variance, 1e-12) if ratio > 1.15 else 1.0)
-
-
-def block_permutation(without: Fit, columns: np.ndarray, samples: Samples, seed: int = 0) -> float:
-    """p-value of a term: how often blocks of the smaller model's residual with random signs are explained as well.
-
-    Args:
-        without: the hypothesis less the term.
-        columns: (N, c) of the term.
-    """
-    rng = np.random.default_rng(seed)
-    q = basis(without.jacobian) if without.jacobian.shape[1] else np.zeros((len(without.residual), 0))
-    apart = columns - q @ (q.T @ columns)
-    own = basis(apart) if np.any(apart) else apart[:, :0]
-    if not own.shape[1]:
-        return 1.0
-    residual = without.residual - q @ (q.T @ without.residual)
-    parts = blocks(samples)
-    sums = np.stack([own[b].T @ residual[b] for b in parts])  # (B, c)
-    seen = float(np.sum(sums.sum(axis=0) ** 2))
-    signs = rng.choice([-1.0, 1.0], (DRAWS, len(parts)))
-    drawn = np.sum((signs @ sums) ** 2, axis=1)
-    return float((1 + np.sum(drawn >= seen)) / (DRAWS + 1))
 
 
 def left_out_loss(f: Fit, samples: Samples) -> np.ndarray:

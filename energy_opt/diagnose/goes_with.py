@@ -23,7 +23,7 @@ MOST = 8
 
 def goes_with(found: Trace, joints: Sequence[str]) -> list[dict[str, Any]]:
     """Signals that the accepted hypothesis' residual follows, strongest first; empty where only noise is left."""
-    if not (found.left.structured or found.best.extras):
+    if not found.follows or not (found.left.structured or found.best.extras):
         return []
     f, samples = found.accepted, found.search.samples
     open_part = max(float(f.residual @ f.residual) - len(f.residual) * samples.noise**2, 1e-9)

@@ -188,6 +188,11 @@ def sprung_joints(current: Fit, candidate: Candidate, samples: Samples) -> Candi
     return _columns(candidate, sorted(chosen), n)
 
 
+def single_springs(candidate: Candidate, n: int) -> list[Candidate]:
+    """The candidate with one joint's spring at a time."""
+    return [_columns(candidate, [j], n) for j in range(n)]
+
+
 def _columns(spring: Candidate, joints: list[int], n: int) -> Candidate:
     rows = [*joints, *(n + j for j in joints)]
     term = spring.term.with_joints(tuple(joints))

@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from energy_opt.diagnose.claims import claimed
 from energy_opt.diagnose.evidence import Leftover, inflation, leftover
 from energy_opt.diagnose.fit import Fit
+from energy_opt.diagnose.follows import follows
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples, weighted
 from energy_opt.diagnose.search import Search, search
@@ -32,6 +34,7 @@ class Trace:
         accepted: the hypothesis whose effects are claimed.
         verdict: see CONTRACT.md. rivals: hypotheses that fit equally well, the accepted one first.
         left: what `accepted` leaves. idle: joints (indices) that never move.
+        follows: False where the measured power does not go with the motion, so that nothing can be claimed.
     """
 
     search: Search
@@ -42,6 +45,7 @@ class Trace:
     rivals: tuple[Fit, ...]
     left: Leftover
     idle: tuple[int, ...]
+    follows: bool = True
 
 
 def excited(samples: Samples, limits: Limits) -> np.ndarray:
@@ -64,7 +68,13 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
         declared: the owner's model.
         moving: (n,) True for the joints that the set excites, see `excited`.
     """
-    samples = weighted(samples, predict(declared, samples).reading)
+    now = predict(declared, samples)
+    samples = weighted(samples, now.reading)
+    idle = tuple(int(j) for j in np.flatnonzero(~moving))
+    if not follows(samples, now):
+        found = Search(samples, declared)
+        root = found.hypothesis((), [], ())
+        return Trace(found, root, root, root, "unexplained", (root,), leftover(root, root, samples), idle, False)
     found = search(samples, declared)
     root = found.hypothesis((), [], ())
     best = _refine(found, found.ranked()[0])
@@ -72,15 +82,14 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
     if found.inflation > 1:
         found.looked.clear()
         best = _refine(found, found.ranked()[0])
-    idle = tuple(int(j) for j in np.flatnonzero(~moving))
     listed = _listed(found, best)
     left = leftover(best, root, samples)
     if best.extras or left.structured:
-        accepted = _kept(found, root, best, listed)
+        accepted = claimed(found, _kept(found, root, best, listed))
         verdict = "unexplained"
         rivals: tuple[Fit, ...] = (accepted,)
     else:
-        accepted = listed
+        accepted = claimed(found, listed)
         rivals = _rivals(found, accepted)
         simpler = [f for f in rivals if set(f.names) < set(accepted.names)]
         if simpler:  # the data do not insist on more

@@ -1,0 +1,57 @@
+"""Does the measured power follow the motion at all?
+
+Work that an arm does passes through its meter, so the power of a moving arm must go with torque times speed, sooner or
+later. Where power and motion belong to different recordings, or a column was mixed up, it does not, and whatever is
+fitted then is an accident. Motion and power are shifted against each other within each run, by random times and round
+its end: where the true alignment explains the power no better than such shifts do, it does not follow.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from energy_opt.diagnose.predict import Prediction
+from energy_opt.diagnose.samples import Samples
+
+LAGS = (-0.2, 0.0, 0.2, 0.5)  # [s] by which a meter may lag
+SHIFTS = 199
+RATE = 0.01
+SHOWN = 0.5  # of the meter's noise: mechanical power that varies less cannot be expected to show
+
+
+def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
+    """False where the power goes with the motion no better than by chance.
+
+    Args:
+        now: the declared model at the samples; its mechanical power and its reading are what the power must go with.
+    """
+    mechanical = np.einsum("nj,nj->n", now.tau, samples.v)
+    columns = _centred(np.column_stack([mechanical, np.sum(now.tau**2, axis=1), now.reading]), samples)
+    if np.std(columns[:, 0]) < SHOWN * samples.noise:
+        return True
+    lagged = np.column_stack([_shifted(columns, samples, lag) for lag in LAGS])
+    u, s, _ = np.linalg.svd(lagged / np.maximum(np.linalg.norm(lagged, axis=0), 1e-12), full_matrices=False)
+    u = u[:, s > 1e-6 * s[0]]
+    power = _centred(samples.power[:, None], samples)[:, 0]
+    seen = float(np.sum((u.T @ power) ** 2))
+    rng = np.random.default_rng(seed)
+    by_chance = 0
+    for _ in range(SHIFTS):
+        turned = np.concatenate([np.roll(power[s], rng.integers(0, s.stop - s.start)) for s in samples.slices])
+        by_chance += float(np.sum((u.T @ turned) ** 2)) >= seen
+    return (1 + by_chance) / (SHIFTS + 1) <= RATE
+
+
+def _centred(x: np.ndarray, samples: Samples) -> np.ndarray:
+    """Columns (N, c) less their mean in each run."""
+    return np.concatenate([x[s] - x[s].mean(axis=0) for s in samples.slices])
+
+
+def _shifted(x: np.ndarray, samples: Samples, lag: float) -> np.ndarray:
+    """Columns (N, c) as they were `lag` seconds before, the ends of each run held."""
+    out = np.empty_like(x)
+    for s in samples.slices:
+        t = samples.t[s]
+        for k in range(x.shape[1]):
+            out[s, k] = np.interp(t - lag, t, x[s, k])
+    return out

@@ -1,6 +1,6 @@
 """Batches: does a second worker pay, and does memory stay flat?
 
-    python benchmarks/batch.py [--moves 2000]
+    python benchmarks/batch.py [--moves 2000] [--reshaped 400]
 
 Speed: the same moves with one and with two workers, alternating, in one run; the ratio of moves per second, start of
 the workers included, of the better of each. Where other work fills the cores that ratio means nothing; beside it
@@ -89,20 +89,21 @@ def memory(folder: Path, moves: int, mode: str) -> dict[str, Any]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--moves", type=int, default=2000, help="moves of the memory run (2000)")
+    parser.add_argument("--moves", type=int, default=2000, help="retimed moves of the memory run (2000)")
+    parser.add_argument("--reshaped", type=int, default=400, help="reshaped moves of the memory run (400)")
     parser.add_argument("--speed-moves", type=int, default=40, help="moves of the speed run (40)")
     parser.add_argument("--rounds", type=int, default=2, help="rounds of the speed run (2)")
     args = parser.parse_args()
-    if args.moves < 2 * WARM_UP:
-        parser.error(f"--moves: at least {2 * WARM_UP}")
+    if min(args.moves, args.reshaped) < 2 * WARM_UP:
+        parser.error(f"--moves, --reshaped: at least {2 * WARM_UP}")
     held = True
     show({"cores": len(os.sched_getaffinity(0)), "load": os.getloadavg()[0]})
     with tempfile.TemporaryDirectory() as name:
         speed = speedup(Path(name), args.speed_moves, args.rounds)
         show({"speedup": speed})
         held &= speed["ratio"] >= SPEEDUP
-        for mode in ("retime", "reshape"):
-            size = memory(Path(name), args.moves, mode)
+        for mode, moves in (("retime", args.moves), ("reshape", args.reshaped)):
+            size = memory(Path(name), moves, mode)
             show({"memory": size})
             held &= 1 - DRIFT <= size["least"] <= size["most"] <= 1 + DRIFT
     return 0 if held else 1

@@ -148,15 +148,21 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     if not values.size or not np.isfinite(values).all():
         for k, row in body:
             for name, cell in zip(header, row, strict=True):
-                _number(path, k, name, cell)
+                finite_number(cell, f"{path}: row {k}, column {name}")
     return {name: values[:, c] for c, name in enumerate(header)}
 
 
-def _number(path: Path, row: int, column: str, cell: str) -> float:
+def finite_number(word: str, where: str, expected: str = "") -> float:
+    """A word as a finite number.
+
+    Raises:
+        BadInput: it is none; the line begins with `where` and ends with what was `expected`.
+    """
+    tail = f"; expected {expected}" if expected else ""
     try:
-        value = float(cell)
+        value = float(word)
     except ValueError:
-        raise BadInput(f"{path}: row {row}, column {column}: {cell!r} is not a number") from None
+        raise BadInput(f"{where}: {word!r} is not a number{tail}") from None
     if not math.isfinite(value):
-        raise BadInput(f"{path}: row {row}, column {column}: {cell!r} is not finite")
+        raise BadInput(f"{where}: {word!r} is not finite{tail}")
     return value

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energy_opt.errors import BadInput
+from energy_opt.files import finite_number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,7 +74,7 @@ def load_robot_of(args: argparse.Namespace) -> Robot:
     lock = {}
     for word in args.lock:
         name, _, value = word.partition("=")
-        lock[name] = _number(value, f"--lock {word}", "JOINT=VALUE")
+        lock[name] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
     return load_robot(args.robot, limits=args.limits, lock=lock)
 
 
@@ -94,7 +95,7 @@ def payload_from(word: str) -> Effect:
     """A payload from MASS or MASS,CX,CY,CZ."""
     from energy_opt.effects import Payload
 
-    numbers = [_number(part, f"--payload {word}", "MASS or MASS,CX,CY,CZ") for part in word.split(",")]
+    numbers = [finite_number(part, f"--payload {word}", "MASS or MASS,CX,CY,CZ") for part in word.split(",")]
     if len(numbers) not in (1, 4):
         raise BadInput(f"--payload {word}: {len(numbers)} numbers; expected MASS or MASS,CX,CY,CZ")
     return Payload(mass=numbers[0], com=numbers[1:] or [0.0, 0.0, 0.0])
@@ -113,26 +114,14 @@ def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
                 raise BadInput(f"{option}: unknown joint {name.strip()!r}; joints are {', '.join(joints)}")
             if name.strip() in given:
                 raise BadInput(f"{option}: joint {name.strip()} stands there twice")
-            given[name.strip()] = _number(value, f"{option} {part}", "name=value")
+            given[name.strip()] = finite_number(value, f"{option} {part}", "name=value")
         missing = [joint for joint in joints if joint not in given]
         if missing:
             raise BadInput(f"{option}: no value for {', '.join(missing)}")
         return np.array([given[joint] for joint in joints])
     if len(parts) != len(joints):
         raise BadInput(f"{option}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
-    return np.array([_number(part, f"{option} {text}", "numbers [rad]") for part in parts])
-
-
-def _number(word: str, where: str, expected: str) -> float:
-    import math
-
-    try:
-        value = float(word)
-    except ValueError:
-        raise BadInput(f"{where}: {word!r} is not a number; expected {expected}") from None
-    if not math.isfinite(value):
-        raise BadInput(f"{where}: {word!r} is not finite; expected {expected}")
-    return value
+    return np.array([finite_number(part, f"{option} {text}", "numbers [rad]") for part in parts])
 
 
 def move_of(

@@ -79,8 +79,9 @@ def diagnose(measured: MeasuredSet, declared: PowerModel, seed: int = 0) -> Diag
         },
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
         "next_motion": None,
-        "remarks": remarks(found, measured),
+        "remarks": remarks(found, measured, declared),
         "evidence": evidence_rows(found),
+        "candidates": candidate_rows(found),
         "false_positive_rate": RATE,
         "robot": measured.robot.name,
         "joints": list(measured.robot.joints),
@@ -172,10 +173,28 @@ def evidence_rows(found: Trace, most: int = 15) -> list[dict[str, Any]]:
     return rows
 
 
-def remarks(found: Trace, measured: MeasuredSet) -> list[str]:
+def candidate_rows(found: Trace) -> list[dict[str, Any]]:
+    """Every effect that might be added: its linearised gain less its price, alone and beside the accepted ones.
+
+    Positive is worth more than it costs; the strongest alone come first. None where the effect is accepted already.
+    """
+    if not found.follows:
+        return []
+    alone: dict[str, float] = {}
+    beside: dict[str, float] = {}
+    for base, best in ((found.root, alone), (found.accepted, beside)):
+        for value, candidate, _ in found.search.proposals(base):
+            best.setdefault(candidate.term.name, value)
+    rows = [{"name": name, "alone": value, "beside_accepted": beside.get(name)} for name, value in alone.items()]
+    return sorted(rows, key=lambda row: -row["alone"])
+
+
+def remarks(found: Trace, measured: MeasuredSet, declared: PowerModel) -> list[str]:
     """What the reader of the verdict should know, one sentence each."""
     out = []
     joints = measured.robot.joints
+    if declared.robot and declared.robot != measured.robot.name:
+        out.append(f"The declared model was written for {declared.robot!r}, the set says {measured.robot.name!r}.")
     if not found.follows:
         out.append(
             "The measured power does not follow the motion: shifted against each other they fit as well. "

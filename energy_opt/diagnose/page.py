@@ -59,7 +59,16 @@ def page(result: Diagnosis) -> Report:
     report.picture(_power(result))
     report.section("Evidence for each candidate")
     report.text(
-        "Loss is the sum of squared residuals over the meter's noise; the score adds the price of free numbers."
+        "By how much each effect, added to the declared model or to the accepted effects, lowers the loss beyond what "
+        "its numbers cost (linearised; above 0 it is worth trying)."
+    )
+    report.table(
+        ["effect", "alone", "beside the accepted"],
+        [[row["name"], row["alone"], row["beside_accepted"]] for row in d["candidates"]],
+    )
+    report.text(
+        "Hypotheses that were fitted, best first. Loss is the sum of squared residuals over the meter's noise; the "
+        "score adds the price of free numbers."
     )
     report.table(
         ["effects", "structures outside the table", "numbers", "loss per sample", "score"],

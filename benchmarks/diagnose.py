@@ -4,7 +4,7 @@
         [--report report.html]
 
 `--sets 1` makes every single effect once on every arm, 40 pairs, 200 clean sets, every special twice on every arm and
-the weak sets; smaller numbers make proportionally fewer. A crash counts as a miss.
+the weak sets and four long ones; smaller numbers make proportionally fewer. A crash counts as a miss.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ from energy_opt.virtual_arm.specials import SPECIALS
 
 NAMES = [e.name for e in ALL_EFFECTS if e.name not in ("standby", "copper_loss")]
 FEW = 300
+LONG_RUNS = 20  # of about 6 s at 125 Hz: the set that must not take longer than 20 s
+LONG = [("payload", "viscous_friction"), ("coulomb_friction",), ("armature", "meter_delay"), ()]
 SAME = [{"supply_efficiency", "meter_gain"}]
 
 
@@ -52,6 +54,7 @@ class Job:
     specials: tuple[str, ...]
     weak: str
     seed: int
+    motions: int = 9
 
 
 def jobs(arms: list[str], share: float, seed: int) -> Iterator[Job]:
@@ -84,6 +87,8 @@ def jobs(arms: list[str], share: float, seed: int) -> Iterator[Job]:
     ]
     for k, (kind, name) in enumerate(weak[: some(len(weak))]):
         yield Job("weak", arms[k % len(arms)], (name,), (), kind, next(number))
+    for k, names in enumerate(LONG[: some(len(LONG))]):
+        yield Job("long", arms[k % len(arms)], names, (), "", next(number), LONG_RUNS)
 
 
 def run(job: Job) -> dict[str, Any]:
@@ -91,7 +96,8 @@ def run(job: Job) -> dict[str, Any]:
     row: dict[str, Any] = {**job.__dict__, "verdict": "crash", "named": [], "alternatives": [], "right": False}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "set"
-        made = make_set(folder, job.arm, job.effects, job.specials, seed=job.seed, weak=job.weak)  # type: ignore[arg-type]
+        size = {"motions": job.motions, "poses": 6 if job.motions < LONG_RUNS else 0}
+        made = make_set(folder, job.arm, job.effects, job.specials, seed=job.seed, weak=job.weak, **size)  # type: ignore[arg-type]
         begun = time.process_time()
         try:
             result = diagnose(read_set(folder, made.robot), made.declared)
@@ -195,7 +201,7 @@ def targets(rows: list[dict[str, Any]]) -> list[Target]:
 
     ratios = [row["ratio"] for row in rows if "ratio" in row]
     inside = [x for row in rows for x in row.get("inside", [])]
-    seconds = [row["seconds"] for row in rows if "seconds" in row]
+    seconds = [row["seconds"] for row in rows if "seconds" in row and row["category"] == "long"]
     out = [
         share("one undeclared effect, named exactly", ">= 90 %", "single", right, 0.9),
         share("two undeclared effects, both named", ">= 75 %", "double", right, 0.75),
@@ -218,7 +224,7 @@ def targets(rows: list[dict[str, Any]]) -> list[Target]:
         )
     if seconds:
         reached = f"{np.median(seconds):.1f} / {max(seconds):.1f}"
-        out.append(Target("CPU seconds per set, median / worst", "<= 20", reached, max(seconds) <= 20))
+        out.append(Target("20 runs of 6 s: CPU seconds, median / worst", "<= 20", reached, max(seconds) <= 20))
     return out
 
 

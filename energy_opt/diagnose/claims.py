@@ -58,11 +58,20 @@ def left_out_gain(found: Search, f: Fit, index: int) -> np.ndarray:
     return left_out_loss(found.without(f, index), found.samples) - left_out_loss(f, found.samples)
 
 
+def helps(gained: np.ndarray) -> bool:
+    """Does a term help with most of the runs (R,) that it touches at all?
+
+    Runs count, not their losses: where only one run moves a joint, the others cannot foresee that run.
+    """
+    touched = gained[np.abs(gained) > 1e-6]
+    return bool(len(touched)) and float(np.median(touched)) > 0
+
+
 def claimed(found: Search, f: Fit) -> Fit:
     """`f` less the effects that chance might explain or that do not help with runs left out, the weakest first."""
     while f.terms:
         p = [family_wise(found, f, k) for k in range(len(f.terms))]
-        doubted = [x if left_out_gain(found, f, k).sum() > 0 else 1.0 for k, x in enumerate(p)]
+        doubted = [x if helps(left_out_gain(found, f, k)) else 1.0 for k, x in enumerate(p)]
         if max(doubted) <= RATE:
             break
         f = found.polish(found.without(f, int(np.argmax(doubted))))

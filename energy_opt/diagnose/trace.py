@@ -98,6 +98,8 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
         verdict = "explained" if accepted.terms else "nothing_missing"
         if len(rivals) > 1:
             verdict = "ambiguous"
+        if accepted.terms != listed.terms and leftover(accepted, root, samples).structured:
+            verdict = "unexplained"  # what there is cannot be claimed
     if idle:
         verdict = "insufficient" if verdict != "ambiguous" else verdict
     return Trace(

@@ -1,5 +1,6 @@
 """Retiming: against closed forms, an independent cone program, symmetries and limits; bounds that can be trusted."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,9 +24,12 @@ from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime import RetimeSolution, retime
 from energy_opt.motion.retime_bound import largest_price
 from energy_opt.motion.retime_grid import lift, quadrature
+from energy_opt.motion.retime_law import PathLaw
 from energy_opt.motion.retime_limits import point_numbers
-from energy_opt.motion.retime_problem import Move, parameters, program
-from energy_opt.motion.retime_terms import compressed, compressed_terms, general_terms, law_function
+from energy_opt.motion.retime_points import Jerk, Torque
+from energy_opt.motion.retime_problem import Program
+from energy_opt.motion.retime_rows import CurvedRows, LinearRows, Rows
+from energy_opt.motion.retime_terms import compressed, law_function
 from energy_opt.motion.score import Scorer
 from energy_opt.motion.timing import fastest
 from energy_opt.motion.timing_law import Timing, greville
@@ -243,39 +247,44 @@ def test_a_clamped_law_is_not_compressed(panda: Robot, model: PowerModel) -> Non
 
 @pytest.mark.parametrize("general", [False, True])
 def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bool) -> None:
+    """Cost, time, torque and jerk rows against central differences."""
     knots = np.linspace(0, 1, 12)
     grid = quadrature(knots, (True, True))
-    m = len(grid.s)
-    d = PathDynamics(panda, model, straight(START, GOAL), grid.s)
-    numbers, law = point_numbers(d, np.zeros(m)), np.append(model.values(7), [1.3, 1.0])
-    if general:
-        terms, at, shared = general_terms(SharedByStructure(model), 7), numbers, law
-    else:
-        found = compressed(SharedByStructure(model), 7, numbers, law)
-        assert found is not None
-        terms, at, shared = compressed_terms(), found, np.zeros(0)
-    whole = program(grid, terms)
+    path = through(np.array([START, MIDDLE, GOAL]))
+    d = PathDynamics(panda, model, path, grid.s)
+    rough = (ViscousFriction(b=4.0), Regeneration(efficiency=0.2)) if general else ()
+    law = PathLaw.of(PowerModel("panda", (*model.effects, *rough)), d, 1.3, np.zeros(len(grid.s)))
+    assert (law.coefficients is None) == general
+    at, several = lift(knots, grid.s), lift(knots, np.array([0.1, 0.52, 0.97]), "abw")
+    shared_by = SharedByStructure(law.model)
+    places = np.array([1, 7, 20])
+    numbers, values = point_numbers(d, np.zeros(len(grid.s)))[:, places], np.append(law.model.values(7), [1.3, 1.0])
+    torque = Torque.of(shared_by, numbers, values, np.full((3, 7), 0.02))
+    factors = np.random.default_rng(5).normal(size=(3, 3))
+    linear = LinearRows(at.part(places), *np.random.default_rng(6).normal(size=(3, 3)), np.ones(3))
+    curved = CurvedRows(at.part(places), torque, 7), CurvedRows(several, Jerk(factors), 1)
+    cost = law.cost(grid.weight, 1.3, 0.01, -0.3, 4.0)
+    whole = Program(at, grid.weight, cost, np.array([0.02, 0.3]), 0.8, Rows(linear, curved))
     g = greville(knots)[1:-1]
     x = 4 * g * (1 - g) + 0.05
-    one = np.ones_like(x)
-    move = Move(at, np.append(shared, [0.01, -0.3]), np.zeros(2), 0 * one, 2 * one, 2 * one, 1.0)
-    _, slope, _, time_slope = whole.evaluate(move, x)
+    multipliers = np.random.default_rng(7).normal(size=1 + whole.rows_held.count)
     step = 1e-6
-    for k in (0, 5, len(x) - 1):
-        unit = step * np.eye(len(x))[k]
-        up, down = whole.evaluate(move, x + unit), whole.evaluate(move, x - unit)
-        assert (up[0] - down[0]) / (2 * step) == pytest.approx(slope[k], rel=1e-5, abs=1e-8)
-        assert (up[2] - down[2]) / (2 * step) == pytest.approx(time_slope[k], rel=1e-5, abs=1e-8)
-    from energy_opt.motion.retime_rows import Rows
 
-    solver = whole.solver(Rows(), move.ends)
-    curvature = solver.get_function("nlp_hess_l")
-    hessian = np.array(ca.triu2symm(curvature(x, parameters(move), 1.0, 0.7)))
-    for k in (0, 5, len(x) - 1):
-        unit = step * np.eye(len(x))[k]
-        up, down = whole.evaluate(move, x + unit), whole.evaluate(move, x - unit)
-        column = (up[1] - down[1] + 0.7 * (up[3] - down[3])) / (2 * step)
-        assert column == pytest.approx(hessian[:, k], rel=1e-4, abs=1e-5 * np.abs(hessian).max())
+    def differences(of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        return np.stack([(of(x + step * e) - of(x - step * e)) / (2 * step) for e in np.eye(len(x))], axis=-1)
+
+    def dense(pattern: ca.Sparsity, values: np.ndarray) -> np.ndarray:
+        return np.array(ca.DM(pattern, ca.DM(values)))
+
+    def gradient(x: np.ndarray) -> np.ndarray:
+        return 0.6 * whole.gradient(x) + dense(whole.jacobian_pattern, whole.jacobian(x)).T @ multipliers
+
+    assert differences(lambda x: np.array(whole.cost(x))) == pytest.approx(whole.gradient(x), rel=1e-5, abs=1e-7)
+    jacobian = dense(whole.jacobian_pattern, whole.jacobian(x))
+    assert differences(whole.rows) == pytest.approx(jacobian, rel=1e-5, abs=1e-7)
+    hessian = dense(whole.hessian_pattern, whole.hessian(x, 0.6, multipliers))
+    whole_hessian = hessian + np.triu(hessian, 1).T
+    assert differences(gradient) == pytest.approx(whole_hessian, rel=1e-4, abs=1e-5 * np.abs(hessian).max())
 
 
 @pytest.mark.parametrize("share", [1.2, 1.5, 2.5])

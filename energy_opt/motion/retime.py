@@ -31,8 +31,11 @@ from energy_opt.robot import Limits, Robot
 
 LONGEST = 50.0  # a free duration ends at this many times the shortest one
 GLOBAL_GAP = 0.25  # [%] an answer with a bound closer than this is called the global optimum
+USELESS = 1.0  # share of the energy: a bound farther away than this says nothing and is not reported
 USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
 FLOOR = 1e-6  # least b, as a share of the start's largest
+PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
+LOOSE = 1e-5  # tolerance of a solve for a bound, which holds whatever the tolerance
 CORRECTIONS = 4  # of a duration that the grid does not resolve
 HELD = 3e-7  # of a bound beyond the tighter one that the program is held to
 CREEP = 1e-2  # the same where creeping pays: slower than a tenth of the top speed is not resolved by the grid
@@ -81,6 +84,13 @@ class _Plan:
     bound: float | None
     converged: bool
     message: str = ""
+
+    @property
+    def gap(self) -> float:
+        """How far the bound is below, as a share of the energy; infinite without one."""
+        if self.bound is None or np.isinf(self.energy):
+            return np.inf
+        return (self.energy - self.bound) / max(abs(self.energy), 1e-12)
 
 
 def retime(
@@ -154,7 +164,7 @@ def _free(work: Retiming, start: Timing, longest: float | None) -> _Plan:
     cap = LONGEST * work.shortest.duration if longest is None else longest
     found = _best(work, start, price=0.0, longest=cap, floor=FLOOR)
     if not found.solved:
-        return _given_up(work, start, found)
+        return _given_up(work, start, f"the solver stopped with {found.status}")
     message = ""
     if longest is None and found.timing.duration > cap * (1 - 1e-3):
         message = f"the energy still falls with the duration, which was held at {LONGEST:g} times the shortest one"
@@ -163,29 +173,44 @@ def _free(work: Retiming, start: Timing, longest: float | None) -> _Plan:
 
 def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
     """Exactly `duration` seconds; see the module's text."""
-    price, bound = work.convex_price(), None
-    if work.convex:
-        found = work.optimise(start, price=price, longest=duration, floor=FLOOR)
-        bound = None if found.bound is None else found.bound + price * duration
-        if found.solved and abs(found.timing.duration / duration - 1) <= USED_UP:
-            return _Plan(_exactly(found.timing, duration), found.energy, bound, True)
+    price = work.convex_price()
+    best = _equality(work, start, price, duration)
+    if work.convex and best.gap > PROVED:
+        near = best.timing if best.converged else start
+        relaxed = work.optimise(near, price=price, longest=duration, floor=FLOOR, tolerance=LOOSE)
+        if relaxed.bound is not None:
+            below = relaxed.bound + price * duration
+            best = replace(best, bound=below if best.bound is None else max(below, best.bound))
+        if relaxed.solved:
+            other = _Plan(_exactly(relaxed.timing, duration), relaxed.energy, best.bound, True)
+            if abs(relaxed.timing.duration / duration - 1) > USED_UP:
+                far = best.bound is not None and best.gap > GLOBAL_GAP / 100
+                other = _equality(work, other.timing, price, duration) if far else best
+            if other.energy < best.energy:
+                best = replace(other, bound=best.bound)
+    slowed = _given_up(work, start, best.message, best.bound)
+    if np.isinf(best.energy):
+        return slowed
+    if all(work.rest) and slowed.energy < best.energy:
+        return replace(slowed, converged=best.converged)
+    message = "" if best.converged else f"{best.message}, at a timing that holds all limits"
+    return replace(best, converged=True, message=message)
+
+
+def _equality(work: Retiming, start: Timing, price: float, duration: float) -> _Plan:
+    """Minimum energy in exactly `duration` seconds, from `start`; of infinite energy where limits do not hold."""
     found = _best(work, start, price=price, longest=duration, floor=CREEP, exactly=True)
-    slowed = _given_up(work, start, found, bound)
-    timing, nearer = _exactly(found.timing, duration), duration
+    bound = None if found.bound is None else found.bound + price * duration
+    timing, nearer = _stretched(work, found.timing, duration), duration
     for _ in range(CORRECTIONS):  # creeping is not resolved by the grid: its durations are a little off the true ones
         if not found.solved or work.limits.worst(timing.control).excess <= HELD:
             break
         nearer *= (1 - 1e-7) * duration / found.timing.duration
         found = work.optimise(found.timing, price=price, longest=nearer, floor=CREEP, exactly=True)
-        timing = _exactly(found.timing, duration)
+        timing = _stretched(work, found.timing, duration)
     inside = work.limits.worst(timing.control).excess <= HELD
-    if not found.solved and not inside:
-        return slowed
-    energy = work.energy(timing)
-    if all(work.rest) and slowed.energy < energy:
-        return replace(slowed, converged=found.solved)
-    message = "" if found.solved else f"the solver stopped with {found.status}, at a timing that holds all limits"
-    return _Plan(timing, energy, bound, True, message)
+    energy = work.energy(timing) if inside else np.inf
+    return _Plan(timing, energy, bound, found.solved, f"the solver stopped with {found.status}")
 
 
 def _best(
@@ -208,32 +233,46 @@ def _best(
     return found
 
 
-def _given_up(work: Retiming, start: Timing, found: Solved, bound: float | None = None) -> _Plan:
+def _given_up(work: Retiming, start: Timing, reason: str, bound: float | None = None) -> _Plan:
     """The start, which is feasible: TOPP-RA's timing, slowed. No failure where the bound proves it good enough."""
-    energy = work.energy(start)
-    if bound is not None and energy - bound <= GLOBAL_GAP / 100 * abs(energy):
-        return _Plan(start, energy, bound, True)
-    message = f"the solver stopped with {found.status}: this is the minimum-time timing, slowed evenly"
-    return _Plan(start, energy, bound, False, message)
+    plan = _Plan(start, work.energy(start), bound, True)
+    if plan.gap <= GLOBAL_GAP / 100:
+        return plan
+    return replace(plan, converged=False, message=f"{reason}: this is the minimum-time timing, slowed evenly")
 
 
-def _exactly(timing: Timing, duration: float) -> Timing:
-    """The timing stretched a little so that it takes `duration`, its end speeds kept."""
+def _stretched(work: Retiming, timing: Timing, duration: float) -> Timing:
+    """The timing stretched a little so that it takes `duration`: where no limit is near, if that will do."""
+    evenly = _exactly(timing, duration)
+    if work.limits.worst(evenly.control).excess <= HELD:
+        return evenly
+    loose = work.limits.loose(timing.control)
+    locally = _exactly(timing, duration, loose) if loose.any() else evenly
+    return locally if work.limits.worst(locally.control).excess <= HELD else evenly
+
+
+def _exactly(timing: Timing, duration: float, where: np.ndarray | slice = slice(1, -1)) -> Timing:
+    """The timing stretched a little, at the control values `where`, so that it takes `duration`."""
+    pace = np.zeros(len(timing.control))
+    pace[1:-1] = 1 / np.sqrt(timing.control[1:-1])
+    share = pace[where].sum() / pace.sum()  # of the duration, about
     for _ in range(20):
         factor = timing.duration / duration
         if abs(factor - 1) < 1e-13:
             break
         control = timing.control.copy()
-        control[1:-1] *= factor**2
+        control[where] *= factor ** (2 / share)
         timing = replace(timing, control=control)
     return timing
 
 
 def _solution(work: Retiming, plan: _Plan, shortest: Timing) -> RetimeSolution:
     bound, gap, kind = plan.bound, None, "local"
+    if bound is not None and plan.gap > USELESS:
+        bound = None
     if bound is not None:
         bound = min(bound, plan.energy)
-        gap = 100 * (plan.energy - bound) / max(abs(plan.energy), 1e-12)
+        gap = 100 * replace(plan, bound=bound).gap
         kind = "global" if gap <= GLOBAL_GAP else "local"
     s = work.grid.s
     return RetimeSolution(

@@ -14,8 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from energy_opt.motion.retime_problem import Answer, Move, Program
-from energy_opt.motion.retime_rows import Rows
+from energy_opt.motion.retime_problem import Program
 
 
 def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
@@ -40,20 +39,24 @@ def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
     return float((r0 + (r2 * at**2 - r1 * at / 3).min(axis=0)).min())
 
 
-def lower_bound(program: Program, move: Move, answer: Answer, rows: Rows) -> float:
+def lower_bound(program: Program, x: np.ndarray, multipliers: np.ndarray, allowed: np.ndarray) -> float:
     """A number that the cost of no feasible timing on the grid is below, for a convex cost and linear rows.
 
-    The Lagrangian at the multipliers found (of the right signs) is convex, hence nowhere below its tangent at the
-    answer; the tangent's least value over 0 <= control <= allowed is taken. Nothing is assumed of the multipliers but
-    their signs: wrong ones give a lower, still valid bound.
+    The Lagrangian at the multipliers found (of the right signs) is convex, hence nowhere below its tangent at x; the
+    tangent's least value over 0 <= control <= allowed is taken. Nothing is assumed of x and the multipliers but their
+    signs: wrong ones give a lower, still valid bound.
+
+    Args:
+        x: (N,) free control values.
+        multipliers: of T / T_ref and of the rows.
+        allowed: (N,) what the true velocity limits would allow in place of the program's bounds.
     """
-    cost, slope, time, time_slope = program.evaluate(move, answer.x)
-    of_time = max(answer.of_time, 0.0)
-    value = cost + of_time * (time / move.duration - 1)
-    slope = slope + of_time * time_slope / move.duration
-    if rows.linear is not None:
-        matrix, constant = rows.linear.matrix(move.ends)
-        g = np.array(matrix @ answer.x).ravel() + constant
-        value += float(answer.of_rows @ g - np.abs(answer.of_rows) @ rows.linear.allowed)
-        slope = slope + np.array(matrix.T @ answer.of_rows).ravel()
-    return value + float(np.minimum(-slope * answer.x, slope * (move.allowed - answer.x)).sum())
+    here = program.at(x)
+    of_time, of_rows = max(float(multipliers[0]), 0.0), multipliers[1:]
+    value = here.cost + of_time * (here.time - 1)
+    slope = here.slope + of_time * here.time_slope
+    linear = program.rows_held.linear
+    if linear is not None:
+        value += float(of_rows @ linear.values(program.control(x)) - np.abs(of_rows) @ linear.allowed)
+        slope = slope + linear.pulled(of_rows)
+    return value + float(np.minimum(-slope * x, slope * (allowed - x)).sum())

@@ -9,10 +9,11 @@ sqrt(s) (from the other end, sqrt(1 - s)), and the first interval at such an end
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import coo_array, csr_array
 
 from energy_opt.motion.timing_law import Basis, basis
 
@@ -61,8 +62,35 @@ def quadrature(knots: np.ndarray, rest: tuple[bool, bool]) -> Grid:
 
 
 @dataclass(frozen=True)
+class Band:
+    """Symmetric matrices (N, N) in which only entries at most two off the diagonal are not zero.
+
+    Three neighbouring control values meet in every interval, so the Hessian of any sum over points is of this form. It
+    is kept as its upper triangle (3 N,), entry (i, j) at 3 j + 2 - (j - i), of which three places lie outside.
+    """
+
+    count: int
+
+    @cached_property
+    def inside(self) -> np.ndarray:
+        """The places (3 N - 3,) that lie inside, column by column."""
+        place = np.arange(3 * self.count)
+        return place[place // 3 + place % 3 >= 2]
+
+    @cached_property
+    def pattern(self) -> ca.Sparsity:
+        """The upper triangle's sparsity."""
+        column = self.inside // 3
+        starts = np.searchsorted(column, np.arange(self.count + 1))
+        return ca.Sparsity(self.count, self.count, starts.tolist(), (column + self.inside % 3 - 2).tolist())
+
+
+PAIRS = tuple((p, q) for q in range(3) for p in range(q + 1))  # of the three control values that meet at a point
+
+
+@dataclass(frozen=True)
 class Lift:
-    """Point quantities z (d, M), such as (a, b) at every point, as linear maps of the free control values (N,).
+    """Point quantities z (d, M), such as (a, b) at every point, as linear maps of the control values.
 
     Attributes:
         first: (M,) the first of the three control values (ends included) that a point depends on.
@@ -79,72 +107,68 @@ class Lift:
         """From the B-spline's basis; `kinds` is "ab" or "abw"."""
         return cls(at.first, np.stack([getattr(at, kind) for kind in kinds]), count)
 
+    def part(self, places: np.ndarray) -> Lift:
+        """The maps to some of the points."""
+        return Lift(self.first[places], self.maps[:, places], self.count)
+
+    @cached_property
+    def touched(self) -> np.ndarray:
+        """(M, 3) the control values that each point depends on."""
+        return self.first[:, None] + np.arange(3)
+
+    @cached_property
+    def _matrix(self) -> csr_array:
+        """(d M, count) from control values to vec(z)."""
+        d, m, _ = self.maps.shape
+        starts = 3 * np.arange(d * m + 1)
+        columns = np.broadcast_to(self.touched, (d, m, 3)).ravel()
+        return csr_array((self.maps.ravel(), columns, starts), shape=(d * m, self.count))
+
+    @cached_property
+    def _down(self) -> csr_array:
+        """Its transpose, for the free control values only."""
+        return self._matrix[:, 1:-1].T.tocsr()
+
     def values(self, control: np.ndarray) -> np.ndarray:
         """z (d, M) of control values (count,), ends included."""
-        return np.einsum("dmk,mk->dm", self.maps, control[self.first[:, None] + np.arange(3)])
+        return (self._matrix @ control).reshape(len(self.maps), -1)
 
     def pulled(self, gradient: np.ndarray) -> np.ndarray:
-        """Gradient with respect to the free control values, from that with respect to z (d, M)."""
-        out = np.zeros(self.count)
-        np.add.at(out, self.first[:, None] + np.arange(3), np.einsum("dmk,dm->mk", self.maps, gradient))
-        return out[1:-1]
+        """Gradient (N,) with respect to the free control values, from that with respect to z (d, M)."""
+        return self._down @ gradient.ravel()
 
     @cached_property
-    def matrix(self) -> ca.DM:
-        """(d M, N) from free control values to vec(z)."""
+    def _assembly(self) -> csr_array:
+        """(3 N, d (d + 1) / 2 M) from the points' Hessians to the sum of them, in the form of `Band`."""
         d, m, _ = self.maps.shape
-        columns = np.broadcast_to(self.first[:, None] + np.arange(3) - 1, (d, m, 3))
-        rows = np.broadcast_to((np.arange(m) * d)[None, :, None] + np.arange(d)[:, None, None], (d, m, 3))
-        return sparse(rows, columns, self.maps, (d * m, self.count - 2))
+        n = self.count - 2
+        triangle = [(i, j) for j in range(d) for i in range(j + 1)]
+        rows, columns, values = [], [], []
+        for p, q in PAIRS:
+            row, column = self.first + p - 1, self.first + q - 1
+            free = np.flatnonzero((row >= 0) & (column < n))
+            for entry, (i, j) in enumerate(triangle):
+                value = self.maps[i, :, p] * self.maps[j, :, q]
+                if i != j:
+                    value = value + self.maps[j, :, p] * self.maps[i, :, q]
+                rows.append((3 * column + 2 + row - column)[free])
+                columns.append(entry * m + free)
+                values.append(value[free])
+        places = np.concatenate(rows), np.concatenate(columns)
+        return coo_array((np.concatenate(values), places), shape=(3 * n, len(triangle) * m)).tocsr()
 
-    @cached_property
-    def ends(self) -> np.ndarray:
-        """(d M, 2) from the first and last control value to vec(z)."""
-        out = np.zeros((2, self.count))
-        out[0, 0] = out[1, -1] = 1
-        return np.stack([self.values(unit).T.ravel() for unit in out], axis=1)
-
-    @cached_property
-    def curvature(self) -> tuple[ca.Sparsity, ca.DM]:
-        """Pattern of the Hessian's upper triangle (N, N), and the map from (d (d + 1) / 2, M) point Hessians to it.
+    def bent(self, hessians: np.ndarray) -> np.ndarray:
+        """The sum (3 N,), in the form of `Band`, of the points' Hessians (d (d + 1) / 2, M).
 
         A point's Hessian is given by its upper triangle, column by column.
         """
-        d, m, _ = self.maps.shape
-        n = self.count - 2
-        index = self.first[:, None] + np.arange(3) - 1
-        pairs = [(i, j) for j in range(d) for i in range(j + 1)]
-        rows, columns, entries, values = [], [], [], []
-        for entry, (i, j) in enumerate(pairs):
-            for p in range(3):
-                for q in range(p, 3):
-                    value = self.maps[i, :, p] * self.maps[j, :, q]
-                    if i != j:
-                        value = value + self.maps[j, :, p] * self.maps[i, :, q]
-                    keep = (index[:, p] >= 0) & (index[:, q] < n)
-                    rows.append(index[keep, p])
-                    columns.append(index[keep, q])
-                    entries.append(np.flatnonzero(keep) * len(pairs) + entry)
-                    values.append(value[keep])
-        row, column = np.concatenate(rows), np.concatenate(columns)
-        pattern, place = _pattern(row, column, (n, n))
-        assembly = sparse(place, np.concatenate(entries), np.concatenate(values), (pattern.nnz(), len(pairs) * m))
-        return pattern, assembly
+        return self._assembly @ hessians.ravel()
 
-    def rows(self, per_point: int) -> tuple[ca.Sparsity, ca.DM]:
-        """Pattern of the Jacobian (per_point M, N) of `per_point` functions of z at each point, and the map to it.
 
-        The map takes the points' Jacobians (per_point, d), each column by column, one point after the other.
-        """
-        d, m, _ = self.maps.shape
-        n = self.count - 2
-        point, r, p, i = np.meshgrid(np.arange(m), np.arange(per_point), np.arange(3), np.arange(d), indexing="ij")
-        column = self.first[point] + p - 1
-        keep = (column >= 0) & (column < n)
-        point, r, p, i, column = (x[keep] for x in (point, r, p, i, column))
-        pattern, place = _pattern(point * per_point + r, column, (per_point * m, n))
-        source = point * per_point * d + i * per_point + r
-        return pattern, sparse(place, source, self.maps[i, point, p], (pattern.nnz(), per_point * d * m))
+def gathered(first: np.ndarray, entries: np.ndarray, count: int) -> np.ndarray:
+    """The sum over points of entries (M, 3) at control values first (M,) and the next two; the free ones of `count`."""
+    touched = first[:, None] + np.arange(3)
+    return np.bincount(touched.ravel(), entries.ravel(), count)[1:-1]
 
 
 def lift(knots: np.ndarray, s: np.ndarray, kinds: str = "ab", piece: np.ndarray | None = None) -> Lift:
@@ -152,20 +176,11 @@ def lift(knots: np.ndarray, s: np.ndarray, kinds: str = "ab", piece: np.ndarray 
     return Lift.of(basis(knots, s, piece), kinds, len(knots) + 1)
 
 
-def _pattern(rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> tuple[ca.Sparsity, np.ndarray]:
-    """The sparsity pattern of the given places, and each place's position among its non-zeros."""
-    key = columns * shape[0] + rows
-    distinct, place = np.unique(key, return_inverse=True)
-    starts = np.searchsorted(distinct, np.arange(shape[1] + 1) * shape[0])
-    return ca.Sparsity(*shape, starts.tolist(), (distinct % shape[0]).tolist()), place
+@lru_cache(maxsize=8)
+def _kept(knots: bytes, s: bytes) -> Lift:
+    return lift(np.frombuffer(knots), np.frombuffer(s))
 
 
-def sparse(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> ca.DM:
-    """The matrix with the given entries; entries at the same place add up, those outside are dropped."""
-    rows, columns, values = (np.ravel(x) for x in (rows, columns, values))
-    inside = (columns >= 0) & (columns < shape[1])
-    rows, columns, values = rows[inside], columns[inside], values[inside]
-    pattern, place = _pattern(rows, columns, shape)
-    summed = np.zeros(pattern.nnz())
-    np.add.at(summed, place, values)
-    return ca.DM(pattern, ca.DM(summed))
+def kept_lift(knots: np.ndarray, s: np.ndarray) -> Lift:
+    """The maps to (a, b) at the points of a grid; with all that was derived from them, they serve the next move too."""
+    return _kept(knots.tobytes(), s.tobytes())

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure, has_torque_effects
-from energy_opt.motion.retime_grid import Lift, lift
-from energy_opt.motion.retime_rows import CurvedRows, LinearRows, Rows, jerk_rows
-from energy_opt.motion.retime_terms import BLURS, torque_terms
+from energy_opt.motion.retime_grid import Lift, kept_lift, lift
+from energy_opt.motion.retime_points import Jerk, Torque
+from energy_opt.motion.retime_rows import CurvedRows, LinearRows, Rows
+from energy_opt.motion.retime_terms import BLURS
 from energy_opt.robot import Limits
 
 MARGIN = 5e-7  # share of every bound that is kept free, for what lies between the points
@@ -40,27 +40,30 @@ class Block:
 
     def __init__(self, dynamics: PathDynamics, knots: np.ndarray) -> None:
         self.dynamics = dynamics
-        self.lift: Lift = lift(knots, dynamics.s)
+        self.lift: Lift = kept_lift(knots, dynamics.s)
         shape = dynamics.q.shape
         self.held = {kind: np.zeros(shape, dtype=bool) for kind in KINDS}
         self.tight = {kind: np.ones(shape) for kind in KINDS}
+        self._last: tuple[np.ndarray, dict[str, np.ndarray]] | None = None
 
     def usage(self, control: np.ndarray, limits: Limits) -> dict[str, np.ndarray]:
-        """Share of each bound that is used, (M, n) per kind; that of velocity squared."""
-        return {kind: usage(self.dynamics, self.lift, kind, control, limits) for kind in KINDS}
+        """Share of each bound that is used, (M, n) per kind; that of velocity squared. The last answer is kept."""
+        if self._last is None or not np.array_equal(self._last[0], control):
+            self._last = control.copy(), usage(self.dynamics, self.lift, control, limits)
+        return self._last[1]
 
 
-def usage(d: PathDynamics, at: Lift, kind: str, control: np.ndarray, limits: Limits) -> np.ndarray:
-    """Share of the bounds of one kind that is used at the places of `d` and `at`, (M, n); that of velocity squared."""
+def usage(d: PathDynamics, at: Lift, control: np.ndarray, limits: Limits) -> dict[str, np.ndarray]:
+    """Share of each bound that is used at the places of `d` and `at`, (M, n) per kind; that of velocity squared."""
     a, b = at.values(control)
-    if kind == "velocity":
-        return d.q1**2 * b[:, None] / limits.velocity**2
-    if kind == "acceleration":
-        return np.abs(d.q1 * a[:, None] + d.q2 * b[:, None]) / limits.acceleration
-    return np.abs(d.motor_torque(a, b)) / limits.effort
+    return {
+        "velocity": d.q1**2 * b[:, None] / limits.velocity**2,
+        "acceleration": np.abs(d.q1 * a[:, None] + d.q2 * b[:, None]) / limits.acceleration,
+        "effort": np.abs(d.motor_torque(a, b)) / limits.effort,
+    }
 
 
-class Jerk:
+class JerkLimits:
     """Jerk at both ends and in the middle of every interval of the timing."""
 
     def __init__(self, dynamics: PathDynamics, knots: np.ndarray, limits: Limits) -> None:
@@ -95,7 +98,7 @@ class PathLimits:
         # where the velocity limits allow the same speed everywhere, bounds of the control values stand for them
         self.even = bool(np.ptp(dynamics.q1, axis=0).max() <= 1e-12 * np.abs(dynamics.q1).max())
         limited = jerk and bool(np.isfinite(limits.jerk).any())
-        self.jerk = Jerk(dynamics, knots, self.limits) if limited else None
+        self.jerk = JerkLimits(dynamics, knots, self.limits) if limited else None
 
     def worst(self, control: np.ndarray) -> Worst:
         """The limit that is used most."""
@@ -147,26 +150,43 @@ class PathLimits:
         grid, d = self.grid, self.grid.dynamics
         edges = np.concatenate([[0.0], d.s, [1.0]])
         inner = np.array([0.0, 1 / 3, 2 / 3])
+        shares = grid.usage(control, self.limits)
+        # on a straight path no speed is above the largest control value, and these are within the velocity limits
+        kinds = [kind for kind in KINDS if not (self.even and kind == "velocity")]
+        close = np.zeros(len(edges), dtype=bool)
+        close[[0, -1]] = True
+        for kind in kinds:
+            close[1:-1] |= shares[kind].max(axis=1) > CLOSE
+        intervals = np.flatnonzero(close[:-1] | close[1:])
+        share_of = np.where(intervals[:, None] == len(d.s), 1 - inner, inner)
+        places = (edges[intervals, None] + np.diff(edges)[intervals, None] * share_of).ravel()
+        between = PathDynamics(d.robot, d.model, d.path, places)
+        there = usage(between, lift(self.knots, places), control, self.limits)
         broken = False
-        for kind, use in grid.usage(control, self.limits).items():
-            close = np.pad(use.max(axis=1) > CLOSE, 1, constant_values=True)
-            intervals = np.flatnonzero(close[:-1] | close[1:])
-            if not intervals.size:
-                continue
-            share_of = np.where(intervals[:, None] == len(d.s), 1 - inner, inner)
-            places = edges[intervals, None] + np.diff(edges)[intervals, None] * share_of
-            between = PathDynamics(d.robot, d.model, d.path, places.ravel())
-            share = usage(between, lift(self.knots, places.ravel()), kind, control, self.limits)
-            excess = share.reshape(len(intervals), len(inner), -1).max(axis=1) - 1
+        for kind in kinds:
+            excess = there[kind].reshape(len(intervals), len(inner), -1).max(axis=1) - 1
             k, j = np.nonzero(excess > 0.9 * MARGIN)  # the margin is there for what remains
             broken |= bool(k.size)
-            factor = np.ones_like(use)
+            if not k.size:
+                continue
+            factor = np.ones(grid.tight[kind].shape)
             for side in (-1, 0):
                 place = (np.clip(intervals[k] + side, 0, len(d.s) - 1), j)
                 grid.held[kind][place] = True
                 np.minimum.at(factor, place, 1 - 1.5 * excess[k, j])
             grid.tight[kind] *= factor
         return broken
+
+    def loose(self, control: np.ndarray) -> np.ndarray:
+        """Which control values (N + 2,) may change a little: those inside that meet no limit anywhere near."""
+        out = np.ones(len(control), dtype=bool)
+        out[[0, -1]] = False
+        found = [(self.grid.lift, use) for use in self.grid.usage(control, self.limits).values()]
+        if self.jerk is not None:
+            found.append((self.jerk.lift, self.jerk.usage(control)))
+        for at, use in found:
+            out[at.touched[use.max(axis=1) > NEAR]] = False
+        return out
 
     def rows(self, unit: float) -> Rows:
         """The limits that are held, for control values in the given unit."""
@@ -182,7 +202,7 @@ class PathLimits:
         k, j = np.nonzero(grid.held["velocity"])
         zero = np.zeros(k.size)
         add("velocity", k, j, zero, unit * (d.q1[k, j] / limits.velocity[j]) ** 2, zero)
-        k, j = np.nonzero(grid.held["acceleration"])
+        k, j = np.nonzero(self._accelerations())
         scale = unit / limits.acceleration[j]
         add("acceleration", k, j, d.q1[k, j] * scale, d.q2[k, j] * scale, np.zeros(k.size))
         curved: list[CurvedRows] = []
@@ -195,12 +215,23 @@ class PathLimits:
             curved.append(self._torque_rows(np.unique(k), unit))
         if self.jerk is not None and self.jerk.held.any():
             k, j = np.nonzero(self.jerk.held)
-            curved.append(jerk_rows(_part(self.jerk.lift, k), self.jerk.factors[:, k, j] * unit**1.5))
+            functions = Jerk(self.jerk.factors[:, k, j] * unit**1.5)
+            curved.append(CurvedRows(self.jerk.lift.part(k), functions, 1))
         where = np.concatenate(places)
         if not where.size:
             return Rows(None, tuple(curved))
         ra, rb, r0, allowed = (np.concatenate([part[i] for part in parts]) for i in range(4))
-        return Rows(LinearRows(_part(grid.lift, where), ra, rb, r0, allowed), tuple(curved))
+        return Rows(LinearRows(grid.lift.part(where), ra, rb, r0, allowed), tuple(curved))
+
+    def _accelerations(self) -> np.ndarray:
+        """Which accelerations (M, n) to hold: on a straight path, |q'_j a| <= bound_j is one bound of |a|."""
+        held = self.grid.held["acceleration"]
+        if not self.even:
+            return held
+        slope = np.abs(self.grid.dynamics.q1) / (self.limits.acceleration * self.grid.tight["acceleration"])
+        tightest = np.zeros_like(held)
+        tightest[np.arange(len(held)), slope.argmax(axis=1)] = held.any(axis=1)
+        return tightest
 
     @property
     def affine(self) -> bool:
@@ -220,26 +251,15 @@ class PathLimits:
         """Nonlinear limits on the torque of all joints at the places k."""
         d = self.grid.dynamics
         n = d.robot.n
-        value, curvature = torque_terms(SharedByStructure(d.model), n)
-        shared = ca.DM(np.append(d.model.values(n), [unit, BLURS[-1]]))
-        z, at, multiplier = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1), ca.SX.sym("multiplier", n)
-        scale = ca.SX.sym("scale", n)
-        torque, slope = value(z, at, shared)
-        given = ca.vertcat(at, scale)
-        scaled = ca.Function("torque", [z, given], [torque * scale, slope * ca.repmat(scale, 1, 2)])
-        bent = ca.Function("torque_curvature", [z, given, multiplier], [curvature(z, at, shared, multiplier * scale)])
-        scales = 1 / (self.limits.effort * self.grid.tight["effort"][k])
-        numbers = np.vstack([point_numbers(d, np.zeros(len(d.s)))[:, k], scales.T])
-        return CurvedRows(_part(self.grid.lift, k), scaled, bent, numbers)
+        shared = np.append(d.model.values(n), [unit, BLURS[-1]])
+        numbers = point_numbers(d, np.zeros(len(d.s)))[:, k]
+        scale = 1 / (self.limits.effort * self.grid.tight["effort"][k])
+        return CurvedRows(self.grid.lift.part(k), Torque.of(SharedByStructure(d.model), numbers, shared, scale), n)
 
 
 def point_numbers(d: PathDynamics, time: np.ndarray) -> np.ndarray:
     """What the law is given at each point, (6 n + 1, M); see retime_terms.Law."""
     return np.vstack([d.q.T, d.q1.T, d.q2.T, d.M.T, d.C.T, d.G.T, time])
-
-
-def _part(whole: Lift, places: np.ndarray) -> Lift:
-    return Lift(whole.first[places], whole.maps[:, places], whole.count)
 
 
 def _near(use: np.ndarray, share: np.ndarray) -> np.ndarray:

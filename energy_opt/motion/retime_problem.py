@@ -1,183 +1,147 @@
-"""The nonlinear program of a retiming: built once per grid and kind of law, solved for many moves.
+"""The nonlinear program of a retiming, for IPOPT.
 
     minimise    sum over points of weight / sqrt(b) (energy_factor P(a, b) + time_factor)
     over        b's free control values, within their bounds
     subject to  T / T_ref <= 1 (or = 1), and the limits at the places where a solve broke them
 
-Derivatives are exact and sparse: point functions give value, gradient and Hessian in (a, b), and constant sparse maps
-carry them to the control values (the Hessian has two off-diagonals, as three control values meet in every interval).
+Derivatives are exact and sparse: point functions give value, gradient and Hessian in (a, b), and constant maps carry
+them to the control values (the Hessian has two off-diagonals, as three control values meet in every interval).
 """
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
-from energy_opt.motion.retime_grid import Grid, lift
+from energy_opt.motion import ipopt
+from energy_opt.motion.retime_grid import Band, Lift
+from energy_opt.motion.retime_points import Cost
 from energy_opt.motion.retime_rows import Rows
-from energy_opt.motion.retime_terms import Terms
 
 TOLERANCE = 1e-7  # of the solver, on a cost of order one
+STOPPED = "User_Requested_Stop"
+OPTIONS: dict[str, object] = {
+    "max_iter": 200,
+    "bound_relax_factor": 0.0,
+    "mumps_scaling": 0,  # the program is scaled already
+    "mumps_permuting_scaling": 0,
+    "min_refinement_steps": 0,
+}
+# Most retimings follow the barrier parameter in large steps; where that fails, it is taken down slowly.
+LEAP: dict[str, object] = {
+    "mu_init": 1e-2,
+    "mu_linear_decrease_factor": 0.01,
+    "mu_superlinear_decrease_power": 1.9,
+    "barrier_tol_factor": 1e3,
+    "max_iter": 80,
+}
+CREEP: dict[str, object] = {"mu_init": 1e-2}
+NEAR: dict[str, object] = {"mu_init": 1e-4}
 
 
 @dataclass(frozen=True)
-class Move:
-    """The numbers of one move, in the problem's unit of squared speed.
+class Values:
+    """Cost, T / T_ref and their gradients (N,) with respect to the free control values."""
 
-    Attributes:
-        at: (terms.size - 1, M) what the point functions are given, without the weights.
-        shared: (terms.shared_size,) with the factors of energy and time at the end.
-        ends: (2,) first and last control value.
-        lower, upper: (N,) bounds of the free control values.
-        allowed: (N,) what the true velocity limits would allow in place of `upper`.
-        duration: T_ref, in the problem's unit of time.
-    """
-
-    at: np.ndarray
-    shared: np.ndarray
-    ends: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    allowed: np.ndarray
-    duration: float
-
-
-def parameters(move: Move) -> np.ndarray:
-    """The program's parameter vector."""
-    return np.concatenate([move.at.T.ravel(), move.shared, move.ends, [move.duration]])
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Free control values (N,), multipliers of T / T_ref and of the rows, and the solver's verdict."""
-
-    x: np.ndarray
-    of_time: float
-    of_rows: np.ndarray
-    solved: bool
-    status: str
-    iterations: int
-    build_seconds: float
-    solve_seconds: float
+    cost: float
+    slope: np.ndarray
+    time: float
+    time_slope: np.ndarray
 
 
 class Program:
-    """The program for one grid and kind of law."""
+    """One move's program, in its unit of squared speed; see ipopt.Problem.
 
-    def __init__(self, grid: Grid, terms: Terms) -> None:
-        self.grid, self.terms = grid, terms
-        self.lift = carried = lift(grid.knots, grid.s)
-        m = len(grid.s)
-        self.x = ca.MX.sym("x", carried.count - 2)
-        self.p = ca.MX.sym("p", (terms.size - 1) * m + terms.shared_size + 3)
-        split = (terms.size - 1) * m
-        at = ca.vertcat(ca.reshape(self.p[:split], terms.size - 1, m), ca.DM(grid.weight).T)
-        shared, ends, self.reference = self.p[split:-3], self.p[-3:-1], self.p[-1]
-        self.z = ca.reshape(carried.matrix @ self.x + ca.sparsify(ca.DM(carried.ends)) @ ends, 2, m)
-        self.points = (self.z, at, shared)
-        b = self.z[1, :].T
-        down, of_b = carried.matrix.T, carried.matrix[1::2, :].T
-        self.cost = terms.cost.map("costs", "serial", m, [2], [0])(*self.points)
-        self.cost_slope = down @ ca.vec(terms.slope.map("slopes", "serial", m, [2], [])(*self.points))
-        pace = ca.DM(grid.weight) / ca.sqrt(b)
-        self.time = ca.sum1(pace)
-        self.time_slope = of_b @ (-0.5 * pace / b)
-        self._values = ca.Function("values", [self.x, self.p], [self.cost, self.cost_slope, self.time, self.time_slope])
-        self._without_rows: dict[bool, ca.Function] = {}
+    Args:
+        lift: to (a, b) at the grid's points.
+        weight: (M,) of the quadrature.
+        cost: of the points.
+        ends: (2,) first and last control value.
+        reference: T_ref, in the program's unit of time.
+        rows: limits in force.
+    """
 
-    def evaluate(self, move: Move, x: np.ndarray) -> tuple[float, np.ndarray, float, np.ndarray]:
-        """Cost and time at the free control values x (N,), each with its gradient (N,)."""
-        cost, slope, duration, time_slope = self._values(x, parameters(move))
-        return float(cost), np.array(slope).ravel(), float(duration), np.array(time_slope).ravel()
+    def __init__(
+        self, lift: Lift, weight: np.ndarray, cost: Cost, ends: np.ndarray, reference: float, rows: Rows
+    ) -> None:
+        self.lift, self.points, self.rows_held = lift, cost, rows
+        self._pace, self._ends = weight / reference, ends
+        self.band = Band(lift.count - 2)
+        self.hessian_pattern = self.band.pattern
+        self._at: np.ndarray | None = None
+        n, first = lift.count - 2, rows.first
+        row = np.concatenate([np.zeros(n, dtype=int), np.repeat(1 + np.arange(len(first)), 3)])
+        column = np.concatenate([np.arange(n), (first[:, None] + np.arange(3) - 1).ravel()])
+        order = np.lexsort((row, column))
+        self._order = order[(column[order] >= 0) & (column[order] < n)]
+        starts = np.searchsorted(column[self._order], np.arange(n + 1))
+        self.jacobian_pattern = ca.Sparsity(1 + len(first), n, starts.tolist(), row[self._order].tolist())
 
-    def solver(self, rows: Rows, ends: np.ndarray, near: bool = False) -> ca.Function:
-        """IPOPT for the program with the limits in `rows`; T / T_ref is the first constraint."""
-        if rows.count:
-            return self._solver(rows, ends, near)
-        if near not in self._without_rows:
-            self._without_rows[near] = self._solver(rows, ends, near)
-        return self._without_rows[near]
+    def control(self, x: np.ndarray) -> np.ndarray:
+        """All control values, ends included."""
+        return np.concatenate([self._ends[:1], x, self._ends[1:]])
 
-    def _solver(self, rows: Rows, ends: np.ndarray, near: bool) -> ca.Function:
-        x, p = self.x, self.p
-        of_cost, multiplier = ca.MX.sym("of_cost"), ca.MX.sym("multiplier", 1 + rows.count)
-        bend = self.terms.curvature.map("bend", "serial", len(self.grid.s), [2, 3, 4], [])
-        pattern, gather = self.lift.curvature
-        bent = gather @ ca.vec(bend(*self.points, of_cost, multiplier[0] / self.reference))
-        hessian = ca.sparsity_cast(bent, pattern)
-        values, slopes = [self.time / self.reference], [self.time_slope.T / self.reference]
-        if rows.count:
-            value, slope, curved = rows.parts(x, ends, multiplier[1:])
-            values.append(value)
-            slopes.append(slope)
-            hessian = ca.triu(hessian + curved)
-        g = ca.vertcat(*values)
-        exact = {
-            "grad_f": ca.Function("nlp_grad_f", [x, p], [self.cost, self.cost_slope], ["x", "p"], ["f", "grad_f_x"]),
-            "jac_g": ca.Function("nlp_jac_g", [x, p], [g, ca.vertcat(*slopes)], ["x", "p"], ["g", "jac_g_x"]),
-            "hess_lag": ca.Function(
-                "nlp_hess_l",
-                [x, p, of_cost, multiplier],
-                [hessian],
-                ["x", "p", "lam_f", "lam_g"],
-                ["triu_hess_gamma_x_x"],
-            ),
-        }
-        options = {
-            **exact,
-            "no_nlp_grad": True,
-            "calc_lam_p": False,
-            "print_time": 0,
-            "ipopt.print_level": 0,
-            "ipopt.sb": "yes",
-            "ipopt.tol": TOLERANCE,
-            "ipopt.max_iter": 200,
-            "ipopt.nlp_scaling_method": "none",
-            "ipopt.mu_init": 1e-4 if near else 1e-2,
-            "ipopt.bound_relax_factor": 0.0,
-            "ipopt.mumps_scaling": 0,  # the program is scaled already
-            "ipopt.mumps_permuting_scaling": 0,
-        }
-        return ca.nlpsol("retime", "ipopt", {"x": x, "p": p, "f": self.cost, "g": g}, options)
+    def at(self, x: np.ndarray) -> Values:
+        """Cost and time at the free control values x (N,), worked out once for all that ask."""
+        if self._at is None or not np.array_equal(x, self._at):
+            self._at = x.copy()
+            self._control = self.control(x)
+            self._z = self.lift.values(self._control)
+            cost, slope = self.points.value(self._z)
+            b = self._z[1]
+            self._share = self._pace / np.sqrt(b)
+            by_z = np.zeros_like(self._z)
+            by_z[1] = -0.5 * self._share / b
+            self._values = Values(cost, self.lift.pulled(slope), float(self._share.sum()), self.lift.pulled(by_z))
+        return self._values
 
-    def solve(self, move: Move, start: np.ndarray, rows: Rows, *, exactly: bool = False, near: bool = False) -> Answer:
-        """Solve from `start` (N,); with `exactly`, T = T_ref in place of T <= T_ref.
+    def cost(self, x: np.ndarray) -> float:
+        return self.at(x).cost
 
-        `near` says that the start is close to the answer."""
-        begun = time.perf_counter()
-        solver = self.solver(rows, move.ends, near)
-        built = time.perf_counter()
-        result = solver(
-            x0=np.clip(start, move.lower, move.upper),
-            p=parameters(move),
-            lbx=move.lower,
-            ubx=move.upper,
-            lbg=np.concatenate([[1.0 if exactly else -np.inf], -np.ones(rows.count)]),
-            ubg=np.ones(1 + rows.count),
-        )
-        stats = solver.stats()
-        multipliers = np.array(result["lam_g"]).ravel()
-        return Answer(
-            np.array(result["x"]).ravel(),
-            float(multipliers[0]),
-            multipliers[1:],
-            bool(stats["success"]),
-            str(stats["return_status"]),
-            int(stats["iter_count"]),
-            built - begun,
-            time.perf_counter() - built,
-        )
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        return self.at(x).slope
 
+    def rows(self, x: np.ndarray) -> np.ndarray:
+        time = self.at(x).time
+        return np.concatenate([[time], self.rows_held.values(self._control)])
 
-@lru_cache(maxsize=16)
-def _program(knots: bytes, s: bytes, weight: bytes, terms: Terms) -> Program:
-    return Program(Grid(*(np.frombuffer(x) for x in (knots, s, weight))), terms)
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        slope = self.at(x).time_slope
+        return np.concatenate([slope, self.rows_held.slopes(self._control).ravel()])[self._order]
 
+    def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+        return self.bent(x, factor, multipliers)[self.band.inside]
 
-def program(grid: Grid, terms: Terms) -> Program:
-    """The program for `grid` and `terms`, built at the first call and kept."""
-    return _program(grid.knots.tobytes(), grid.s.tobytes(), grid.weight.tobytes(), terms)
+    def bent(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+        """The Hessian of factor cost + multipliers . rows, in the form of `Band`."""
+        self.at(x)
+        bent = factor * self.points.curvature(self._z)
+        bent[2] += multipliers[0] * 0.75 * self._share / (self._z[1] * self._z[1])
+        return self.lift.bent(bent) + self.rows_held.bent(self._control, multipliers[1:])
+
+    def solve(
+        self,
+        start: np.ndarray,
+        bounds: tuple[np.ndarray, np.ndarray],
+        *,
+        exactly: bool = False,
+        near: bool = False,
+        tolerance: float = TOLERANCE,
+    ) -> ipopt.Answer:
+        """Solve from `start` (N,), control values within `bounds`; with `exactly`, T = T_ref in place of T <= T_ref.
+
+        `near` says that the start is close to the answer. The first row multiplier is that of T / T_ref.
+        """
+        count = self.rows_held.count
+        row_bounds = np.append(1.0 if exactly else -np.inf, -np.ones(count)), np.ones(1 + count)
+        start = np.clip(start, *bounds)
+        used = 0
+        for way in (NEAR if near else LEAP, CREEP):
+            options = {**OPTIONS, "tol": tolerance, **way}
+            answer = ipopt.solve(self, start, bounds, row_bounds, options)
+            used += answer.iterations
+            if answer.success or answer.status == STOPPED:
+                break
+        return replace(answer, iterations=used)

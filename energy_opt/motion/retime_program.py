@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, replace
+import time
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,17 +13,11 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime_bound import largest_price, lower_bound
 from energy_opt.motion.retime_grid import GAUSS, quadrature
-from energy_opt.motion.retime_limits import MARGIN, PathLimits, point_numbers
-from energy_opt.motion.retime_problem import Answer, Move, program
-from energy_opt.motion.retime_terms import (
-    BLURS,
-    Terms,
-    compressed,
-    compressed_terms,
-    exact_power,
-    general_terms,
-    law_function,
-)
+from energy_opt.motion.retime_law import PathLaw
+from energy_opt.motion.retime_limits import MARGIN, PathLimits
+from energy_opt.motion.retime_problem import TOLERANCE, Program
+from energy_opt.motion.retime_rows import Rows
+from energy_opt.motion.retime_terms import BLURS, exact_power
 from energy_opt.motion.timing_law import Timing, greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
@@ -29,6 +25,8 @@ from energy_opt.robot import Limits, Robot
 ROUNDS = 12  # of adding constraints
 # Share of a price above standby that is used: at the price itself, creeping at one place would cost nothing.
 CREDIT = 0.99
+FAR_OFF = 5.0  # times the start's duration, or a share of it: the program is scaled anew
+ROOM = 1.1  # times a bound that follows from others: it must not bind beside them
 RESOLVED = 1e-6  # relative: where the grid's duration is farther from the true one, energy is integrated anew
 DRIFTING = ("standby_drift", "winding_temperature")  # effects that depend on time itself
 
@@ -41,22 +39,21 @@ class Tally:
     build: float = 0.0
     solve: float = 0.0
 
-    def add(self, answer: Answer) -> None:
-        """Count one solve."""
-        self.iterations += answer.iterations
-        self.build += answer.build_seconds
-        self.solve += answer.solve_seconds
-
 
 @dataclass(frozen=True)
 class Solved:
-    """An optimised timing, its energy [J] by the exact laws, and a proven bound of energy - price * duration [J]."""
+    """An optimised timing and a proven bound of energy - price * duration [J]."""
 
+    work: Retiming
     timing: Timing
-    energy: float
     bound: float | None
     solved: bool
     status: str
+
+    @cached_property
+    def energy(self) -> float:
+        """J, by the exact laws."""
+        return self.work.energy(self.timing)
 
 
 def standing_power(robot: Robot, model: PowerModel, path: JointPath) -> float:
@@ -69,9 +66,8 @@ def _power(d: PathDynamics, a: np.ndarray, b: np.ndarray, time: np.ndarray) -> n
     """Power (M,) [W] by the exact laws, at path acceleration a, squared speed b and time (M,)."""
     a, b = a[:, None], b[:, None]
     columns = (d.q, d.q1 * np.sqrt(b), d.q1 * a + d.q2 * b, d.M * a + d.C * b + d.G, time[:, None])
-    n = d.robot.n
-    values = np.repeat(d.model.values(n)[:, None], len(d.s), axis=1)
-    return np.array(exact_power(SharedByStructure(d.model), n)(*(x.T for x in columns), values)).ravel()
+    law = exact_power(SharedByStructure(d.model), d.robot.n, len(d.s))
+    return law(*columns, d.model.values(d.robot.n))[0].ravel().copy()
 
 
 class Retiming:
@@ -86,11 +82,12 @@ class Retiming:
         self.limits = PathLimits(self.dynamics, shortest.knots, limits, jerk)
         self.speed_bound = self.dynamics.speed_bound(self.limits.limits.velocity)
         self.tally = Tally()
+        self._law: PathLaw | None = None
 
     def with_model(self, model: PowerModel) -> Retiming:
         """The same for another model with the same payload and tilt; limits found and tallies are shared."""
         other = copy.copy(self)
-        other.model, other.dynamics = model, self.dynamics.under(model)
+        other.model, other.dynamics, other._law = model, self.dynamics.under(model), None
         return other
 
     @property
@@ -104,13 +101,23 @@ class Retiming:
         least = 0.0 if standby is None else float(standby.values["power"][0])
         if supply is not None:
             least /= float(supply.values["eta"][0])
-        unit = float(self.shortest.control.max())
-        terms, numbers, _ = self._law(unit, self.shortest)
-        if terms is not compressed_terms():
+        law = self.law(self.shortest)
+        if law.coefficients is None:
             return least
-        return least + CREDIT * max(0.0, largest_price(numbers, self.speed_bound / unit) - least)
+        return least + CREDIT * max(0.0, largest_price(law.coefficients, self.speed_bound / law.unit) - least)
 
     def energy(self, timing: Timing) -> float:
+        """J by the exact laws: by the grid's quadrature where its duration is the true one, else integrated anew."""
+        a, b = z = self.limits.grid.lift.values(timing.control)
+        pace = self.grid.weight / np.sqrt(b)
+        if abs(pace.sum() / timing.duration - 1) > RESOLVED:
+            return self._integrated(timing)
+        law = self.law(timing)
+        if law.coefficients is not None and self.convex:  # no kinks that the program takes for granted
+            return law.cost(self.grid.weight, 1.0, 1.0, 0.0, 0.0).value(z)[0]
+        return float(pace @ _power(self.dynamics, a, b, timing.time_at(self.grid.s)))
+
+    def _integrated(self, timing: Timing) -> float:
         """J by the exact laws, by Gauss quadrature in time within every piece of timing and path."""
         edges = np.unique(np.concatenate([timing.times, timing.time_at(timing.path.knots[1:-1])]))
         step = np.diff(edges)
@@ -119,35 +126,20 @@ class Retiming:
         d = PathDynamics(self.robot, self.model, timing.path, s)
         return float((step[:, None] * GAUSS[1]).ravel() @ _power(d, a, rate**2, time))
 
-    def _grid_energy(self, timing: Timing) -> float:
-        """J by the exact laws, by the program's own quadrature."""
-        a, b = self.limits.grid.lift.values(timing.control)
-        power = _power(self.dynamics, a, b, timing.time_at(self.grid.s))
-        return float((self.grid.weight / np.sqrt(b)) @ power)
-
-    def _law(self, unit: float, start: Timing) -> tuple[Terms, np.ndarray, np.ndarray]:
-        """The law at the grid's points: terms, their numbers (size - 1, M) and shared numbers less both factors."""
-        n, d = self.robot.n, self.dynamics
+    def law(self, timing: Timing) -> PathLaw:
+        """The law at the grid's points; where it drifts, at the times at which `timing` is there."""
         drifts = any(self.model.get(name) is not None for name in DRIFTING)
-        numbers = point_numbers(d, start.time_at(d.s) if drifts else np.zeros(len(d.s)))
-        shared_by, shared = SharedByStructure(self.model), np.append(self.model.values(n), [unit, BLURS[0]])
-        coefficients = compressed(shared_by, n, numbers, shared)
-        if coefficients is not None:
-            return compressed_terms(), coefficients, np.zeros(0)
-        return general_terms(shared_by, n), numbers, shared
-
-    def _smoothing(self, numbers: np.ndarray, shared: np.ndarray, control: np.ndarray, unit: float) -> float:
-        """What the smoothed kinks leave out of a bound [J]: supporting lines of the exact ones in their place."""
-        z = self.limits.grid.lift.values(control) / unit
-        values = np.repeat(shared[:, None], z.shape[1], axis=1)
-        shared_by, n = SharedByStructure(self.model), self.robot.n
-        lines, smooth = (np.array(law_function(shared_by, n, k)(z, numbers, values)[0]) for k in (True, False))
-        return float((self.grid.weight / np.sqrt(unit * z[1])) @ (lines - smooth).ravel())
+        if self._law is None or drifts:
+            at = timing.time_at(self.grid.s) if drifts else np.zeros(len(self.grid.s))
+            self._law = PathLaw.of(self.model, self.dynamics, float(self.shortest.control.max()), at)
+        return self._law
 
     def _upper(self) -> np.ndarray:
         """Bounds of the free control values: the largest that the velocity limits allow anywhere near.
 
-        On a straight path these are the velocity limits; elsewhere they leave room, and constraints do the rest.
+        On a straight path these are the velocity limits; elsewhere they leave room, and constraints do the rest. There,
+        too, the control polygon's slope is twice the path acceleration at a knot, so that control values rise from
+        either end no faster than the acceleration limits allow; of that a little more is left, so that it never binds.
         """
         first = self.limits.grid.lift.first
         count = len(self.shortest.control)
@@ -155,7 +147,13 @@ class Retiming:
         for k in range(3):
             np.maximum.at(most, first + k, self.speed_bound)
             np.minimum.at(least, first + k, self.speed_bound)
-        return (2 * most - least)[1:-1]
+        upper = 2 * most - least
+        if self.limits.even and np.isfinite(self.limits.limits.acceleration).all():
+            g = greville(self.shortest.knots)
+            steepest = (self.limits.limits.acceleration / np.maximum(np.abs(self.dynamics.q1[0]), 1e-12)).min()
+            for end, away in zip(self.ends, (g, 1 - g), strict=True):
+                upper = np.minimum(upper, ROOM * (end + 2 * steepest * away))
+        return upper[1:-1]
 
     def optimise(
         self,
@@ -166,64 +164,77 @@ class Retiming:
         floor: float,
         exactly: bool = False,
         energy: bool = True,
+        tolerance: float = TOLERANCE,
     ) -> Solved:
         """Minimise energy - price * duration from `start`, in at most (`exactly`: in) `longest` seconds.
 
         No control value falls below `floor` times the start's largest, less towards the ends. With `energy` False,
         energy counts nothing.
         """
-        passes = 2 if energy and any(self.model.get(name) is not None for name in DRIFTING) else 1
-        for _ in range(passes):  # what drifts with time takes the time of the timing before
-            found = self._optimise(start, price, longest, floor, exactly, energy)
-            start = found.timing
+        drifts = energy and any(self.model.get(name) is not None for name in DRIFTING)
+        found = self._optimise(start, price, longest, floor, exactly, energy, tolerance)
+        # what drifts with time takes the time of the timing before, and the program is scaled by where it starts
+        far = abs(np.log(found.timing.duration / start.duration)) > np.log(FAR_OFF)
+        if drifts or (found.solved and far):
+            return self._optimise(found.timing, price, longest, floor, exactly, energy, tolerance)
         return found
 
     def _optimise(
-        self, start: Timing, price: float, longest: float, floor: float, exactly: bool, energy: bool
+        self,
+        start: Timing,
+        price: float,
+        longest: float,
+        floor: float,
+        exactly: bool,
+        energy: bool,
+        tolerance: float,
     ) -> Solved:
         unit = float(start.control.max())
         clock = 1 / np.sqrt(unit)  # seconds in the program's unit of time
-        terms, numbers, shared = self._law(unit, start)
-        whole = program(self.grid, terms)
+        weight, points = self.grid.weight, self.limits.grid.lift
+        law = self.law(start)
         ends, upper = self.ends / unit, self._upper() / unit
         g = greville(start.knots)[1:-1]
         lower = np.minimum(floor * np.minimum(1.0, 4 * g * (1 - g)), 0.5 * upper)
         x = np.clip(start.control[1:-1] / unit, lower, upper)
-        factors = np.array([clock * energy, -price * clock])
-        allowed = upper / (1 - MARGIN) ** 2
-        move = Move(numbers, np.append(shared, factors), ends, lower, upper, allowed, longest / clock)
-        size = max(abs(whole.evaluate(move, x)[0]), 1e-3 * abs(price) * start.duration, 1e-12)
-        move = replace(move, shared=np.append(shared, factors / size))
+        size = 1.0
+
+        def program(rows: Rows, blur: float) -> Program:
+            cost = law.cost(weight, unit, clock * energy / size, -price * clock / size, blur)
+            return Program(points, weight, cost, ends, longest / clock, rows)
+
+        whole = program(Rows(), BLURS[0])
+        size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)
+        self.limits.hold(self.shortest.control, always=True)
         self.limits.hold(start.control, always=True)
-        kinked = terms is not compressed_terms()
-        for blur in BLURS[:-1] if kinked else ():
-            move.shared[-3] = blur
-            answer = whole.solve(move, x, self.limits.rows(unit), exactly=exactly, near=blur < BLURS[0])
-            self.tally.add(answer)
-            x = answer.x if answer.solved else x
-        if kinked:
-            move.shared[-3] = BLURS[-1]
-        for _ in range(ROUNDS):
+        blurs = [BLURS[-1]] if law.coefficients is not None else list(BLURS)
+        rounds = 0
+        while True:
+            begun = time.perf_counter()
             rows = self.limits.rows(unit)
-            answer = whole.solve(move, x, rows, exactly=exactly, near=kinked)
-            self.tally.add(answer)
+            whole = program(rows, blurs[0])
+            built = time.perf_counter()
+            near = law.coefficients is None and blurs[0] < BLURS[0]
+            answer = whole.solve(x, (lower, upper), exactly=exactly, near=near, tolerance=tolerance)
+            self.tally.iterations += answer.iterations
+            self.tally.build += built - begun
+            self.tally.solve += time.perf_counter() - built
+            if len(blurs) > 1:
+                blurs.pop(0)
+                x = answer.x if answer.success else x
+                continue
             x = answer.x
-            control = unit * np.concatenate([ends[:1], x, ends[1:]])
-            if not answer.solved:
-                break
-            if self.limits.hold(control):
-                self.limits.hold(self.shortest.control, always=True)  # what binds the fastest may bind this one next
-            elif not self.limits.refine(control):
+            control = unit * whole.control(x)
+            rounds += 1
+            if not answer.success or rounds == ROUNDS or not (self.limits.hold(control) or self.limits.refine(control)):
                 break
         timing = Timing(start.path, start.knots, control)
         bound = None
-        if answer.solved and self.convex and not rows.curved:
-            bound = lower_bound(whole, move, answer, rows) * size
-            if kinked:
-                bound += self._smoothing(numbers, move.shared[:-2], control, unit)
-        if answer.solved and self.limits.worst(control).excess > 1e-6:
-            return Solved(timing, np.inf, bound, False, f"limits not held after {ROUNDS} rounds")
-        on_grid = whole.evaluate(move, x)[2] * clock
-        resolved = abs(on_grid / timing.duration - 1) <= RESOLVED
-        value = self._grid_energy(timing) if resolved else self.energy(timing)
-        return Solved(timing, value, bound, answer.solved, answer.status)
+        if answer.success and self.convex and not rows.curved:
+            allowed = upper / (1 - MARGIN) ** 2
+            bound = lower_bound(whole, x, answer.row_multipliers, allowed) * size
+            if law.coefficients is None:
+                bound += law.smoothing(points.values(whole.control(x)), unit, weight)
+        if answer.success and self.limits.worst(control).excess > 1e-6:
+            return Solved(self, timing, bound, False, f"limits not held after {ROUNDS} rounds")
+        return Solved(self, timing, bound, answer.success, answer.status)

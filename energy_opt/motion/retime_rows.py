@@ -1,14 +1,17 @@
-"""The limits that a retiming is held to at the places where a solve broke them: |value| <= 1, in units of the bound."""
+"""The limits that a retiming is held to at the places where a solve broke them: |value| <= 1, in units of the bound.
+
+Every one of them depends on three neighbouring control values only.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
-import casadi as ca
 import numpy as np
 
-from energy_opt.motion.retime_grid import Lift, sparse
-from energy_opt.motion.retime_terms import jerk_term
+from energy_opt.motion.retime_grid import Lift, gathered
+from energy_opt.motion.retime_points import Curved
 
 
 @dataclass(frozen=True)
@@ -25,58 +28,54 @@ class LinearRows:
     allowed: np.ndarray
 
     @property
-    def count(self) -> int:
-        return len(self.ra)
+    def first(self) -> np.ndarray:
+        """(K,) the first of the three control values that each row depends on."""
+        return self.lift.first
 
-    def matrix(self, ends: np.ndarray) -> tuple[ca.DM, np.ndarray]:
-        """The rows as matrix (K, N) and constant (K,), for the free control values, those at the ends (2,) given."""
-        entries = self.ra[:, None] * self.lift.maps[0] + self.rb[:, None] * self.lift.maps[1]
-        columns = self.lift.first[:, None] + np.arange(3) - 1
-        free = self.lift.count - 2
-        rows = np.broadcast_to(np.arange(self.count)[:, None], columns.shape)
-        given = np.where(columns == -1, entries * ends[0], 0) + np.where(columns == free, entries * ends[1], 0)
-        return sparse(rows, columns, entries, (self.count, free)), self.r0 + given.sum(axis=1)
+    @cached_property
+    def entries(self) -> np.ndarray:
+        """(K, 3) the rows' coefficients of these control values."""
+        return self.ra[:, None] * self.lift.maps[0] + self.rb[:, None] * self.lift.maps[1]
+
+    def values(self, control: np.ndarray) -> np.ndarray:
+        """(K,) for control values (N + 2,), ends included."""
+        return np.einsum("mk,mk->m", self.entries, control[self.lift.touched]) + self.r0
+
+    def slopes(self, control: np.ndarray) -> np.ndarray:
+        """(K, 3) derivatives with respect to the control values that each row depends on."""
+        return self.entries
+
+    def bent(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
+        """Sum of the rows' Hessians times `multipliers` (K,), in the form of `Band`."""
+        return 0.0
+
+    def pulled(self, multipliers: np.ndarray) -> np.ndarray:
+        """Sum of the rows' gradients times `multipliers` (K,), with respect to the free control values."""
+        return gathered(self.first, self.entries * multipliers[:, None], self.lift.count)
 
 
 @dataclass(frozen=True)
 class CurvedRows:
-    """Limits that are not linear in (a, b) or (a, b, w), several at each place.
-
-    Attributes:
-        lift: of the point quantities z (d, K).
-        value: (z, at) -> values (r, 1) and Jacobian (r, d).
-        curvature: (z, at, multipliers (r, 1)) -> upper triangle of the Hessian.
-        at: (size, K) what the functions are given beside z.
-    """
+    """Limits that are not linear in (a, b) or (a, b, w), `each` of them at every place of `lift`."""
 
     lift: Lift
-    value: ca.Function
-    curvature: ca.Function
-    at: np.ndarray
+    functions: Curved
+    each: int
 
-    @property
-    def count(self) -> int:
-        return int(self.value.size1_out(0)) * self.at.shape[1]
+    @cached_property
+    def first(self) -> np.ndarray:
+        return np.repeat(self.lift.first, self.each)
 
-    def parts(self, x: ca.MX, ends: np.ndarray, multiplier: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
-        """Values (count, 1), Jacobian and Hessian (upper triangle, multipliers applied) for free control values x."""
-        places, each = self.at.shape[1], int(self.value.size1_out(0))
-        z = ca.reshape(self.lift.matrix @ x + self.lift.ends @ ends, -1, places)
-        value, jacobian = self.value.map(places)(z, self.at)
-        pattern, assemble = self.lift.rows(each)
-        bent = self.curvature.map(places)(z, self.at, ca.reshape(multiplier, each, places))
-        shape, gather = self.lift.curvature
-        return (
-            ca.vec(value),
-            ca.sparsity_cast(assemble @ ca.vec(jacobian), pattern),
-            ca.sparsity_cast(gather @ ca.vec(bent), shape),
-        )
+    def values(self, control: np.ndarray) -> np.ndarray:
+        return self.functions.value(self.lift.values(control)).ravel()
 
+    def slopes(self, control: np.ndarray) -> np.ndarray:
+        slope = self.functions.slope(self.lift.values(control))
+        return np.einsum("mrd,dmk->mrk", slope, self.lift.maps).reshape(-1, 3)
 
-def jerk_rows(lift: Lift, factors: np.ndarray) -> CurvedRows:
-    """Jerk (k0 a + k1 b + k2 w) sqrt(b) of one joint at each place; `factors` (3, K) in units of its bound."""
-    value, curvature = jerk_term()
-    return CurvedRows(lift, value, curvature, factors)
+    def bent(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
+        z = self.lift.values(control)
+        return self.lift.bent(self.functions.curvature(z, multipliers.reshape(-1, self.each)))
 
 
 @dataclass(frozen=True)
@@ -86,24 +85,33 @@ class Rows:
     linear: LinearRows | None = None
     curved: tuple[CurvedRows, ...] = ()
 
+    @cached_property
+    def blocks(self) -> tuple[LinearRows | CurvedRows, ...]:
+        return self.curved if self.linear is None else (self.linear, *self.curved)
+
+    @cached_property
+    def first(self) -> np.ndarray:
+        """(count,) the first of the three control values that each row depends on."""
+        return np.concatenate([np.zeros(0, dtype=int), *(block.first for block in self.blocks)])
+
     @property
     def count(self) -> int:
         """Number of constraints."""
-        return (0 if self.linear is None else self.linear.count) + sum(rows.count for rows in self.curved)
+        return len(self.first)
 
-    def parts(self, x: ca.MX, ends: np.ndarray, multiplier: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
-        """Values, Jacobian and Hessian of all of them."""
-        values, jacobians, used = [], [], 0
-        hessian = ca.MX(x.numel(), x.numel())
-        if self.linear is not None:
-            matrix, constant = self.linear.matrix(ends)
-            values.append(matrix @ x + constant)
-            jacobians.append(ca.MX(matrix))
-            used = self.linear.count
-        for rows in self.curved:
-            value, jacobian, bent = rows.parts(x, ends, multiplier[used : used + rows.count])
-            values.append(value)
-            jacobians.append(jacobian)
-            hessian = hessian + bent
-            used += rows.count
-        return ca.vertcat(*values), ca.vertcat(*jacobians), hessian
+    def values(self, control: np.ndarray) -> np.ndarray:
+        """(count,)."""
+        return np.concatenate([np.zeros(0), *(block.values(control) for block in self.blocks)])
+
+    def slopes(self, control: np.ndarray) -> np.ndarray:
+        """(count, 3) derivatives with respect to the control values that each row depends on."""
+        return np.concatenate([np.zeros((0, 3)), *(block.slopes(control) for block in self.blocks)])
+
+    def bent(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
+        """Sum of the rows' Hessians times `multipliers` (count,), in the form of `Band`."""
+        total: np.ndarray | float = 0.0
+        used = 0
+        for block in self.blocks:
+            total = total + block.bent(control, multipliers[used : used + len(block.first)])
+            used += len(block.first)
+        return total

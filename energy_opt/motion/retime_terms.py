@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects import Signals
+from energy_opt.motion.nodeval import Batch
 from energy_opt.motion.path_dynamics import SharedByStructure
 from energy_opt.power import drive_function, drive_terms
 
@@ -71,39 +72,19 @@ class Tangents(AlongPath):
 
 @dataclass(frozen=True)
 class Terms:
-    """Functions of one point; z = (a, b) in the problem's unit, `at` its `size` numbers, `shared` those of all points.
+    """Functions of one point; z = (a, b) in the problem's unit, `at` its numbers, `shared` those of all points.
 
-    cost: (z, at, shared) -> cost
-    slope: (z, at, shared) -> its gradient (2, 1)
-    curvature: (z, at, shared, factor of cost, factor of time) -> upper triangle (3, 1) of the Hessian
+    value: (z, at, shared) -> cost and its gradient (2, 1)
+    curvature: (z, at, shared) -> upper triangle (3, 1) of the Hessian
     """
 
-    size: int
-    shared_size: int
-    cost: ca.Function
-    slope: ca.Function
+    value: ca.Function
     curvature: ca.Function
 
 
 def _triangle(h: ca.SX) -> ca.SX:
     full = ca.densify(h)
     return ca.vertcat(*(full[i, j] for j in range(h.shape[1]) for i in range(j + 1)))
-
-
-def _terms(power: ca.SX, z: ca.SX, at: ca.SX, shared: ca.SX) -> Terms:
-    """From the power; `at` ends with the quadrature weight, `shared` with the factors of energy and time."""
-    duration = at[-1] / ca.sqrt(z[1])
-    cost = duration * (shared[-2] * power + shared[-1])
-    given = [z, at, shared]
-    of_cost, of_time = ca.SX.sym("of_cost"), ca.SX.sym("of_time")
-    hessian = ca.hessian(of_cost * cost + of_time * duration, z)[0]
-    return Terms(
-        at.numel(),
-        shared.numel(),
-        ca.Function("cost", given, [cost]),
-        ca.Function("slope", given, [ca.densify(ca.gradient(cost, z))]),
-        ca.Function("curvature", [*given, of_cost, of_time], [_triangle(hessian)]),
-    )
 
 
 @dataclass(frozen=True)
@@ -146,24 +127,26 @@ def law_function(shared_by: SharedByStructure, n: int, tangents: bool = False) -
 
 @lru_cache(maxsize=16)
 def general_terms(shared_by: SharedByStructure, n: int) -> Terms:
-    """Terms of any model; `at` as the law's with the weight behind it, `shared` with both factors behind it."""
+    """A point's share of the cost, weight / sqrt(b) (energy P + time), by any model.
+
+    `at` is the law's with the weight behind it, `shared` the law's with the factors of energy and time behind it.
+    """
     built, weight, factors = law(shared_by, n), ca.SX.sym("weight"), ca.SX.sym("factors", 2)
-    return _terms(built.power, built.z, ca.vertcat(built.at, weight), ca.vertcat(built.shared, factors))
+    cost = weight / ca.sqrt(built.z[1]) * (factors[0] * built.power + factors[1])
+    given = [built.z, ca.vertcat(built.at, weight), ca.vertcat(built.shared, factors)]
+    slope = ca.densify(ca.gradient(cost, built.z))
+    return Terms(
+        ca.Function("value", given, [cost, slope]),
+        ca.Function("curvature", given, [_triangle(ca.hessian(cost, built.z)[0])]),
+    )
 
 
-def _monomials(a: np.ndarray | ca.SX, b: np.ndarray | ca.SX) -> list[np.ndarray | ca.SX]:
+def _monomials(a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
     root = b**0.5
     return [1 + 0 * a, a, b, a * a, a * b, b * b, root, root * a, root * b]
 
 
-@lru_cache(maxsize=1)
-def compressed_terms() -> Terms:
-    """Terms of a power that is a combination of nine monomials; `at`: its coefficients and the weight."""
-    z, at, factors = ca.SX.sym("z", 2), ca.SX.sym("at", 10), ca.SX.sym("factors", 2)
-    power = sum(at[k] * monomial for k, monomial in enumerate(_monomials(z[0], z[1])))
-    return _terms(power, z, at, factors)
-
-
+DEGREES = np.array([0, 1, 1, 2, 2, 2, 0.5, 1.5, 1.5])  # of the monomials in (a, b)
 _PROBES = np.array(
     [(0, 0.02), (0, 0.15), (0, 0.4), (0, 0.8), (0, 1.3), (5, 0.05), (5, 0.4), (5, 1.2), (-4, 0.2), (-2, 0.9)],
     dtype=float,
@@ -173,12 +156,11 @@ _RESIDUAL = np.eye(_PROBES.shape[1]) - np.stack(_monomials(*_PROBES), axis=1) @ 
 
 
 @lru_cache(maxsize=16)
-def _probed(shared_by: SharedByStructure, n: int, m: int) -> ca.Function:
-    """(at (6 n + 1, m), shared) -> power at every probe, (10, m)."""
+def _probed(shared_by: SharedByStructure, n: int, m: int) -> Batch:
+    """(at (m, 6 n + 1), shared) -> power at every probe, (m, 10)."""
     built, function = law(shared_by, n), law_function(shared_by, n)
     power = ca.vertcat(*(function(ca.DM(probe), built.at, built.shared)[0] for probe in _PROBES.T))
-    one = ca.Function("probed", [built.at, built.shared], [power])
-    return one.map("all_probed", "serial", m, [1], [])
+    return Batch(ca.Function("probed", [built.at, built.shared], [power]), m)
 
 
 def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.ndarray) -> np.ndarray | None:
@@ -187,18 +169,18 @@ def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.
     Copper loss, viscous friction and all that is affine come down to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b.
     The coefficients are found from the law itself, evaluated at ten probes, one more than there are unknowns.
     """
-    power = np.array(_probed(shared_by, n, at.shape[1])(at, shared))
+    power = _probed(shared_by, n, at.shape[1])(at.T, shared)[0].T
     if np.abs(_RESIDUAL @ power).max() > 1e-9 * np.abs(power).max():
         return None
     return _INVERSE @ power
 
 
 @lru_cache(maxsize=16)
-def exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
-    """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
+def exact_power(shared_by: SharedByStructure, n: int, m: int) -> Batch:
+    """(q, v, a, tau, t, p), of m rows each -> power [W] by the exact laws."""
     function, _ = drive_function(shared_by.model, n)
     inputs = function.sx_in()
-    return ca.Function("exact_power", inputs, [function(*inputs)[1]])
+    return Batch(ca.Function("exact_power", inputs, [function(*inputs)[1]]), m)
 
 
 @lru_cache(maxsize=16)
@@ -210,18 +192,4 @@ def torque_terms(shared_by: SharedByStructure, n: int) -> tuple[ca.Function, ca.
     return (
         ca.Function("torque", given, [built.torque, ca.densify(ca.jacobian(built.torque, built.z))]),
         ca.Function("torque_curvature", [*given, multiplier], [_triangle(held)]),
-    )
-
-
-@lru_cache(maxsize=1)
-def jerk_term() -> tuple[ca.Function, ca.Function]:
-    """Jerk (k0 a + k1 b + k2 w) sqrt(b) of one joint, in units of its bound.
-
-    Functions (z, k) -> value, Jacobian (1, 3) and (z, k, multiplier) -> upper triangle (6, 1); z = (a, b, w).
-    """
-    z, k, multiplier = ca.SX.sym("z", 3), ca.SX.sym("k", 3), ca.SX.sym("multiplier")
-    value = ca.dot(k, z) * ca.sqrt(z[1])
-    return (
-        ca.Function("jerk", [z, k], [value, ca.densify(ca.jacobian(value, z))]),
-        ca.Function("jerk_curvature", [z, k, multiplier], [_triangle(ca.hessian(multiplier * value, z)[0])]),
     )

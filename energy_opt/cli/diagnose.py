@@ -74,18 +74,22 @@ def _level(measured: MeasuredSet) -> PowerModel:
 
 
 def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
-    from energy_opt.diagnose.next_motion import propose, save
+    from energy_opt.errors import Infeasible
+    from energy_opt.next_motion import propose, rivals_of
 
-    motion = propose(result.trace, result.measured.robot, seed)
+    robot, remarks = result.measured.robot, result.document["remarks"]
+    try:
+        motion = propose(rivals_of(result.trace, robot.n), robot, seed)
+    except Infeasible as error:
+        remarks.append(f"No motion to record next is proposed: {error}.")
+        return
     if motion is None:
-        result.document["remarks"].append("No motion tells the alternatives apart: they are the same at the meter.")
+        remarks.append("No motion tells the alternatives apart: they are the same at the meter.")
         return
     name = "next_motion.csv"
-    save(motion, result.model, result.measured.robot, str(out / name))
+    motion.trajectory.write_csv(out / name)
     result.document["next_motion"] = name
-    result.document["remarks"].append(
-        f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms."
-    )
+    remarks.append(f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms.")
 
 
 def _summary(result: Diagnosis, out: Path) -> str:

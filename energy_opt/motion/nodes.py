@@ -39,6 +39,39 @@ class NodeFunctions:
         return [self.cost, self.torque, self.curvature, self.value]
 
 
+@dataclass(frozen=True)
+class NodeSymbols:
+    """A node's variables as CasADi symbols, and what follows from them: v [rad/s], a [rad/s^2], t [s]."""
+
+    q: ca.SX
+    q1: ca.SX
+    q2: ca.SX
+    duration: ca.SX
+    u: ca.SX
+
+    @classmethod
+    def of(cls, joints: int) -> NodeSymbols:
+        """Fresh symbols for an arm of `joints` joints."""
+        q, q1, q2 = (ca.SX.sym(name, joints) for name in ("q", "q1", "q2"))
+        return cls(q, q1, q2, ca.SX.sym("T"), ca.SX.sym("u"))
+
+    @property
+    def v(self) -> ca.SX:
+        return self.q1 / self.duration
+
+    @property
+    def a(self) -> ca.SX:
+        return self.q2 / self.duration**2
+
+    @property
+    def t(self) -> ca.SX:
+        return self.u * self.duration
+
+    @property
+    def z(self) -> ca.SX:
+        return ca.vertcat(self.q, self.q1, self.q2, self.duration)
+
+
 def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str) -> ca.SX:
     """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`."""
     gravity, mass, com = ca.SX(ca.DM(body.gravity)), ca.SX(0), ca.SX.zeros(3)
@@ -79,26 +112,29 @@ def node_functions(
     if objective not in OBJECTIVES:
         raise BadInput(f"objective {objective!r}; expected one of {', '.join(OBJECTIVES)}")
     n = body.n
-    q, q1, q2 = (ca.SX.sym(name, n) for name in ("q", "q1", "q2"))
-    duration, u = ca.SX.sym("T"), ca.SX.sym("u")
-    p = model.symbols(n)
-    v, a = q1 / duration, q2 / duration**2
-    tau = symbolic_torque(model, body, q, v, a, p, dynamics)
-    terms = drive_terms(model, Signals(q, v, a, tau, u * duration), p, Smooth())
+    x = NodeSymbols.of(n)
+    p, v, a = model.symbols(n), x.v, x.a
+    tau = symbolic_torque(model, body, x.q, v, a, p, dynamics)
+    terms = drive_terms(model, Signals(x.q, v, a, tau, x.t), p, Smooth())
     rate = {
-        "energy": lambda: duration * (terms.power - conservative_power(model, terms, p, n)),
-        "torque": lambda: duration * ca.dot(terms.tau_m, terms.tau_m),
-        "power_squared": lambda: duration * ca.sumsqr(terms.tau_m * v),
-        "path_length": lambda: ca.dot(q1, q1),
-        "time": lambda: duration,
+        "energy": lambda: x.duration * (terms.power - conservative_power(model, terms, p, n)),
+        "torque": lambda: x.duration * ca.dot(terms.tau_m, terms.tau_m),
+        "power_squared": lambda: x.duration * ca.sumsqr(terms.tau_m * v),
+        "path_length": lambda: ca.dot(x.q1, x.q1),
+        "time": lambda: x.duration,
     }[objective]()
-    z, s, lam = ca.vertcat(q, q1, q2, duration), ca.SX.sym("s"), ca.SX.sym("lam", n)
-    jacobian = ca.densify(ca.jacobian(terms.tau_m, z))
-    hessian = ca.densify(ca.hessian(s * rate + ca.dot(lam, terms.tau_m), z)[0])
+    return derived(rate, terms.tau_m, x, p)
+
+
+def derived(rate: ca.SX, tau_m: ca.SX, x: NodeSymbols, p: ca.SX) -> NodeFunctions:
+    """The functions, with their derivatives, of any rate of cost per unit of u and motor torque (n, 1)."""
+    z, u, s, lam = x.z, x.u, ca.SX.sym("s"), ca.SX.sym("lam", tau_m.numel())
+    jacobian = ca.densify(ca.jacobian(tau_m, z))
+    hessian = ca.densify(ca.hessian(s * rate + ca.dot(lam, tau_m), z)[0])
     names = ["z", "u", "p"]
     return NodeFunctions(
         cost=ca.Function("cost", [z, u, p], [rate, ca.densify(ca.gradient(rate, z))], names, ["e", "grad"]),
-        torque=ca.Function("torque", [z, u, p], [terms.tau_m, jacobian], names, ["tau", "jac"]),
+        torque=ca.Function("torque", [z, u, p], [tau_m, jacobian], names, ["tau", "jac"]),
         curvature=ca.Function("curvature", [z, u, p, s, lam], [hessian], [*names, "s", "lam"], ["hess"]),
-        value=ca.Function("value", [z, u, p], [rate, terms.tau_m], names, ["e", "tau"]),
+        value=ca.Function("value", [z, u, p], [rate, tau_m], names, ["e", "tau"]),
     )

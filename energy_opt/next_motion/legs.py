@@ -1,0 +1,130 @@
+"""Legs of a recording: single moves from rest to rest, drawn as quintics and reshaped so that rival models differ."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.motion.reshape import Curve, Level, fitted
+from energy_opt.motion.reshaper import trajectory_of
+from energy_opt.motion.shape import Ends, Shape
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import Limits, Robot
+
+PAUSE, PAUSE_ROWS = 0.4, 20  # [s]
+SPARE = 0.98  # of every limit is used in reshaping: nodes do not see all of a curve
+BENT = 24  # random bends of which the most telling is reshaped
+BEND = 0.5  # standard deviation of a bend's amplitude, as a share of half of a joint's range
+WAVES = 4  # half periods of a bend at most
+ITERATIONS = 40
+SHORTEST = 0.5  # [s]
+
+
+@dataclass(frozen=True)
+class Way:
+    """How to get from pose to pose: at first in `duration` [s], which is free within `durations`, within limits."""
+
+    start: np.ndarray
+    goal: np.ndarray
+    duration: float
+    durations: tuple[float, float]
+    limits: Limits
+
+    @property
+    def ends(self) -> Ends:
+        rest = np.zeros_like(self.start)
+        return Ends(self.start, self.goal, rest, rest, np.zeros((0, len(rest))))
+
+    def quintic(self, shape: Shape) -> Curve:
+        """The straight way, as a curve of `shape`."""
+        u = np.linspace(0, 1, 8 * shape.basis.controls)
+        share = u**3 * (10 - 15 * u + 6 * u**2)
+        return fitted(shape, u, self.start + np.outer(share, self.goal - self.start), self.ends, self.duration)
+
+
+def reshaped(
+    level: Level, way: Way, leg: Curve, parameters: np.ndarray, rng: np.random.Generator | None = None
+) -> Curve:
+    """The way with the level's cost lowered, from `leg` or, given `rng`, from the best of some random bends of it.
+
+    It is `leg` itself where the solver ends outside the limits.
+    """
+    shape, stated = level.shape, way.limits
+    kinds = ("velocity", "acceleration", "jerk", "effort")
+    limits = stated.replace(**{kind: SPARE * getattr(stated, kind) for kind in kinds})
+    rows = [(k, site, j) for k in (1, 2, 3) for site in range(len(shape.sites[k - 1])) for j in range(shape.joints)]
+    outcome = level.solve(
+        leg if rng is None else _bent(level, way, leg, limits, parameters, rng),
+        way.ends, limits, parameters, way.durations, tolerance=1e-3, rows=np.array(rows), rounds=2,
+        options={"mu_init": 1e-2, "max_iter": ITERATIONS},
+    )  # fmt: skip
+    return outcome.curve if outcome.broken < 1 / SPARE - 1 else leg
+
+
+def _bent(
+    level: Level, way: Way, leg: Curve, limits: Limits, parameters: np.ndarray, rng: np.random.Generator
+) -> Curve:
+    """The most telling of many randomly bent copies of `leg`, each as fast as limits on motion let it be."""
+    shape = level.shape
+    bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk, limits.effort])
+    u, half = np.linspace(0, 1, shape.basis.controls), (limits.upper - limits.lower) / 2
+    waves = np.stack([np.sin(np.pi * u) * np.sin(k * np.pi * u) for k in range(1, WAVES + 1)])
+    best, least = leg, np.inf
+    for _ in range(BENT):
+        bend = waves.T @ (rng.normal(size=(WAVES, shape.joints)) * half / np.arange(1, WAVES + 1)[:, None])
+        bend[: shape.pinned] = bend[-shape.pinned :] = 0
+        for size in BEND * 0.6 ** np.arange(8):
+            points = np.clip(leg.points + size * bend, limits.lower, limits.upper)
+            curve = _fast(Curve(shape, points, 1.0, leg.via_u), bounds)
+            if curve.duration <= way.durations[1]:
+                break
+        curve = replace(curve, duration=float(np.clip(curve.duration, *way.durations)))
+        cost, shares = level.shares(curve, parameters, bounds)
+        value = cost / max(1.0, *(float(share.max()) for share in shares)) ** 2
+        if value < least:
+            best, least = curve, value
+    return best
+
+
+def _fast(curve: Curve, bounds: np.ndarray) -> Curve:
+    """The curve in the shortest duration within bounds on velocity, acceleration and jerk."""
+    sites = curve.shape.sites
+    shortest = [np.max(np.abs(sites[k] @ curve.points) / bounds[k]) ** (1 / (k + 1)) for k in range(3)]
+    return replace(curve, duration=float(max(shortest)))
+
+
+def shortest(robot: Robot, limits: Limits, start: np.ndarray, goal: np.ndarray) -> float:
+    """Shortest quintic within velocity, acceleration, jerk and effort limits (with a tenth to spare), s."""
+    way = goal - start
+    size = 1.1 * np.abs(way)
+    duration = max(
+        SHORTEST,
+        float(np.max(1.875 * size / limits.velocity)),
+        float(np.max(np.sqrt(5.774 * size / limits.acceleration))),
+        float(np.max(np.cbrt(60 * size / limits.jerk))),
+    )
+    x = np.linspace(0, 1, 21)
+    share, rate, curve = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - 3 * x + 2 * x**2)
+    for _ in range(12):
+        q, v, a = start + np.outer(share, way), np.outer(rate, way) / duration, np.outer(curve, way) / duration**2
+        if (1.1 * np.abs(robot.body.torque(q, v, a)) <= limits.effort).all():
+            break
+        duration *= 1.2
+    return duration
+
+
+def joined(legs: Sequence[Curve], joints: tuple[str, ...]) -> Trajectory:
+    """One trajectory of legs that begin where the one before ended, with a pause after each."""
+    n = len(joints)
+    time, q, v, a = [np.zeros(1)], [legs[0].points[:1]], [np.zeros((1, n))], [np.zeros((1, n))]
+    still = np.zeros((PAUSE_ROWS, n))
+    for leg in legs:
+        t = trajectory_of(leg, joints)
+        begin, end = time[-1][-1], time[-1][-1] + t.duration
+        time += [begin + t.time[1:], end + PAUSE * np.arange(1, PAUSE_ROWS + 1) / PAUSE_ROWS]
+        q += [t.position[1:], still + t.position[-1]]
+        v += [t.velocity[1:], still]
+        a += [t.acceleration[1:], still]
+    return Trajectory(joints, np.concatenate(time), np.vstack(q), np.vstack(v), np.vstack(a))

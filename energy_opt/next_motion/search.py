@@ -1,0 +1,162 @@
+"""The search for the motion to record next.
+
+There and back between two poses, fast and then slowly, so that speed, direction and load all change. Pairs of poses are
+drawn and tried with straight ways; from the most telling pairs, every way is reshaped by the optimizer so that the
+rivals' readings differ most. All candidates, the straight ones too, are judged alike: by the smallest of the rivals'
+mutual rms differences at the meter, within all limits by the certificate, and within those on torque under every rival.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.errors import Infeasible
+from energy_opt.motion.certificate import Certificate, certify
+from energy_opt.motion.reshape import Curve, Level
+from energy_opt.motion.score import Scorer
+from energy_opt.motion.shape import Shape
+from energy_opt.motion.spline import Basis
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.next_motion.contrast import contrast_functions, contrast_parameters
+from energy_opt.next_motion.legs import Way, joined, reshaped, shortest
+from energy_opt.next_motion.rivals import separations
+from energy_opt.power import PowerModel
+from energy_opt.robot import Limits, Robot
+
+DRAWN, TRIED = 40, 3  # pairs of poses; at most so many, the most telling, are reshaped
+WORK = 60_000  # instructions: fewer pairs where a Hessian at a node takes more than a third of this
+ROUNDS = 2  # of reshaping, for pairs of rivals that share a motion and for limits broken in the first
+SPAN = 2.0  # [rad] motions stay within this of the middle of a joint's range
+ACCELERATION, JERK = 12.0, 1500.0  # [rad/s^2], [rad/s^3] where an arm's own limits are higher or unknown
+SLOWER = 2.5  # the slow pass takes this many times as long, within velocity limits as many times smaller
+DURATIONS = (0.7, 2.5)  # [s] of a fast way, longer only where the straight one is
+COARSE, FINE = 0.08, 0.008  # [s] between readings that are compared: among drawn motions, among the last
+SAME = 1e-3  # [W] rivals nearer than this are the same at the meter
+CONTROLS, PACKING = 12, 0.5  # of a way's spline
+
+
+@dataclass(frozen=True)
+class NextMotion:
+    """A motion to record.
+
+    Attributes:
+        trajectory: with the torque and power that the first rival expects.
+        difference: by how much the two rivals that are nearest differ over it, rms W. straight: the same of the most
+            telling motion that was drawn.
+        certificate: of the trajectory, under the first rival.
+    """
+
+    trajectory: Trajectory
+    difference: float
+    straight: float
+    certificate: Certificate
+
+
+def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0) -> NextMotion | None:
+    """The most telling motion found, or None where no motion tells any two of the models apart.
+
+    Where some pairs are the same at the meter whatever the motion, the others count.
+
+    Raises:
+        Infeasible: no drawn motion holds the robot's limits.
+    """
+    rng = np.random.default_rng(seed)
+    shape, limits = Shape(robot.n, Basis(CONTROLS, PACKING)), _calm(robot.limits)
+    judge = _Judge(models, robot)
+    drawn = []
+    for _ in range(DRAWN):
+        poses = rng.uniform(limits.lower, limits.upper, (2, robot.n))
+        ways = _ways(poses, shortest(robot, limits, *poses), limits)
+        legs = [way.quintic(shape) for way in ways]
+        drawn.append((judge.apart(legs, COARSE), ways, legs))
+    judge.live = np.max([apart for apart, *_ in drawn], axis=0) >= SAME
+    if not judge.live.any():
+        return None
+    drawn.sort(key=lambda row: -row[0][judge.live].min())
+    straight = next((legs for *_, legs in drawn if (judge.torque(legs) <= 1).all()), None)
+    if straight is None:
+        raise Infeasible("no drawn motion from pose to pose holds the torque limits under all rival models")
+    candidates = [(judge.score(judge.apart(straight, FINE)), straight)]
+    functions = contrast_functions(models, robot.body, judge.torque(straight).argmax(axis=0))
+    level, tried = Level(shape, functions), int(np.clip(WORK / functions.curvature.n_instructions(), 1, TRIED))
+    for apart, ways, _ in drawn[:tried]:
+        candidates += _improved(level, judge, ways, apart, rng)
+    for value, legs in sorted(candidates, key=lambda pair: -pair[0]):
+        trajectory = joined(legs, robot.joints)
+        certificate = certify(trajectory, judge.scorers[0], robot.limits)
+        if certificate.valid:
+            return NextMotion(judge.scorers[0].filled(trajectory), value, candidates[0][0], certificate)
+    raise Infeasible("no motion from pose to pose holds the robot's limits")
+
+
+class _Judge:
+    """Judges motions; `live` (pairs,) marks the pairs of rivals that some motion tells apart."""
+
+    def __init__(self, models: Sequence[PowerModel], robot: Robot) -> None:
+        self.models, self.robot = models, robot
+        self.scorers = [Scorer(robot, model) for model in models]
+        self.live = np.zeros(0, dtype=bool)
+
+    def apart(self, legs: Sequence[Curve], step: float) -> np.ndarray:
+        """Rms difference [W] of every two rivals over a motion, (pairs,)."""
+        return separations(self.models, self.robot.body, joined(legs, self.robot.joints), step)
+
+    def score(self, apart: np.ndarray) -> float:
+        """The smallest difference that counts, W."""
+        return float(apart[self.live].min())
+
+    def torque(self, legs: Sequence[Curve]) -> np.ndarray:
+        """Largest motor torque under each rival, as a share of its limit, (rivals, n)."""
+        trajectory = joined(legs, self.robot.joints)
+        time = np.arange(0.0, trajectory.duration, FINE)
+        q, v, a, _ = trajectory.sample(time)
+        drives = (scorer.drive(q, v, a, time)[0] for scorer in self.scorers)
+        return np.array([np.abs(tau).max(axis=0) for tau in drives]) / self.robot.limits.effort
+
+
+def _improved(
+    level: Level, judge: _Judge, ways: Sequence[Way], apart: np.ndarray, rng: np.random.Generator
+) -> list[tuple[float, list[Curve]]]:
+    """Motions within torque limits, and their scores, that come of reshaping all ways; `apart` weighs the pairs."""
+    found: list[tuple[float, list[Curve]]] = []
+    legs = [way.quintic(level.shape) for way in ways]
+    for bend in (rng, *(None,) * (ROUNDS - 1)):
+        least = judge.score(apart)
+        weights = judge.live * least**2 / np.maximum(apart, SAME) ** 4  # most to the pairs that differ least
+        parameters = contrast_parameters(judge.models, judge.robot.n, weights)
+        legs = [reshaped(level, way, leg, parameters, bend) for way, leg in zip(ways, legs, strict=True)]
+        apart, torque = judge.apart(legs, FINE), judge.torque(legs).max(axis=0)
+        if (torque <= 1).all():
+            found.append((judge.score(apart), legs))
+            if judge.live.sum() == 1:
+                break
+        less = 1 / np.maximum(1.0, 1 + 1.5 * (torque - 1))
+        ways = [replace(way, limits=way.limits.replace(effort=way.limits.effort * less)) for way in ways]
+    return found
+
+
+def _calm(limits: Limits) -> Limits:
+    """The limits that motions are made within: finite ones, and the middle of every joint's range."""
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    lower, upper = np.where(bounded, limits.lower, -np.pi), np.where(bounded, limits.upper, np.pi)
+    middle, half = (lower + upper) / 2, np.minimum(0.45 * (upper - lower), SPAN)
+    return limits.replace(
+        lower=middle - half,
+        upper=middle + half,
+        acceleration=np.minimum(limits.acceleration, ACCELERATION),
+        jerk=np.minimum(limits.jerk, JERK),
+    )
+
+
+def _ways(poses: np.ndarray, fast: float, limits: Limits) -> list[Way]:
+    """There and back in `fast` s, then slowly."""
+    crawling = limits.replace(velocity=limits.velocity / SLOWER)
+    there, back = (poses[0], poses[1]), (poses[1], poses[0])
+    return [
+        Way(*ends, k * fast, (k * DURATIONS[0], k * max(fast, DURATIONS[1])), within)
+        for k, within in ((1.0, limits), (SLOWER, crawling))
+        for ends in (there, back)
+    ]

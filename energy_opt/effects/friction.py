@@ -61,7 +61,7 @@ class LoadFriction(TorqueEffect):
 
     name = "load_friction"
     parameters = (Parameter("mu", "1", 0.0, 0.0, 1.0, "joint"),)
-    convex_in_retiming = False
+    convex_in_retiming = False  # tau_m^2 bends inwards at tau = 0 where a spring or a rotor keeps tau_m from zero there
     dissipates = True
 
     @classmethod
@@ -78,7 +78,7 @@ class GearEfficiency(TorqueEffect):
 
     name = "gear_efficiency"
     parameters = (Parameter("eta", "1", 1.0, 0.05, 1.0, "joint"),)
-    convex_in_retiming = False
+    convex_in_retiming = False  # as load friction
     dissipates = True
 
     @classmethod

@@ -3,15 +3,16 @@
 The squared path speed b(s) is a quadratic B-spline (timing_law); the program is convex where the model allows it, and
 is solved by IPOPT from TOPP-RA's timing (retime_program). This module decides what to solve for the duration asked for.
 
-"At most T" is convex as it stands. "Exactly T" is not, since T(b) is convex; it is solved as
+"At most T" is convex as it stands. "Exactly T" is not, since T(b) is convex. It is solved as the equality it is, with
 
-    minimise  E(b) - price * T(b)   subject to  T(b) <= T
+    minimise  E(b) - price * T(b)   subject to  T(b) = T
 
-with a price [W] that a second is credited with. At T(b) = T the credit is a constant, so where the constraint is active
-the answer is that of the equality; and up to a certain price the cost stays convex (standby power always belongs to
-it), so that the answer is the global one. Where the constraint is not active, a second costs more than that price: the
-arm would rather have moved faster, and creeps where holding is cheap. Then T(b) = T is solved as an equality, and the
-bound R* + price * T, R* the least cost above, says how much at most is missing.
+where a second of the duration is credited with a price [W], a constant that changes no answer; up to a certain price
+the cost stays convex (standby power always belongs to it). A multiplier of T of at least zero then makes the answer one
+of the convex program with T(b) <= T, hence the global one, and weak duality gives its bound. Else a second costs more
+than that price: the arm would rather have moved faster, and creeps where holding is cheap. The convex program is then
+solved from there, and R* + price * T, R* its least cost, says how much at most is missing; where that is much, its
+answer is one more start.
 """
 
 from __future__ import annotations
@@ -35,7 +36,6 @@ USELESS = 1.0  # share of the energy: a bound farther away than this says nothin
 USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
 FLOOR = 1e-6  # least b, as a share of the start's largest
 PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
-LOOSE = 1e-5  # tolerance of a solve for a bound, which holds whatever the tolerance
 CORRECTIONS = 4  # of a duration that the grid does not resolve
 HELD = 3e-7  # of a bound beyond the tighter one that the program is held to
 CREEP = 1e-2  # the same where creeping pays: slower than a tenth of the top speed is not resolved by the grid
@@ -177,14 +177,14 @@ def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
     best = _equality(work, start, price, duration)
     if work.convex and best.gap > PROVED:
         near = best.timing if best.converged else start
-        relaxed = work.optimise(near, price=price, longest=duration, floor=FLOOR, tolerance=LOOSE)
+        relaxed = work.optimise(near, price=price, longest=duration, floor=FLOOR, only_bound=True)
         if relaxed.bound is not None:
             below = relaxed.bound + price * duration
             best = replace(best, bound=below if best.bound is None else max(below, best.bound))
         if relaxed.solved:
             other = _Plan(_exactly(relaxed.timing, duration), relaxed.energy, best.bound, True)
-            if abs(relaxed.timing.duration / duration - 1) > USED_UP:
-                far = best.bound is not None and best.gap > GLOBAL_GAP / 100
+            if abs(relaxed.timing.duration / duration - 1) > USED_UP or work.limits.refine(other.timing.control):
+                far = not best.converged or (best.bound is not None and best.gap > GLOBAL_GAP / 100)
                 other = _equality(work, other.timing, price, duration) if far else best
             if other.energy < best.energy:
                 best = replace(other, bound=best.bound)

@@ -57,6 +57,6 @@ def lower_bound(program: Program, x: np.ndarray, multipliers: np.ndarray, allowe
     slope = here.slope + of_time * here.time_slope
     linear = program.rows_held.linear
     if linear is not None:
-        value += float(of_rows @ linear.values(program.control(x)) - np.abs(of_rows) @ linear.allowed)
+        value += float(of_rows @ here.rows - np.abs(of_rows) @ linear.allowed)
         slope = slope + linear.pulled(of_rows)
     return value + float(np.minimum(-slope * x, slope * (allowed - x)).sum())

@@ -20,9 +20,9 @@ from energy_opt.motion.retime_grid import Band, Lift
 from energy_opt.motion.retime_points import Cost
 from energy_opt.motion.retime_rows import Rows
 
-TOLERANCE = 1e-7  # of the solver, on a cost of order one
 STOPPED = "User_Requested_Stop"
 OPTIONS: dict[str, object] = {
+    "tol": 1e-7,  # on a cost of order one
     "max_iter": 200,
     "bound_relax_factor": 0.0,
     "mumps_scaling": 0,  # the program is scaled already
@@ -39,16 +39,18 @@ LEAP: dict[str, object] = {
 }
 CREEP: dict[str, object] = {"mu_init": 1e-2}
 NEAR: dict[str, object] = {"mu_init": 1e-4}
+LOOSE: dict[str, object] = {"tol": 1e-5, "mu_init": 1e-3, "bound_mult_init_method": "mu-based"}
 
 
 @dataclass(frozen=True)
 class Values:
-    """Cost, T / T_ref and their gradients (N,) with respect to the free control values."""
+    """Cost, T / T_ref, their gradients (N,) with respect to the free control values, and the rows (K,)."""
 
     cost: float
     slope: np.ndarray
     time: float
     time_slope: np.ndarray
+    rows: np.ndarray
 
 
 class Program:
@@ -70,7 +72,7 @@ class Program:
         self._pace, self._ends = weight / reference, ends
         self.band = Band(lift.count - 2)
         self.hessian_pattern = self.band.pattern
-        self._at: np.ndarray | None = None
+        self._at = b""
         n, first = lift.count - 2, rows.first
         row = np.concatenate([np.zeros(n, dtype=int), np.repeat(1 + np.arange(len(first)), 3)])
         column = np.concatenate([np.arange(n), (first[:, None] + np.arange(3) - 1).ravel()])
@@ -84,9 +86,10 @@ class Program:
         return np.concatenate([self._ends[:1], x, self._ends[1:]])
 
     def at(self, x: np.ndarray) -> Values:
-        """Cost and time at the free control values x (N,), worked out once for all that ask."""
-        if self._at is None or not np.array_equal(x, self._at):
-            self._at = x.copy()
+        """Cost, time and rows at the free control values x (N,), worked out once for all that ask."""
+        key = x.tobytes()
+        if key != self._at:
+            self._at = key
             self._control = self.control(x)
             self._z = self.lift.values(self._control)
             cost, slope = self.points.value(self._z)
@@ -94,7 +97,8 @@ class Program:
             self._share = self._pace / np.sqrt(b)
             by_z = np.zeros_like(self._z)
             by_z[1] = -0.5 * self._share / b
-            self._values = Values(cost, self.lift.pulled(slope), float(self._share.sum()), self.lift.pulled(by_z))
+            time, rows = float(self._share.sum()), self.rows_held.values(self._control)
+            self._values = Values(cost, self.lift.pulled(slope), time, self.lift.pulled(by_z), rows)
         return self._values
 
     def cost(self, x: np.ndarray) -> float:
@@ -104,8 +108,8 @@ class Program:
         return self.at(x).slope
 
     def rows(self, x: np.ndarray) -> np.ndarray:
-        time = self.at(x).time
-        return np.concatenate([[time], self.rows_held.values(self._control)])
+        here = self.at(x)
+        return np.concatenate([[here.time], here.rows])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         slope = self.at(x).time_slope
@@ -128,18 +132,19 @@ class Program:
         *,
         exactly: bool = False,
         near: bool = False,
-        tolerance: float = TOLERANCE,
+        loosely: bool = False,
     ) -> ipopt.Answer:
         """Solve from `start` (N,), control values within `bounds`; with `exactly`, T = T_ref in place of T <= T_ref.
 
-        `near` says that the start is close to the answer. The first row multiplier is that of T / T_ref.
+        `near` says that the start is close to the answer; `loosely`, that a bound is all that is wanted. The first row
+        multiplier is that of T / T_ref.
         """
         count = self.rows_held.count
         row_bounds = np.append(1.0 if exactly else -np.inf, -np.ones(count)), np.ones(1 + count)
         start = np.clip(start, *bounds)
         used = 0
         for way in (NEAR if near else LEAP, CREEP):
-            options = {**OPTIONS, "tol": tolerance, **way}
+            options = {**OPTIONS, **way, **(LOOSE if loosely else {})}
             answer = ipopt.solve(self, start, bounds, row_bounds, options)
             used += answer.iterations
             if answer.success or answer.status == STOPPED:

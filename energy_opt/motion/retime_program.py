@@ -15,7 +15,7 @@ from energy_opt.motion.retime_bound import largest_price, lower_bound
 from energy_opt.motion.retime_grid import GAUSS, quadrature
 from energy_opt.motion.retime_law import PathLaw
 from energy_opt.motion.retime_limits import MARGIN, PathLimits
-from energy_opt.motion.retime_problem import TOLERANCE, Program
+from energy_opt.motion.retime_problem import Program
 from energy_opt.motion.retime_rows import Rows
 from energy_opt.motion.retime_terms import BLURS, exact_power
 from energy_opt.motion.timing_law import Timing, greville
@@ -164,19 +164,20 @@ class Retiming:
         floor: float,
         exactly: bool = False,
         energy: bool = True,
-        tolerance: float = TOLERANCE,
+        only_bound: bool = False,
     ) -> Solved:
         """Minimise energy - price * duration from `start`, in at most (`exactly`: in) `longest` seconds.
 
         No control value falls below `floor` times the start's largest, less towards the ends. With `energy` False,
-        energy counts nothing.
+        energy counts nothing. With `only_bound`, limits between the grid's points are left out and the solver stops
+        early: the bound is no less valid for that.
         """
         drifts = energy and any(self.model.get(name) is not None for name in DRIFTING)
-        found = self._optimise(start, price, longest, floor, exactly, energy, tolerance)
+        found = self._optimise(start, price, longest, floor, exactly, energy, only_bound)
         # what drifts with time takes the time of the timing before, and the program is scaled by where it starts
         far = abs(np.log(found.timing.duration / start.duration)) > np.log(FAR_OFF)
         if drifts or (found.solved and far):
-            return self._optimise(found.timing, price, longest, floor, exactly, energy, tolerance)
+            return self._optimise(found.timing, price, longest, floor, exactly, energy, only_bound)
         return found
 
     def _optimise(
@@ -187,7 +188,7 @@ class Retiming:
         floor: float,
         exactly: bool,
         energy: bool,
-        tolerance: float,
+        only_bound: bool,
     ) -> Solved:
         unit = float(start.control.max())
         clock = 1 / np.sqrt(unit)  # seconds in the program's unit of time
@@ -215,7 +216,9 @@ class Retiming:
             whole = program(rows, blurs[0])
             built = time.perf_counter()
             near = law.coefficients is None and blurs[0] < BLURS[0]
-            answer = whole.solve(x, (lower, upper), exactly=exactly, near=near, tolerance=tolerance)
+            answer = whole.solve(
+                x, (lower, upper), exactly=exactly, near=near, loosely=only_bound and law.coefficients is not None
+            )
             self.tally.iterations += answer.iterations
             self.tally.build += built - begun
             self.tally.solve += time.perf_counter() - built
@@ -226,7 +229,9 @@ class Retiming:
             x = answer.x
             control = unit * whole.control(x)
             rounds += 1
-            if not answer.success or rounds == ROUNDS or not (self.limits.hold(control) or self.limits.refine(control)):
+            if not answer.success or rounds == ROUNDS:
+                break
+            if not self.limits.hold(control) and (only_bound or not self.limits.refine(control)):
                 break
         timing = Timing(start.path, start.knots, control)
         bound = None

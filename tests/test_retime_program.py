@@ -1,0 +1,261 @@
+"""The program of a retiming: against an independent cone program; its derivatives, convexity and bounds."""
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from energy_opt.effects import (
+    CopperLoss,
+    CoulombFriction,
+    Effect,
+    GearEfficiency,
+    GravitySpring,
+    LoadFriction,
+    Regeneration,
+    Standby,
+    SupplyEfficiency,
+    ViscousFriction,
+)
+from energy_opt.motion.path import JointPath, straight, through
+from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.motion.retime import retime
+from energy_opt.motion.retime_bound import largest_price
+from energy_opt.motion.retime_grid import lift, quadrature
+from energy_opt.motion.retime_law import PathLaw
+from energy_opt.motion.retime_limits import point_numbers
+from energy_opt.motion.retime_points import Jerk, Torque
+from energy_opt.motion.retime_problem import Program
+from energy_opt.motion.retime_rows import CurvedRows, LinearRows, Rows
+from energy_opt.motion.retime_terms import compressed, law_function
+from energy_opt.motion.score import Scorer
+from energy_opt.motion.timing import fastest
+from energy_opt.motion.timing_law import Timing, greville
+from energy_opt.power import PowerModel, drive_function, source_method_2
+from energy_opt.robot import Robot, load_robot
+
+START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
+GOAL = np.array([1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4])
+MIDDLE = (START + GOAL) / 2 + [0.1, -0.3, 0.2, 0.1, 0, 0.2, 0.3]
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return load_robot("panda")
+
+
+@pytest.fixture(scope="module")
+def ur5() -> Robot:
+    return load_robot("ur5")
+
+
+@pytest.fixture(scope="module")
+def model() -> PowerModel:
+    return source_method_2()
+
+
+@pytest.mark.parametrize("path", [straight(START, GOAL), through(np.array([START, MIDDLE, GOAL]))])
+@pytest.mark.parametrize("mode", ["free", "exact"])
+def test_against_a_cone_program(ur5: Robot, path: JointPath, mode: str) -> None:
+    """The same spline space and limits at the same points, posed for cvxpy and solved by Clarabel."""
+    cp = pytest.importorskip("cvxpy")
+    model = PowerModel("ur5", (Standby(power=88.04), CopperLoss(r_over_kt2=0.0036), CoulombFriction(tau_c=2.0)))
+    path = JointPath(path.knots, path.coefficients[:, :, :6])  # the first six coordinates, on a six-axis arm
+    shortest = fastest(ur5, model, path, grid=60, jerk=False)
+    duration = 1.1 * shortest.duration
+    found = retime(ur5, model, path, shortest=shortest, duration=duration if mode == "exact" else None)
+    assert found.kind == "global"
+
+    grid = quadrature(shortest.knots, (True, True))
+    d = PathDynamics(ur5, model, path, grid.s)
+    maps = lift(shortest.knots, grid.s).maps
+    first = lift(shortest.knots, grid.s).first
+    count, m, n = len(shortest.control), len(grid.s), 6
+    to_a, to_b = np.zeros((m, count)), np.zeros((m, count))
+    for k in range(3):
+        to_a[np.arange(m), first + k] = maps[0, :, k]
+        to_b[np.arange(m), first + k] = maps[1, :, k]
+    c, root, u = cp.Variable(count), cp.Variable(m), cp.Variable(m)
+    unit = shortest.control.max()
+    a, b = unit * (to_a @ c), unit * (to_b @ c)
+    friction = 2.0 * np.sign(d.q1)
+    tau = [cp.multiply(d.M[:, j], a) + cp.multiply(d.C[:, j], b) + d.G[:, j] + friction[:, j] for j in range(n)]
+    constraints = [c[0] == 0, c[-1] == 0, b >= 0, root <= cp.sqrt(to_b @ c)]
+    for j in range(n):
+        constraints += [cp.abs(tau[j] / ur5.limits.effort[j]) <= 1]
+        constraints += [cp.multiply((d.q1[:, j] / ur5.limits.velocity[j]) ** 2, b) <= 1]
+    # u >= |tau / size|^2 / root as a rotated cone
+    size = 50.0
+    stacked = cp.vstack([*(2 * x / size for x in tau), u - root])
+    constraints += [cp.SOC(u + root, stacked, axis=0)]
+    clock = grid.weight / np.sqrt(unit)
+    time = clock @ cp.inv_pos(root)
+    accuracy = {"tol_gap_rel": 1e-7, "tol_gap_abs": 1e-7, "tol_feas": 1e-7}
+    work = grid.weight @ sum(cp.multiply(d.q1[:, j], tau[j]) for j in range(n))
+    loss = work + 0.0036 * size**2 * (clock @ u)
+    if mode == "exact":
+        constraints.append(time <= duration)
+        problem = cp.Problem(cp.Minimize(loss), constraints)
+        best = problem.solve(solver="CLARABEL", **accuracy) + 88.04 * duration
+    else:
+        best = cp.Problem(cp.Minimize(loss + 88.04 * time), constraints).solve(solver="CLARABEL", **accuracy)
+    assert found.energy == pytest.approx(best, rel=1e-4)
+
+
+def test_the_bound_is_below_everything_that_is_feasible(ur5: Robot, model: PowerModel) -> None:
+    path = straight([0.3, -1.2, 1.0, 0.2, 0.4, 0.0], [-0.5, -0.6, 0.4, 1.0, -0.2, 0.5])
+    duration = 1.3 * fastest(ur5, model, path, jerk=False).duration
+    found = retime(ur5, model, path, duration=duration)
+    assert found.lower_bound is not None and found.gap_percent is not None
+    assert found.kind == "global" and found.gap_percent < 0.01
+    scorer, rng = Scorer(ur5, model), np.random.default_rng(0)
+    g = greville(found.timing.knots)
+    for _ in range(20):
+        wave = sum(rng.normal(scale=0.03) * np.sin(k * np.pi * g) for k in range(1, 6))
+        other = Timing(path, found.timing.knots, found.timing.control * np.exp(wave)).slowed(duration)
+        assert scorer.energy(other.trajectory(ur5.joints)).total > found.lower_bound
+
+
+def test_prices_beyond_the_largest_spoil_convexity(panda: Robot, model: PowerModel) -> None:
+    path = through(np.array([START, MIDDLE, GOAL]))
+    d = PathDynamics(panda, model, path, np.linspace(0.01, 0.99, 41))
+    numbers, shared = point_numbers(d, np.zeros(41)), np.append(model.values(7), [2.0, 1.0])
+    k = compressed(SharedByStructure(model), 7, numbers, shared)
+    assert k is not None
+    upper = np.full(41, 3.0)
+    price = largest_price(k, upper)
+    assert price > 88.04  # holding and gravity leave room above standby
+    z = ca.SX.sym("z", 2)
+    coefficients, of_price = ca.SX.sym("k", 9), ca.SX.sym("price")
+    power = ca.dot(coefficients[:6], ca.vertcat(1, z[0], z[1], z[0] ** 2, z[0] * z[1], z[1] ** 2))
+    share = (power - of_price) / ca.sqrt(z[1])
+    hessian = ca.Function("hessian", [z, coefficients, of_price], [ca.hessian(share, z)[0]])
+
+    def smallest(of: float) -> float:
+        values = [
+            np.linalg.eigvalsh(
+                np.array(hessian([-k[1, i] / (2 * k[3, i]) - k[4, i] * b / (2 * k[3, i]), b], k[:, i], of))
+            )[0]
+            for i in range(41)
+            for b in np.linspace(0.02, 3.0, 40)
+        ]
+        return min(values)
+
+    assert smallest(price - 1e-3) > -1e-9
+    assert smallest(price + 0.5) < -1e-6
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (),
+        (CoulombFriction(tau_c=1.0), ViscousFriction(b=3.0), SupplyEfficiency(eta=0.8)),
+    ],
+)
+def test_nine_monomials_are_the_law(panda: Robot, model: PowerModel, effects: tuple) -> None:
+    law = PowerModel("panda", model.effects + effects)
+    shared_by, n = SharedByStructure(law), 7
+    d = PathDynamics(panda, law, through(np.array([START, MIDDLE, GOAL])), np.linspace(0.01, 0.99, 25))
+    numbers, shared = point_numbers(d, np.zeros(25)), np.append(law.values(n), [1.7, 1.0])
+    k = compressed(shared_by, n, numbers, shared)
+    assert k is not None
+    rng = np.random.default_rng(3)
+    a, b = rng.uniform(-20, 20, 25), rng.uniform(1e-3, 2, 25)
+    values = np.repeat(shared[:, None], 25, axis=1)
+    power = np.array(law_function(shared_by, n)(np.stack([a, b]), numbers, values)[0]).ravel()
+    root = np.sqrt(b)
+    again = sum(x * y for x, y in zip(k, [1, a, b, a * a, a * b, b * b, root, root * a, root * b], strict=True))
+    assert again == pytest.approx(power, rel=1e-7)
+
+
+def test_a_clamped_law_is_not_compressed(panda: Robot, model: PowerModel) -> None:
+    law = PowerModel("panda", (*model.effects, Regeneration(efficiency=0.0)))
+    d = PathDynamics(panda, law, straight(GOAL, START), np.linspace(0.01, 0.99, 25))
+    numbers, shared = point_numbers(d, np.zeros(25)), np.append(law.values(7), [1.7, 1.0])
+    assert compressed(SharedByStructure(law), 7, numbers, shared) is None
+
+
+@pytest.mark.parametrize("general", [False, True])
+def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bool) -> None:
+    """Cost, time, torque and jerk rows against central differences."""
+    knots = np.linspace(0, 1, 12)
+    grid = quadrature(knots, (True, True))
+    path = through(np.array([START, MIDDLE, GOAL]))
+    d = PathDynamics(panda, model, path, grid.s)
+    rough = (ViscousFriction(b=4.0), Regeneration(efficiency=0.2)) if general else ()
+    law = PathLaw.of(PowerModel("panda", (*model.effects, *rough)), d, 1.3, np.zeros(len(grid.s)))
+    assert (law.coefficients is None) == general
+    at, several = lift(knots, grid.s), lift(knots, np.array([0.1, 0.52, 0.97]), "abw")
+    shared_by = SharedByStructure(law.model)
+    places = np.array([1, 7, 20])
+    numbers, values = point_numbers(d, np.zeros(len(grid.s)))[:, places], np.append(law.model.values(7), [1.3, 1.0])
+    torque = Torque.of(shared_by, numbers, values, np.full((3, 7), 0.02))
+    factors = np.random.default_rng(5).normal(size=(3, 3))
+    linear = LinearRows(at.part(places), *np.random.default_rng(6).normal(size=(3, 3)), np.ones(3))
+    curved = CurvedRows(at.part(places), torque, 7), CurvedRows(several, Jerk(factors), 1)
+    cost = law.cost(grid.weight, 1.3, 0.01, -0.3, 4.0)
+    whole = Program(at, grid.weight, cost, np.array([0.02, 0.3]), 0.8, Rows(linear, curved))
+    g = greville(knots)[1:-1]
+    x = 4 * g * (1 - g) + 0.05
+    multipliers = np.random.default_rng(7).normal(size=1 + whole.rows_held.count)
+    step = 1e-6
+
+    def differences(of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        return np.stack([(of(x + step * e) - of(x - step * e)) / (2 * step) for e in np.eye(len(x))], axis=-1)
+
+    def dense(pattern: ca.Sparsity, values: np.ndarray) -> np.ndarray:
+        return np.array(ca.DM(pattern, ca.DM(values)))
+
+    def gradient(x: np.ndarray) -> np.ndarray:
+        return 0.6 * whole.gradient(x) + dense(whole.jacobian_pattern, whole.jacobian(x)).T @ multipliers
+
+    assert differences(lambda x: np.array(whole.cost(x))) == pytest.approx(whole.gradient(x), rel=1e-5, abs=1e-7)
+    jacobian = dense(whole.jacobian_pattern, whole.jacobian(x))
+    assert differences(whole.rows) == pytest.approx(jacobian, rel=1e-5, abs=1e-7)
+    hessian = dense(whole.hessian_pattern, whole.hessian(x, 0.6, multipliers))
+    whole_hessian = hessian + np.triu(hessian, 1).T
+    assert differences(gradient) == pytest.approx(whole_hessian, rel=1e-4, abs=1e-5 * np.abs(hessian).max())
+
+
+def test_energy_over_duration_is_convex(ur5: Robot, model: PowerModel) -> None:
+    path = straight([0.3, -1.2, 1.0, 0.2, 0.4, 0.0], [-0.5, -0.6, 0.4, 1.0, -0.2, 0.5])
+    shortest = fastest(ur5, model, path, jerk=False)
+    durations = shortest.duration * np.linspace(1.05, 1.6, 6)
+    energy = [retime(ur5, model, path, shortest=shortest, max_duration=t).energy for t in durations]
+    exact = [retime(ur5, model, path, shortest=shortest, duration=t) for t in durations]
+    assert all(e.kind == "global" for e in exact)
+    assert (np.diff([e.energy for e in exact], 2) > -1e-6).all()
+    assert (np.diff(energy) <= 1e-6).all()
+    assert all(e.energy >= free * (1 - 1e-5) for e, free in zip(exact, energy, strict=True))
+
+
+def test_friction_under_load_is_convex_alone_but_not_beside_a_spring(panda: Robot) -> None:
+    """Midpoints of random pairs: energy per length P / sqrt(b) by the exact laws, along a direction q' at one point."""
+    rng, count, n = np.random.default_rng(0), 20000, panda.n
+    slope, inertial, centrifugal = rng.normal(size=(3, n, count))
+    gravity = rng.normal(size=(n, count)) * 10.0 ** rng.integers(-2, 2, count)
+    q = rng.normal(size=(n, count))
+    a = 4 * rng.normal(size=(2, count))
+    b = 10 ** rng.uniform(-3, 0.6, (2, count))
+
+    def share_above_midpoint(*effects: Effect) -> float:
+        law = PowerModel("panda", (Standby(power=10.0), CopperLoss(r_over_kt2=0.5), *effects))
+        values = np.repeat(law.values(n)[:, None], count, axis=1)
+        drive = drive_function(law, n)[0]
+
+        def share(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            tau = inertial * a + centrifugal * b + gravity
+            power = drive(q, slope * np.sqrt(b), slope * a, tau, np.zeros((1, count)), values)[1]
+            return np.array(power).ravel() / np.sqrt(b)
+
+        ends = share(a[0], b[0]), share(a[1], b[1])
+        excess = share(a.mean(axis=0), b.mean(axis=0)) - (ends[0] + ends[1]) / 2
+        return float((excess / (np.abs(ends[0]) + np.abs(ends[1]))).max())
+
+    load, gear = LoadFriction(mu=0.3), GearEfficiency(eta=0.6)
+    for effects in ((load,), (gear,), (load, gear, CoulombFriction(tau_c=1.0)), (load, Regeneration(efficiency=0.2))):
+        assert share_above_midpoint(*effects) < 1e-9
+    for effect in (load, gear):
+        assert share_above_midpoint(effect, GravitySpring(stiffness=20.0, rest=0.0)) > 1e-3
+        assert not effect.convex_in_retiming

@@ -108,6 +108,9 @@ def test_too_little_excitation(weak, tmp_path):
     assert main(words) == 0
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["verdict"] in ("insufficient", "ambiguous")
+    for row in document["effects"]:  # what the data leave open is taken to be like the other joints'
+        values = np.atleast_1d(row["parameters"].get("inertia", [0.0]))
+        assert values.max() <= 10 * max(np.median(values), 1e-9)
     motion = read_table(out / document["next_motion"])
     limits = made.robot.limits
     for j, joint in enumerate(made.robot.joints):

@@ -102,9 +102,9 @@ def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
             verdict = "unexplained"  # what there is cannot be claimed
     if idle:
         verdict = "insufficient" if verdict != "ambiguous" else verdict
-    return Trace(
-        found, root, best, _per_joint(found, accepted), verdict, rivals, leftover(accepted, root, samples), idle
-    )
+    final = _settled(_per_joint(found, accepted), samples)
+    rivals = tuple(_settled(f, samples) for f in rivals)
+    return Trace(found, root, best, final, verdict, rivals, leftover(accepted, root, samples), idle)
 
 
 def _refine(found: Search, start: Fit) -> Fit:
@@ -185,6 +185,31 @@ def _per_joint(found: Search, accepted: Fit) -> Fit:
         if (best.loss - trial.loss) / found.inflation > EVEN * (trial.count - best.count):
             best = trial
     return best
+
+
+def _settled(f: Fit, samples: Samples) -> Fit:
+    """Joints whose number the data leave open take the median of the others.
+
+    Open is a number whose standard error, noise over the norm of its column, exceeds the usual size of such numbers:
+    that of a joint that (nearly) rests, whose fitted value is an accident.
+    """
+    numbers, model, at = list(f.numbers), f.model, 0
+    for k, (term, chart) in enumerate(zip(f.terms, f.charts, strict=True)):
+        column = np.linalg.norm(f.jacobian[:, at : at + len(numbers[k])], axis=0)
+        at += len(numbers[k])
+        if term.mode != "joint" or term.joints is not None:
+            continue
+        z, row = numbers[k].copy(), 0
+        for p in term.kind.parameters:
+            block = slice(row, row + p.count(samples.n))
+            row = block.stop
+            usual = float(np.median(np.abs(z[block])))
+            free = samples.noise > usual * column[block]
+            if p.size == "joint" and free.any() and not free.all():
+                z[block] = np.where(free, np.median(z[block][~free]), z[block])
+        numbers[k] = z
+        model = model.replaced(term.effect(chart.values(z), samples.n))
+    return replace(f, numbers=tuple(numbers), model=model)
 
 
 def _spread(f: Fit, index: int, n: int) -> np.ndarray:

@@ -7,24 +7,15 @@ from itertools import combinations
 
 import numpy as np
 
-from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples
 from energy_opt.diagnose.trace import Trace
-from energy_opt.effects import (
-    Armature,
-    CoulombFriction,
-    GearEfficiency,
-    LoadFriction,
-    StribeckFriction,
-    ViscousFriction,
-)
+from energy_opt.effects import Armature, CoulombFriction, ViscousFriction
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import RigidBody
 
 IDLE = ((CoulombFriction, 0.5), (ViscousFriction, 0.5), (Armature, 0.2))  # what a joint that never moved may hide
-SHOWN_BY_MOTION = (CoulombFriction, ViscousFriction, StribeckFriction, LoadFriction, GearEfficiency, Armature)
 
 
 def rivals_of(found: Trace, n: int) -> list[PowerModel]:
@@ -32,31 +23,15 @@ def rivals_of(found: Trace, n: int) -> list[PowerModel]:
 
     Every idle joint makes rivals of its own, so that the smallest difference stays nought until all of them move.
     """
-    idle = np.isin(np.arange(n), found.idle)
     if len(found.rivals) > 1:
-        return [_likely(f, idle) for f in found.rivals]
-    model = _likely(found.accepted, idle)
+        return [f.model for f in found.rivals]
+    model = found.accepted.model
     for kind, _ in IDLE:  # all rivals of one structure
         if model.get(kind.name) is None:
             model = model.replaced(kind.neutral(n))
     held = {e.name: e.full(n) for e in model.effects}
     more = [(kind, size * np.eye(n)[joint]) for joint in found.idle for kind, size in IDLE]
     return [model, *(model.replaced(kind.from_full(held[kind.name] + added, n)) for kind, added in more)]
-
-
-def _likely(f: Fit, idle: np.ndarray) -> PowerModel:
-    """The model of a fit; where only motion shows a value, an idle joint is taken to be like the others' median."""
-    model = f.model
-    if idle.all() or not idle.any():
-        return model
-    for effect in model.effects:
-        if effect.name in f.names and isinstance(effect, SHOWN_BY_MOTION):
-            values = {p.name: effect.values[p.name].copy() for p in effect.parameters}
-            for value in values.values():
-                if value.size == len(idle):
-                    value[idle] = np.median(value[~idle])
-            model = model.replaced(type(effect)(**values, **effect.choices))
-    return model
 
 
 def separations(models: Sequence[PowerModel], body: RigidBody, trajectory: Trajectory, step: float) -> np.ndarray:

@@ -11,7 +11,6 @@ import pytest
 
 from energy_opt.diagnose import diagnose
 from energy_opt.effects import (
-    Armature,
     CopperLoss,
     CoulombFriction,
     LoadFriction,

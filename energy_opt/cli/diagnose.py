@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     log = read_log(args.set)
     robot = load_robot(args.robot, limits=args.limits) if args.robot else robot_of(log, args.limits)
     measured = read_set(args.set, robot)
-    declared = load_model(args.model) if args.model else _level(measured)
+    declared = load_model(args.model) if args.model else _level(measured, args.seed)
     if args.payload:
         declared = declared.replaced(payload_from(args.payload))
     result = diagnose(measured, declared, args.seed)
@@ -59,14 +59,16 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _level(measured: MeasuredSet) -> PowerModel:
-    """Mechanical power and the mean power while every joint stands still."""
+def _level(measured: MeasuredSet, seed: int) -> PowerModel:
+    """Mechanical power and the mean power while every joint stands still in the training runs."""
     from energy_opt.diagnose.samples import take_samples
+    from energy_opt.diagnose.split import split
     from energy_opt.effects import Standby
     from energy_opt.errors import BadInput
     from energy_opt.power import PowerModel
 
     samples, _ = take_samples(measured)
+    samples = samples.part(split(samples, seed)[0])
     still = (samples.v == 0).all(axis=1)
     if not still.any():
         raise BadInput(f"{measured.path}: the arm never stands still, so its static power is unknown; give --model")

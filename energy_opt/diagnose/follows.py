@@ -23,10 +23,13 @@ def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
     """False where the power goes with the motion no better than by chance.
 
     Args:
-        now: the declared model at the samples; its mechanical power and its reading are what the power must go with.
+        now: the declared model at the samples. The power must go with its mechanical power, its torques, its reading or
+            the speed, which friction follows.
     """
     mechanical = np.einsum("nj,nj->n", now.tau, samples.v)
-    columns = _centred(np.column_stack([mechanical, np.sum(now.tau**2, axis=1), now.reading]), samples)
+    speed = np.abs(samples.v)
+    heat, lost, dragged = np.sum(now.tau**2, axis=1), speed.sum(axis=1), np.sum(speed**2, axis=1)
+    columns = _centred(np.column_stack([mechanical, heat, now.reading, lost, dragged]), samples)
     if np.std(columns[:, 0]) < SHOWN * samples.noise:
         return True
     lagged = np.column_stack([_shifted(columns, samples, lag) for lag in LAGS])

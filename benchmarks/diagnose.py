@@ -121,13 +121,13 @@ def run(job: Job) -> dict[str, Any]:
 
 def _right(job: Job, row: dict[str, Any]) -> bool:
     named, verdict = row["named"], row["verdict"]
-    if job.category == "clean":
-        return not named and verdict == "nothing_missing"
     if job.category == "unlisted":
         return not named and verdict == "unexplained"
     if job.category == "weak":
         return verdict in ("insufficient", "ambiguous")
     true = sorted(job.effects)
+    if not true:
+        return not named and verdict == "nothing_missing"
     return (named == true and verdict == "explained") or (verdict == "ambiguous" and true in row["alternatives"])
 
 

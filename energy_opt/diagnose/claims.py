@@ -17,22 +17,29 @@ import numpy as np
 from energy_opt.diagnose.evidence import DRAWS, blocks, left_out_loss
 from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.screen import basis, candidates, single_springs
-from energy_opt.diagnose.search import Search
+from energy_opt.diagnose.search import Search, key_of
 from energy_opt.diagnose.terms import SPRING
 
 RATE = 0.01  # stated rate of false positives per set
 
 
-def family_wise(found: Search, f: Fit, index: int, seed: int = 0) -> float:
+def family_wise(found: Search, f: Fit, index: int) -> float:
     """p-value of one term of `f`: how often the best of all candidates scores as well on block-wise sign changes.
 
     Never below 1 / (DRAWS + 1), which is all that so many draws can say.
     """
+    key = (f.loss, key_of(f.terms, f.extras), index)
+    if key not in found.p_values:
+        found.p_values[key] = _drawn(found, f, index)
+    return found.p_values[key]
+
+
+def _drawn(found: Search, f: Fit, index: int) -> float:
     samples, less = found.samples, found.without(f, index)
     taken = basis(less.jacobian) if less.jacobian.shape[1] else np.zeros((len(less.residual), 0))
     residual = less.residual - taken @ (taken.T @ less.residual)
     parts = blocks(samples)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (DRAWS, len(parts)))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (DRAWS, len(parts)))
     best = np.zeros(DRAWS)
     for columns, price in _family(found, less):
         apart = columns - taken @ (taken.T @ columns)

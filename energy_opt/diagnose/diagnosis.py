@@ -51,7 +51,7 @@ def diagnose(measured: MeasuredSet, declared: PowerModel, seed: int = 0) -> Diag
     Args:
         measured: the set.
         declared: the owner's model of the same robot; a payload that the recorder states is added where it has none.
-        seed: of the split into training and holdout, and of all resampling.
+        seed: of the split into training and holdout.
 
     Raises:
         BadInput: the model does not fit the robot, or the set is too small to say anything.
@@ -69,7 +69,7 @@ def diagnose(measured: MeasuredSet, declared: PowerModel, seed: int = 0) -> Diag
     model = found.accepted.model
     document: dict[str, Any] = {
         "verdict": found.verdict,
-        "effects": effect_rows(found, seed),
+        "effects": effect_rows(found),
         "alternatives": alternatives(found),
         "residual_goes_with": goes_with(found, measured.robot.joints),
         "error": {
@@ -98,7 +98,7 @@ def covariance(f: Fit, inflation: float, noise: float) -> np.ndarray:
     return inverse * level / np.outer(size, size)
 
 
-def effect_rows(found: Trace, seed: int) -> list[dict[str, Any]]:
+def effect_rows(found: Trace) -> list[dict[str, Any]]:
     """The accepted effects, largest first, with values, intervals, share of the residual explained, and evidence."""
     f, samples = found.accepted, found.search.samples
     if not f.terms:
@@ -121,7 +121,7 @@ def effect_rows(found: Trace, seed: int) -> list[dict[str, Any]]:
                 "name": term.name,
                 **_parameters(term.kind, term.mode, values, deviation, samples.n),
                 "share_of_residual": float(np.clip((less.loss - f.loss) / explained, 0.0, 1.0)),
-                "p_value": family_wise(found.search, found.rivals[0], k, seed),
+                "p_value": family_wise(found.search, found.rivals[0], k),
                 "refit": term.declared,
                 "left_out_gain": float(left_out.sum()),
                 "runs_improved": [int((left_out > 0).sum()), len(left_out)],

@@ -13,6 +13,7 @@ from energy_opt.diagnose.samples import Samples
 from energy_opt.effects import BaseTilt, Payload, Signals
 from energy_opt.effects.meter import METER_EFFECTS
 from energy_opt.power import PowerModel, drive_terms
+from energy_opt.power.batch import Batch
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,8 @@ class Prediction:
 
 
 @lru_cache(maxsize=256)
-def _drive(structure: tuple[tuple[str, ...], ...], n: int) -> tuple[ca.Function, int]:
-    """The law of a structure: (q, v, a, tau, t, p) -> power, dP/dp, dP/dtau as dense columns."""
+def _drive(structure: tuple[tuple[str, ...], ...], n: int) -> ca.Function:
+    """The law of a structure: ((q, v, a, tau, t), p) -> (power, dP/dtau, dP/dp) as one dense column."""
     from energy_opt.effects import BY_NAME
 
     effects = []
@@ -45,7 +46,13 @@ def _drive(structure: tuple[tuple[str, ...], ...], n: int) -> tuple[ca.Function,
     power = drive_terms(model, x, p).power
     by_p, by_tau = ca.gradient(power, p), ca.gradient(power, x.tau)
     out = ca.densify(ca.vertcat(power, by_tau, by_p))
-    return ca.Function("law", [ca.vertcat(x.q, x.v, x.a, x.tau, x.t), p], [out]), p.numel()
+    return ca.Function("law", [ca.vertcat(x.q, x.v, x.a, x.tau, x.t), p], [out])
+
+
+@lru_cache(maxsize=64)
+def _batch(structure: tuple[tuple[str, ...], ...], n: int, count: int) -> Batch:
+    """The same over `count` samples."""
+    return Batch(_drive(structure, n), count)
 
 
 @lru_cache(maxsize=2)
@@ -90,12 +97,10 @@ def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray 
 
 def predict(model: PowerModel, s: Samples) -> Prediction:
     """The reading of the meter under `model` at the samples, and its derivatives by `model.values(n)`."""
-    function, count = _drive(model.structure, s.n)
     tau, by_payload, by_tilt = rigid_torque(model, s)
-    values = model.values(s.n)
-    stacked = np.column_stack([s.q, s.v, s.a, tau, s.t]).T
-    out = np.array(function(stacked, np.tile(values[:, None], (1, stacked.shape[1])) if count else np.zeros((0, 1))))
-    power, by_tau, jacobian = out[0], out[1 : 1 + s.n].T, out[1 + s.n :].T.copy()
+    state = np.column_stack([s.q, s.v, s.a, tau, s.t])
+    (out,) = _batch(model.structure, s.n, len(state))(state, model.values(s.n))
+    power, by_tau, jacobian = out[:, 0].copy(), out[:, 1 : 1 + s.n].copy(), out[:, 1 + s.n :].copy()
     where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
     if by_payload is not None:
         jacobian[:, where[Payload.name]] = np.einsum("nj,njp->np", by_tau, by_payload)
@@ -110,10 +115,10 @@ def predict(model: PowerModel, s: Samples) -> Prediction:
         before, reading = reading, np.empty_like(reading)
         for rows in s.slices:
             time = s.t[rows]
-            own = effect.sensitivity(time, before[rows], value)
-            both = effect.reading(time, np.column_stack([before[rows], jacobian[rows]]), value)
+            power_and_slopes = np.column_stack([before[rows], jacobian[rows]])
+            both = effect.reading(time, power_and_slopes, value)
             reading[rows], jacobian[rows] = both[:, 0], both[:, 1:]
-            jacobian[rows, where[effect.name].start] = own
+            jacobian[rows, where[effect.name].start] = effect.sensitivity(time, power_and_slopes, value)[:, 0]
     for rows, count in zip(s.slices, s.counts, strict=True):
         reading[rows], jacobian[rows] = _bin_mean(reading[rows], count), _bin_mean(jacobian[rows], count)
     return Prediction(reading, jacobian, power, tau)

@@ -46,6 +46,7 @@ class Search:
     polished: set[Key] = field(default_factory=set)
     work: float = 0.0
     looked: dict[Key, list[tuple[float, Candidate, np.ndarray]]] = field(default_factory=dict)
+    p_values: dict[tuple[float, Key, int], float] = field(default_factory=dict)  # see claims
 
     @property
     def exhausted(self) -> bool:
@@ -75,7 +76,7 @@ class Search:
         self, terms: tuple[Term, ...], starts: list[np.ndarray], extras: tuple[Extra, ...], thorough: bool = False
     ) -> Fit:
         """The fit of these terms and structures; fitted once, and to the end where `thorough`."""
-        key = _key(terms, extras)
+        key = key_of(terms, extras)
         held = self.fits.get(key)
         if held is not None and (not thorough or key in self.polished):
             return held
@@ -109,7 +110,7 @@ class Search:
 
     def proposals(self, base: Fit) -> list[tuple[float, Candidate, np.ndarray]]:
         """Candidates for the next effect with their linearised gain less the price of their numbers, best first."""
-        key = _key(base.terms, base.extras)
+        key = key_of(base.terms, base.extras)
         if key not in self.looked:
             found = []
             for candidate in candidates(base, self.declared, self.samples):
@@ -130,7 +131,8 @@ class Search:
                 yield value, extra
 
 
-def _key(terms: tuple[Term, ...], extras: tuple[Extra, ...]) -> Key:
+def key_of(terms: tuple[Term, ...], extras: tuple[Extra, ...]) -> Key:
+    """What tells hypotheses apart."""
     return (frozenset(terms), frozenset((e.family, e.joint) for e in extras))
 
 

@@ -7,6 +7,7 @@ Before a run's first sample the power is taken to have been what it was at that 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +32,7 @@ class MeterEffect(Effect):
 
     @classmethod
     def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
-        """Derivative (N,) of the reading of `power` (N,) by the effect's parameter."""
+        """Derivative (N, ...) of the reading of `power` (N, ...) by the effect's parameter."""
         raise NotImplementedError
 
 
@@ -50,9 +51,9 @@ class MeterDelay(MeterEffect):
     @classmethod
     def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
         shifted = time - value
-        inside = (shifted >= time[0]) & (shifted <= time[-1])
         slope = _spline(time, power)(np.clip(shifted, time[0], time[-1]), 1)
-        return np.where(inside, -slope, 0.0)
+        slope[(shifted < time[0]) | (shifted > time[-1])] = 0.0
+        return -slope
 
 
 class MeterFilter(MeterEffect):
@@ -109,9 +110,15 @@ METER_EFFECTS: tuple[type[MeterEffect], ...] = (MeterDelay, MeterFilter, MeterGa
 
 
 def _spline(time: np.ndarray, power: np.ndarray) -> CubicSpline:
+    """Through (N,) times and (N, ...) powers; the last few are kept, as one power is read at several delays."""
+    return _kept(time.tobytes(), np.asarray(power, dtype=float).tobytes(), power.shape)
+
+
+@lru_cache(maxsize=64)
+def _kept(time: bytes, power: bytes, shape: tuple[int, ...]) -> CubicSpline:
     from scipy.interpolate import CubicSpline
 
-    return CubicSpline(time, power)
+    return CubicSpline(np.frombuffer(time), np.frombuffer(power).reshape(shape))
 
 
 def _step(time: np.ndarray) -> float:

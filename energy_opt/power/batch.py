@@ -1,4 +1,4 @@
-"""Node functions evaluated over many nodes at once, straight from and into NumPy memory."""
+"""CasADi functions of one point evaluated over many points at once, straight from and into NumPy memory."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Batch:
-    """A CasADi function of dense columns applied to K nodes: arguments (K, rows), results (K, entries)."""
+    """A CasADi function of dense columns applied to K points: arguments (K, rows), results (K, entries)."""
 
     def __init__(self, function: ca.Function, count: int) -> None:
         self._function = function.map(count) if count > 1 else function

@@ -13,7 +13,10 @@ OPTIONS: dict[str, object] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "print_time": False,
-    "ipopt.nlp_scaling_method": "none",
+    "ipopt.nlp_scaling_method": "none",  # programs come scaled, for the linear solver too
+    "ipopt.mumps_scaling": 0,
+    "ipopt.mumps_permuting_scaling": 0,
+    "ipopt.min_refinement_steps": 0,
     "no_nlp_grad": True,
     "calc_lam_p": False,
     "error_on_fail": False,

@@ -36,6 +36,7 @@ class Program:
         rows: (R, 3) integers: kind (1 velocity, 2 acceleration, 3 jerk, 4 effort), site (for effort: node), joint.
         bounds: (4, n) velocity, acceleration, jerk and effort limits that rows are shares of.
         parameters: the model's values; scale: what the cost is multiplied by.
+        fixed: T is given; the solver then takes it for a constant, and the Hessian's column of T is left empty.
     """
 
     def __init__(
@@ -47,9 +48,11 @@ class Program:
         bounds: np.ndarray,
         parameters: np.ndarray,
         scale: float,
+        fixed: bool = False,
     ) -> None:
         s = self.shape = pattern.shape
         self.pattern, self.ends, self.parameters, self.scale = pattern, ends, parameters, scale
+        self.fixed = fixed
         n = s.joints
         _, w = s.grid
         linear = rows[:, 0] != EFFORT
@@ -81,8 +84,27 @@ class Program:
         inside = (touched >= s.pinned) & (touched < s.pinned + s.free)
         self._row_index = np.where(inside, (touched - s.pinned) * n + joint[:, None], -1)
         self._row_slope = np.sum(self._coefficients * self._slope[self._touched], axis=1)
-        self._at: np.ndarray | None = None
+        self._at = b""
+        self._gather()
         self._build_jacobian()
+
+    def _gather(self) -> None:
+        """What every evaluation uses, gathered once."""
+        s, needed = self.shape, self._needed
+        u, w = s.grid
+        self._u = {"quad": u[self._quad, None], "hot": u[self._hot, None], "needed": u[needed, None]}
+        self._weight, self._needed_weight = w[self._quad], w[needed, None]
+        self._z = np.empty((len(u), 3 * s.joints + 1))
+        self._down = s.stacked.reshape(len(u), 3, -1)[self._quad].reshape(3 * len(self._quad), -1).T.copy()
+        self._local = s.local[needed, :3]  # (K, 3, 6)
+        self._local_t = self._local.transpose(0, 2, 1).copy()
+        slope = self._z_slope[needed, :3].reshape(len(needed), -1)
+        self._by_time = np.concatenate([slope, np.ones((len(needed), 1))], axis=1)  # dz/dT (K, 3n + 1)
+        index = self.pattern.index[needed]
+        self._inside = index >= 0
+        self._place = index[self._inside]
+        self._row_inside = self._row_index >= 0
+        self._row_place = self._row_index[self._row_inside]
 
     @property
     def count(self) -> int:
@@ -100,20 +122,21 @@ class Program:
 
     def _move(self, x: np.ndarray) -> None:
         """Evaluate the curve at x, once for all functions that want it."""
-        if self._at is not None and np.array_equal(x, self._at):
+        key = x.tobytes()
+        if key == self._at:
             return
-        self._at = x.copy()
+        self._at = key
         self.duration = float(x[self.pattern.time])
         self._points = self.points(x)
-        self._q = np.stack([m @ self._points for m in self.shape.matrices], axis=1)  # (K, 4, n)
-        count = len(self._q)
-        self._z = np.concatenate([self._q[:, :3].reshape(count, -1), np.full((count, 1), self.duration)], axis=1)
-        rate, slope = self._cost(self._z[self._quad], self.shape.grid[0][self._quad, None], self.parameters)
-        w = self.shape.grid[1][self._quad]
-        self._f = self.scale * float(w @ rate[:, 0])
-        self._g = self.scale * w[:, None] * slope
+        self._z[:, :-1] = (self.shape.stacked @ self._points).reshape(len(self._z), -1)
+        self._z[:, -1] = self.duration
+        # derivatives with respect to u that linear rows bound, as shares of their bounds at T = 1
+        self._moved = np.einsum("rl,rl->r", self._coefficients, self._points[self._touched])
+        rate, slope = self._cost(self._z[self._quad], self._u["quad"], self.parameters)
+        self._f = self.scale * float(self._weight @ rate[:, 0])
+        self._g = self.scale * self._weight[:, None] * slope
         if self._torque is not None:
-            tau, jac = self._torque(self._z[self._hot], self.shape.grid[0][self._hot, None], self.parameters)
+            tau, jac = self._torque(self._z[self._hot], self._u["hot"], self.parameters)
             self._tau, self._tau_z = tau, jac.reshape(len(self._hot), -1, self.shape.joints)  # column-major: (z, joint)
 
     def cost(self, x: np.ndarray) -> float:
@@ -123,26 +146,21 @@ class Program:
     def gradient(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
         s, n = self.shape, self.shape.joints
-        parts = self._g[:, :-1].reshape(-1, 3, n)
         out = np.zeros(s.unknowns)
-        by_point = sum(s.matrices[o][self._quad].T @ parts[:, o] for o in range(3))
+        by_point = self._down @ self._g[:, :-1].reshape(-1, n)
         out[: self.pattern.time] = by_point[s.pinned : s.basis.controls - s.pinned].ravel()
         out[self.pattern.time] = self._g[:, -1].sum() + np.sum(by_point * self._slope)
         return out
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
-        out = self._linear_values() / self.duration ** self._linear[:, 0]
+        out = self._moved / self.duration ** self._linear[:, 0]
         if len(self._effort):
             tau = self._tau[self._which, self._effort[:, 2]] / self._bounds[len(out) :]
             out = np.concatenate([out, tau])
         if self.shape.vias:
             out = np.concatenate([out, (self._via(x, 0) - self.ends.via).ravel()])
         return out
-
-    def _linear_values(self) -> np.ndarray:
-        """Derivatives with respect to u that linear rows bound, as shares of their bounds at T = 1."""
-        return np.sum(self._coefficients * self._points[self._touched], axis=1)
 
     def _via(self, x: np.ndarray, order: int) -> np.ndarray:
         """q or its derivatives at the via times, (vias, n)."""
@@ -173,7 +191,7 @@ class Program:
         s, n, t = self.shape, self.shape.joints, self.duration
         kind = self._linear[:, 0]
         by_point = self._coefficients / (t**kind)[:, None]
-        by_time = (self._row_slope - kind * self._linear_values() / t) / t**kind
+        by_time = (self._row_slope - kind * self._moved / t) / t**kind
         parts = [np.concatenate([by_point, by_time[:, None]], axis=1).ravel()]
         if len(self._effort):
             slope = self._tau_z[self._which, :, self._effort[:, 2]] / self._bounds[len(kind) :, None]  # (R, nz)
@@ -196,45 +214,39 @@ class Program:
         by_time = slope[:, -1] + np.sum(parts * self._z_slope[nodes, :3], axis=(1, 2))
         return np.concatenate([by_point, by_time[:, None]], axis=1)
 
+    def _time_column(self, local: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """The Hessian's column of T, (controls n + 1,): that of the nodes (K, 6n + 1) and of the linear rows."""
+        size, t, time = self.shape.unknowns, self.duration, self.pattern.time
+        column = np.bincount(self._place, local[:, :-1][self._inside], size)
+        column[time] = local[:, -1].sum()
+        # b x / T^k has second derivatives -k b / T^(k+1) with (x, T) and k (k + 1) b x / T^(k+2) with T.
+        if len(multipliers):
+            kind = self._linear[:, 0]
+            share = multipliers / t**kind
+            cross = -(kind * share / t)[:, None] * self._coefficients
+            column += np.bincount(self._row_place, cross[self._row_inside], size)
+            column[time] += np.sum(share * kind * ((kind + 1) * self._moved / t - 2 * self._row_slope) / t)
+        return column[: time + 1]
+
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         self._move(x)
-        s, n, t = self.shape, self.shape.joints, self.duration
+        s, n = self.shape, self.shape.joints
         needed, time = self._needed, self.pattern.time
         lam = np.zeros((len(s.grid[0]), n))
         first = len(self._linear)
         effort = slice(first, first + len(self._effort))
         np.add.at(lam, (self._effort[:, 1], self._effort[:, 2]), multipliers[effort] / self._bounds[effort])
-        weight = self.scale * factor * s.grid[1][needed, None]
-        (blocks,) = self._curvature(self._z[needed], s.grid[0][needed, None], self.parameters, weight, lam[needed])
-        nz = 3 * n + 1
-        c = blocks.reshape(len(needed), nz, nz)
-        b = s.local[needed, :3]  # (K, 3, 6)
-        core = c[:, : 3 * n, : 3 * n].reshape(len(needed), 3, n * 3 * n)
-        half = np.matmul(b.transpose(0, 2, 1), core).reshape(len(needed), LOCAL, n, 3, n)
-        block = np.matmul(half.transpose(0, 1, 2, 4, 3), b[:, None, None])  # (K, 6, n, n, 6)
-        block = block.transpose(0, 1, 2, 4, 3).reshape(-1)
-        out = self._scatter @ block
-        # The column of T: C_k applied to dz/dT = (moving ends, 1).
-        z_slope = np.concatenate(
-            [self._z_slope[needed, :3].reshape(len(needed), -1), np.ones((len(needed), 1))], axis=1
-        )
-        towards = np.matmul(c, z_slope[:, :, None])[:, :, 0]
-        column = np.zeros(s.unknowns)
-        local = self._through_nodes(towards, needed)
-        index = self.pattern.index[needed]
-        keep = index >= 0
-        np.add.at(column, index[keep], local[:, :-1][keep])
-        column[time] = local[:, -1].sum()
-        # Linear rows: b x / T^k has second derivatives -k b / T^(k+1) with (x, T), k (k + 1) b x / T^(k+2) with T.
-        if first:
-            kind = self._linear[:, 0]
-            share = multipliers[:first] / t**kind
-            cross = -(kind * share / t)[:, None] * self._coefficients
-            keep = self._row_index >= 0
-            np.add.at(column, self._row_index[keep], cross[keep])
-            value, slope = self._linear_values(), self._row_slope
-            column[time] += np.sum(share * kind * ((kind + 1) * value / t - 2 * slope) / t)
-        out[self.pattern.lookup[: time + 1, time]] += column[: time + 1]
+        weight = self.scale * factor * self._needed_weight
+        (blocks,) = self._curvature(self._z[needed], self._u["needed"], self.parameters, weight, lam[needed])
+        nz, count = 3 * n + 1, len(needed)
+        c = blocks.reshape(count, nz, nz)
+        core = c[:, : 3 * n, : 3 * n].reshape(count, 3, n * 3 * n)
+        half = np.matmul(self._local_t, core).reshape(count, LOCAL, n, 3, n)
+        block = np.matmul(half.transpose(0, 1, 2, 4, 3), self._local[:, None, None])  # (K, 6, n, n, 6)
+        out = self._scatter @ block.reshape(-1)
+        if not self.fixed:
+            local = self._through_nodes(np.matmul(c, self._by_time[:, :, None])[:, :, 0], needed)
+            out[self.pattern.lookup[: time + 1, time]] += self._time_column(local, multipliers[:first])
         for i in range(s.vias):
             via = time + 1 + i
             first_via = first + len(self._effort) + i * n

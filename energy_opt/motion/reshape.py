@@ -100,11 +100,11 @@ class Level:
             np.concatenate([np.tile(limits.lower, s.free), [durations[0]], np.zeros(s.vias)]),
             np.concatenate([np.tile(limits.upper, s.free), [durations[1]], np.ones(s.vias)]),
         )
-        iterations, warm = 0, multipliers
+        iterations, warm, fixed = 0, multipliers, durations[0] == durations[1]
         before = np.zeros((0, 3), dtype=int) if rows is None else rows
         for _ in range(rounds):
             chosen = np.vstack([np.insert(np.argwhere(active[k]), 0, k + 1, axis=1) for k in range(4)])
-            program = Program(self.pattern, self._nodes, ends, chosen, bounds, parameters, scale)
+            program = Program(self.pattern, self._nodes, ends, chosen, bounds, parameters, scale, fixed)
             one = np.concatenate([np.ones(len(chosen)), np.zeros(s.joints * s.vias)])
             chosen_options = {"tol": tolerance, "max_iter": 150, **(options or {})}
             if warm is not None:

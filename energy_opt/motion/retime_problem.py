@@ -25,9 +25,6 @@ OPTIONS: dict[str, object] = {
     "tol": 1e-7,  # on a cost of order one
     "max_iter": 200,
     "bound_relax_factor": 0.0,
-    "mumps_scaling": 0,  # the program is scaled already
-    "mumps_permuting_scaling": 0,
-    "min_refinement_steps": 0,
 }
 # Most retimings follow the barrier parameter in large steps; where that fails, it is taken down slowly.
 LEAP: dict[str, object] = {

@@ -61,6 +61,11 @@ class Shape:
         return [self.basis.matrix(self.grid[0], order) for order in range(4)]
 
     @cached_property
+    def stacked(self) -> np.ndarray:
+        """`matrices` of derivatives 0 to 2 as one, (3 K, controls), node by node."""
+        return np.stack(self.matrices[:3], axis=1).reshape(-1, self.basis.controls)
+
+    @cached_property
     def spans(self) -> np.ndarray:
         """First control point that each node touches, (K,)."""
         inside = np.searchsorted(self.basis.breaks, self.grid[0], side="right") - 1
@@ -147,10 +152,13 @@ class Pattern:
         return self._lookup
 
     def scatter(self, nodes: np.ndarray) -> csr_matrix:
-        """Sparse matrix that sums per-node blocks (nodes, 6n, 6n) into the Hessian's nonzeros."""
-        index = self.index[nodes]
-        a = np.broadcast_to(index[:, :, None], (*index.shape, index.shape[1]))
-        b = np.broadcast_to(index[:, None, :], a.shape)
+        """Sparse matrix that sums per-node blocks (nodes, 6, n, n, 6) into the Hessian's nonzeros.
+
+        A block's axes are control point and joint of the row, joint and control point of the column.
+        """
+        index = self.index[nodes].reshape(len(nodes), LOCAL, -1)
+        a = np.broadcast_to(index[:, :, :, None, None], (*index.shape, index.shape[2], LOCAL))
+        b = np.broadcast_to(index.transpose(0, 2, 1)[:, None, None], a.shape)
         keep = ((a >= 0) & (b >= 0) & (a <= b)).ravel()
         target = self.lookup[a.ravel()[keep], b.ravel()[keep]]
         return csr_matrix((np.ones(len(target)), (target, np.flatnonzero(keep))), shape=(self.hessian.nnz(), keep.size))

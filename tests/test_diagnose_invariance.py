@@ -10,10 +10,11 @@ import pytest
 
 from energy_opt.diagnose import diagnose
 from energy_opt.diagnose.claims import family_wise
+from energy_opt.diagnose.follows import follows
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import take_samples
 from energy_opt.diagnose.search import Search
-from energy_opt.effects import CoulombFriction
+from energy_opt.effects import CoulombFriction, GravitySpring
 from energy_opt.files import read_table, read_toml, write_table, write_toml
 from energy_opt.measured import read_set
 from energy_opt.virtual_arm import Instruments
@@ -95,6 +96,14 @@ def test_noise_in_place_of_power_gives_no_effect(coulomb, tmp_path, kind):
     result = diagnose(read_set(other), coulomb.declared)
     assert result.document["verdict"] == "unexplained" and names(result) == []
     assert any("does not follow the motion" in remark for remark in result.document["remarks"])
+
+
+def test_power_that_an_unlisted_cause_rules_still_follows_the_motion(tmp_path):
+    """A strong spring takes over most of the gravity torque, so that the declared power fits badly everywhere."""
+    spring = GravitySpring(stiffness=[0, 25.0, 20.0, 0, 0, 0], rest=[0, 1.2, -1.0, 0, 0, 0])
+    made = make_set(tmp_path / "set", "z1", [spring], seed=4)
+    samples, _ = take_samples(read_set(made.folder))
+    assert follows(samples, predict(made.declared, samples))
 
 
 def test_the_best_of_many_candidates_is_no_evidence_on_noise(tmp_path):

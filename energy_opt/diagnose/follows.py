@@ -3,7 +3,8 @@
 Work that an arm does passes through its meter, so the power of a moving arm must go with torque times speed, sooner or
 later. Where power and motion belong to different recordings, or a column was mixed up, it does not, and whatever is
 fitted then is an accident. Motion and power are shifted against each other within each run, by random times and round
-its end: where the true alignment explains the power no better than such shifts do, it does not follow.
+its end: where the true alignment explains the power no better than such shifts do, it does not follow. Alike motions
+leave the shifts little to get wrong, so chance must do really well before readings are doubted that are not mere noise.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from energy_opt.diagnose.samples import Samples
 
 LAGS = (-0.2, 0.0, 0.2, 0.5)  # [s] by which a meter may lag
 SHIFTS = 199
-RATE = 0.01
+CHANCE = 0.2  # p-value beyond which chance does as well
+DOUBT = 0.01  # and where neighbouring readings hardly resemble each other, as in noise
+ALIKE = 0.5  # correlation of neighbouring samples of a power that an arm draws
 SHOWN = 0.5  # of the meter's noise: mechanical power that varies less cannot be expected to show
 
 
@@ -42,7 +45,9 @@ def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
     for _ in range(SHIFTS):
         turned = np.concatenate([np.roll(power[s], rng.integers(0, s.stop - s.start)) for s in samples.slices])
         by_chance += float(np.sum((u.T @ turned) ** 2)) >= seen
-    return (1 + by_chance) / (SHIFTS + 1) <= RATE
+    together = sum(float(power[s][1:] @ power[s][:-1]) for s in samples.slices)
+    rough = together < ALIKE * float(power @ power)
+    return (1 + by_chance) / (SHIFTS + 1) <= (DOUBT if rough else CHANCE)
 
 
 def _centred(x: np.ndarray, samples: Samples) -> np.ndarray:

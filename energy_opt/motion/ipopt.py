@@ -32,6 +32,11 @@ WARM: dict[str, object] = {
 }
 
 
+# Where steps cannot be computed, the linear solver's own scaling may still help.
+STUCK = ("Restoration_Failed", "Error_In_Step_Computation")
+CAREFUL: dict[str, object] = {"mumps_scaling": 77, "mumps_permuting_scaling": 7, "min_refinement_steps": 1}
+
+
 class Problem(Protocol):
     """min f(x) subject to bounds on x and g(x); Jacobian and upper triangle of the Hessian with fixed patterns."""
 
@@ -118,6 +123,20 @@ def solve(
 
     `multipliers` (of the bounds on x, of the rows) make it a warm start. Ctrl-C ends it with "User_Requested_Stop".
     """
+    answer = _solve(problem, x0, bounds, row_bounds, options, multipliers)
+    if answer.status in STUCK:
+        answer = _solve(problem, x0, bounds, row_bounds, {**options, **CAREFUL}, multipliers)
+    return answer
+
+
+def _solve(
+    problem: Problem,
+    x0: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    row_bounds: tuple[np.ndarray, np.ndarray],
+    options: dict[str, object],
+    multipliers: tuple[np.ndarray, np.ndarray] | None,
+) -> Answer:
     if multipliers is not None:
         options = {**WARM, **options}
     x_shape, none = ca.Sparsity.dense(len(x0), 1), ca.Sparsity(0, 0)

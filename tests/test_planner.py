@@ -147,6 +147,9 @@ def test_small_moves(planner, mode, duration, step):
     assert_keeps_its_word(result, move)
     if duration is not None:
         assert result.trajectory.duration == pytest.approx(duration)
+    elif mode == "reshape":
+        retimed = planner.solve(Move(START, goal, mode="retime"))
+        assert result.energy.total <= retimed.energy.total * (1 + 1e-6)
 
 
 def test_friction_changes_the_answer(planner, reshaped):

@@ -105,7 +105,7 @@ class Carrier:
         else:
             work = Solve(planner, replace(self.move, duration=duration), ())
             work.timing = shortest
-            found = work._retimed()
+            found = work._retimed(held=work.move.mode == "retime")
             if found is None:
                 return None
             trajectory, converged = found.trajectory, found.converged

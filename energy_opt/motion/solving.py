@@ -16,6 +16,7 @@ from energy_opt.motion.reshape import Outcome
 from energy_opt.motion.reshaper import FEASIBLE, Reshaper, Task, trajectory_of
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
 from energy_opt.motion.retime import RetimeSolution, retime
+from energy_opt.motion.score import Energy
 from energy_opt.motion.shape import Ends
 from energy_opt.motion.timing_law import Timing
 from energy_opt.motion.trajectory import Trajectory
@@ -53,7 +54,7 @@ class Solve:
         self.p._build_seconds = 0.0
         begin = time.perf_counter()
         self.timing = self._first_timing()
-        retimed = self._retimed()
+        retimed = self._retimed(held=self.move.mode == "retime")
         candidates: list[tuple[str, Trajectory]] = []
         if self.objective == "time" and self.move.mode == "retime" and self.timing is not None:
             timing = self.timing if self.move.duration is None else self.timing.slowed(self.move.duration)
@@ -82,8 +83,8 @@ class Solve:
                 raise
             return None
 
-    def _retimed(self) -> RetimeSolution | None:
-        """The least energy on the first path, at the duration that is asked for; None where that is too short."""
+    def _retimed(self, held: bool) -> RetimeSolution | None:
+        """The least energy on the first path; None where the duration is too short. With `held`, judged and mended."""
         move = self.move
         if self.timing is None:
             return None
@@ -104,16 +105,18 @@ class Solve:
                 if move.mode == "retime":
                     raise
                 return None
-            if move.mode == "reshape":  # there it is a start and a candidate, and judged as such
+            if not held:  # a start and a candidate, judged as such
                 return solution
             self.iterations += solution.iterations
-            self.converged, self.message = solution.converged, solution.message
+            if move.mode == "retime":
+                self.converged, self.message = solution.converged, solution.message
             certificate = self.p.certify(solution.trajectory)
             if certificate.valid:
                 return solution
             tight = tightened(tight, certificate)
             timing = self.p._fastest(move, tight)
-        self.converged, self.message = False, self._broken("retimed", certificate)
+        if move.mode == "retime":
+            self.converged, self.message = False, self._broken("retimed", certificate)
         return solution
 
     def _reshaped(self, retimed: RetimeSolution | None) -> Trajectory | None:
@@ -282,13 +285,11 @@ class Solve:
         if self.objective == "energy":  # a proxy's answer is what it is; it is not exchanged for a better one
             candidates += [(b.name, b.trajectory) for b in baselines]
             candidates += [("warm", t) for t in self.warm]
-        judged = []
-        for name, trajectory in candidates:
-            if not self._answers(trajectory):
-                continue
-            certificate = self.p.certify(trajectory)
-            if certificate.valid:
-                judged.append((name, trajectory, self.p.score(trajectory), certificate))
+        judged = self._judged(candidates)
+        promised = np.inf if retimed is None or self.move.mode != "reshape" else retimed.energy
+        if self.objective == "energy" and promised < min((j[2].total for j in judged), default=np.inf):
+            mended = self._retimed(held=True)  # it would be the best but for a limit that it breaks by a hair
+            judged += [] if mended is None else self._judged([("retime", mended.trajectory)])
         if not judged:
             raise Infeasible(self.message or "no trajectory within limits was found", limit="duration")
         wanted = self.move.mode if self.objective != "energy" else None
@@ -327,6 +328,11 @@ class Solve:
             interrupted=interrupted,
             warnings=tuple(warnings),
         )
+
+    def _judged(self, candidates: list[tuple[str, Trajectory]]) -> list[tuple[str, Trajectory, Energy, Certificate]]:
+        """The candidates that answer what is asked within all limits, with energy and certificate."""
+        answers = ((name, t, self.p.certify(t)) for name, t in candidates if self._answers(t))
+        return [(name, t, self.p.score(t), certificate) for name, t, certificate in answers if certificate.valid]
 
     def _answers(self, trajectory: Trajectory) -> bool:
         """Does a trajectory begin, end and last as asked?"""

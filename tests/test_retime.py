@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from poses import GOAL, MIDDLE, START
 
 from energy_opt.effects import (
     BaseTilt,
@@ -24,12 +25,9 @@ from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.retime import RetimeSolution, retime
 from energy_opt.motion.score import Scorer
 from energy_opt.motion.timing import fastest
-from energy_opt.power import PowerModel, source_method_2
+from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, load_robot
 
-START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
-GOAL = np.array([1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4])
-MIDDLE = (START + GOAL) / 2 + [0.1, -0.3, 0.2, 0.1, 0, 0.2, 0.3]
 INERTIA, RESISTANCE = 0.8, 0.02
 ONE_JOINT = f"""<robot name="wheel">
   <link name="base"/>
@@ -38,21 +36,6 @@ ONE_JOINT = f"""<robot name="wheel">
   <joint name="turn" type="revolute"><parent link="base"/><child link="rotor"/><axis xyz="0 0 1"/>
     <limit lower="-6" upper="6" velocity="20" effort="100"/></joint>
 </robot>"""
-
-
-@pytest.fixture(scope="module")
-def panda() -> Robot:
-    return load_robot("panda")
-
-
-@pytest.fixture(scope="module")
-def ur5() -> Robot:
-    return load_robot("ur5")
-
-
-@pytest.fixture(scope="module")
-def model() -> PowerModel:
-    return source_method_2()
 
 
 @pytest.fixture

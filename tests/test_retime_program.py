@@ -5,6 +5,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
+from poses import GOAL, MIDDLE, START
 
 from energy_opt.effects import (
     CopperLoss,
@@ -32,27 +33,8 @@ from energy_opt.motion.retime_terms import compressed, law_function
 from energy_opt.motion.score import Scorer
 from energy_opt.motion.timing import fastest
 from energy_opt.motion.timing_law import Timing, greville
-from energy_opt.power import PowerModel, drive_function, source_method_2
-from energy_opt.robot import Robot, load_robot
-
-START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
-GOAL = np.array([1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4])
-MIDDLE = (START + GOAL) / 2 + [0.1, -0.3, 0.2, 0.1, 0, 0.2, 0.3]
-
-
-@pytest.fixture(scope="module")
-def panda() -> Robot:
-    return load_robot("panda")
-
-
-@pytest.fixture(scope="module")
-def ur5() -> Robot:
-    return load_robot("ur5")
-
-
-@pytest.fixture(scope="module")
-def model() -> PowerModel:
-    return source_method_2()
+from energy_opt.power import PowerModel, drive_function
+from energy_opt.robot import Robot
 
 
 @pytest.mark.parametrize("path", [straight(START, GOAL), through(np.array([START, MIDDLE, GOAL]))])

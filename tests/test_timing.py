@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from poses import GOAL, MIDDLE, START
 from scipy.integrate import quad
 
 from energy_opt.effects import Armature, CoulombFriction, LoadFriction, StribeckFriction, ViscousFriction
@@ -13,22 +14,8 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.score import Scorer
 from energy_opt.motion.timing import fastest
 from energy_opt.motion.timing_law import Timing, greville
-from energy_opt.power import PowerModel, source_method_2
-from energy_opt.robot import Robot, load_robot
-
-START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
-GOAL = np.array([1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4])
-MIDDLE = (START + GOAL) / 2 + [0.1, -0.3, 0.2, 0.1, 0, 0.2, 0.3]
-
-
-@pytest.fixture(scope="module")
-def panda() -> Robot:
-    return load_robot("panda")
-
-
-@pytest.fixture(scope="module")
-def model() -> PowerModel:
-    return source_method_2()
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
 
 
 def with_friction(model: PowerModel) -> PowerModel:

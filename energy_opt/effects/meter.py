@@ -111,7 +111,7 @@ METER_EFFECTS: tuple[type[MeterEffect], ...] = (MeterDelay, MeterFilter, MeterGa
 
 def _spline(time: np.ndarray, power: np.ndarray) -> CubicSpline:
     """Through (N,) times and (N, ...) powers; the last few are kept, as one power is read at several delays."""
-    return _kept(time.tobytes(), np.asarray(power, dtype=float).tobytes(), power.shape)
+    return _kept(*(np.asarray(x, dtype=float).tobytes() for x in (time, power)), power.shape)
 
 
 @lru_cache(maxsize=64)

@@ -123,22 +123,7 @@ def solve(
 
     `multipliers` (of the bounds on x, of the rows) make it a warm start. Ctrl-C ends it with "User_Requested_Stop".
     """
-    answer = _solve(problem, x0, bounds, row_bounds, options, multipliers)
-    if answer.status in STUCK:
-        answer = _solve(problem, x0, bounds, row_bounds, {**options, **CAREFUL}, multipliers)
-    return answer
-
-
-def _solve(
-    problem: Problem,
-    x0: np.ndarray,
-    bounds: tuple[np.ndarray, np.ndarray],
-    row_bounds: tuple[np.ndarray, np.ndarray],
-    options: dict[str, object],
-    multipliers: tuple[np.ndarray, np.ndarray] | None,
-) -> Answer:
-    if multipliers is not None:
-        options = {**WARM, **options}
+    chosen = options if multipliers is None else {**WARM, **options}
     x_shape, none = ca.Sparsity.dense(len(x0), 1), ca.Sparsity(0, 0)
     one, g_shape = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(len(row_bounds[0]), 1)
     jac, hess = problem.jacobian_pattern, problem.hessian_pattern
@@ -168,7 +153,7 @@ def _solve(
         nlp,
         {
             **OPTIONS,
-            **{f"ipopt.{key}": value for key, value in options.items()},
+            **{f"ipopt.{key}": value for key, value in chosen.items()},
             "grad_f": grad_f,
             "jac_g": jac_g,
             "hess_lag": hess_lag,
@@ -177,6 +162,8 @@ def _solve(
     warm = {} if multipliers is None else {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
     r = solver(x0=x0, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1], **warm)
     stats = solver.stats()
+    if str(stats["return_status"]) in STUCK and not CAREFUL.keys() <= options.keys():
+        return solve(problem, x0, bounds, row_bounds, {**options, **CAREFUL}, multipliers)
     return Answer(
         np.clip(_array(r["x"]), *bounds),
         _array(r["lam_g"]),

@@ -1,0 +1,21 @@
+"""What several tests start from: robots and the source paper's model, built once."""
+
+import pytest
+
+from energy_opt.power import PowerModel, source_method_2
+from energy_opt.robot import Robot, load_robot
+
+
+@pytest.fixture(scope="session")
+def panda() -> Robot:
+    return load_robot("panda")
+
+
+@pytest.fixture(scope="session")
+def ur5() -> Robot:
+    return load_robot("ur5")
+
+
+@pytest.fixture(scope="session")
+def model() -> PowerModel:
+    return source_method_2()

@@ -18,7 +18,7 @@ import numpy as np
 from energy_opt.bench.moves import random_moves
 from energy_opt.files import write_json
 from energy_opt.motion import Move, Planner
-from energy_opt.motion.reshaper import Reshaper
+from energy_opt.motion.reshape.search import Reshaper
 from energy_opt.robot import Robot, load_robot
 
 SUITES = {"panda": 20, "ur5": 10}  # moves of the suites; seed 1, within 60 % of each joint's range

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.dynamics import torque_function
-from energy_opt.motion.spline import DEGREE, Basis
+from energy_opt.numerics.bspline import DEGREE, Basis
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 

@@ -29,7 +29,7 @@ from common import SEED, SUITES, Case, cases, finish, robots, table
 
 from energy_opt.files import write_json
 from energy_opt.motion import Planner, Settings
-from energy_opt.motion.nodes import OBJECTIVES
+from energy_opt.motion.reshape.nodes import OBJECTIVES
 from energy_opt.power import PowerModel, load_model, source_method_2
 from energy_opt.robot import Robot
 

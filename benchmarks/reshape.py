@@ -23,10 +23,10 @@ from common import SUITES, Case, cases, finish, reshaping_clock, robots, table
 from plain import plain
 
 from energy_opt.motion import Planner, Settings
-from energy_opt.motion.reshape import Curve
-from energy_opt.motion.reshaper import trajectory_of
-from energy_opt.motion.shape import Shape
-from energy_opt.motion.spline import Basis
+from energy_opt.motion.reshape.layout import Shape
+from energy_opt.motion.reshape.level import Curve
+from energy_opt.motion.reshape.search import trajectory_of
+from energy_opt.numerics.bspline import Basis
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot
 

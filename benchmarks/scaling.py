@@ -21,14 +21,14 @@ from pathlib import Path
 import numpy as np
 from common import finish, table
 
-from energy_opt import plots
 from energy_opt.files import write_text
-from energy_opt.motion.compile import compiled
-from energy_opt.motion.nodes import NodeFunctions, node_functions
-from energy_opt.motion.reshape import Level, fitted
-from energy_opt.motion.shape import Ends, Shape
-from energy_opt.motion.spline import DEGREE, Basis
+from energy_opt.motion.reshape.layout import Ends, Shape
+from energy_opt.motion.reshape.level import Level, fitted
+from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
+from energy_opt.numerics.bspline import DEGREE, Basis
+from energy_opt.numerics.compile import compiled
 from energy_opt.power import source_method_2
+from energy_opt.reports import plots
 from energy_opt.robot import Robot, load_robot
 
 NODES, JOINTS = (25, 50, 100, 200, 400), (2, 4, 7, 10, 14)

@@ -48,8 +48,8 @@ def parts_imported(module: Path) -> set[str]:
     ("library", "place"),
     [
         ("pinocchio", "robot/rigid_body.py"),
-        ("toppra", "motion/timing.py"),
-        ("matplotlib", "plots.py"),
+        ("toppra", "motion/timing/toppra.py"),
+        ("matplotlib", "reports/plots.py"),
         ("mujoco", "virtual_arm/mujoco_arm.py"),
         ("energy_opt_pinsx", "dynamics/templates.py"),
         ("yaml", "files.py"),

@@ -11,7 +11,7 @@ from energy_opt.bench import check_suite, load_suite
 from energy_opt.bench.moves import random_moves
 from energy_opt.bench.task import Timing
 from energy_opt.errors import BadInput
-from energy_opt.motion.score import Scorer
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import load_robot
 

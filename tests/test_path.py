@@ -8,7 +8,7 @@ import pytest
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
 from energy_opt.motion.path import JointPath, of_trajectory, read_path, straight, through
-from energy_opt.motion.timing_law import Timing, greville
+from energy_opt.motion.timing.law import Timing, greville
 from energy_opt.motion.trajectory import Trajectory
 
 WAYPOINTS = np.array([[0.0, 0.1], [0.7, 0.6], [1.1, -0.2], [1.5, -0.9]])

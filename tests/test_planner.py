@@ -6,7 +6,7 @@ import pytest
 from energy_opt.effects import CoulombFriction, Payload
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
-from energy_opt.motion.nodes import node_functions
+from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.power import source_method_1, source_method_2
 from energy_opt.robot import load_robot
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, ViscousFriction
-from energy_opt.motion.nodes import OBJECTIVES, node_functions
-from energy_opt.motion.program import Program
-from energy_opt.motion.reshape import fitted
-from energy_opt.motion.shape import Ends, Pattern, Shape
-from energy_opt.motion.spline import Basis
+from energy_opt.motion.reshape.layout import Ends, Pattern, Shape
+from energy_opt.motion.reshape.level import fitted
+from energy_opt.motion.reshape.nlp import Program
+from energy_opt.motion.reshape.nodes import OBJECTIVES, node_functions
+from energy_opt.numerics.bspline import Basis
 from energy_opt.power import source_method_2
 from energy_opt.robot import load_robot
 

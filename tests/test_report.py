@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt import plots
-from energy_opt.report import Report, shown
+from energy_opt.reports import plots
+from energy_opt.reports.html import Report, shown
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -21,10 +21,10 @@ from energy_opt.effects import (
 )
 from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import JointPath, straight, through
-from energy_opt.motion.retime import RetimeSolution, retime
-from energy_opt.motion.score import Scorer
-from energy_opt.motion.timing import fastest
+from energy_opt.motion.retime.solve import RetimeSolution, retime
+from energy_opt.motion.timing.toppra import fastest
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, load_robot
 

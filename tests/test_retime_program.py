@@ -19,20 +19,20 @@ from energy_opt.effects import (
     SupplyEfficiency,
     ViscousFriction,
 )
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import JointPath, straight, through
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
-from energy_opt.motion.retime import retime
-from energy_opt.motion.retime_bound import largest_price
-from energy_opt.motion.retime_grid import lift, quadrature
-from energy_opt.motion.retime_law import PathLaw
-from energy_opt.motion.retime_limits import point_numbers
-from energy_opt.motion.retime_points import Jerk, Torque
-from energy_opt.motion.retime_problem import Program
-from energy_opt.motion.retime_rows import CurvedRows, LinearRows, Rows
-from energy_opt.motion.retime_terms import compressed, law_function
-from energy_opt.motion.score import Scorer
-from energy_opt.motion.timing import fastest
-from energy_opt.motion.timing_law import Timing, greville
+from energy_opt.motion.retime.bound import largest_price
+from energy_opt.motion.retime.law import PathLaw
+from energy_opt.motion.retime.limits import point_numbers
+from energy_opt.motion.retime.nlp import Program
+from energy_opt.motion.retime.points import Jerk, Torque
+from energy_opt.motion.retime.quadrature import lift, quadrature
+from energy_opt.motion.retime.rows import CurvedRows, LinearRows, Rows
+from energy_opt.motion.retime.solve import retime
+from energy_opt.motion.retime.terms import compressed, law_function
+from energy_opt.motion.timing.law import Timing, greville
+from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.motion.timing.toppra import fastest
 from energy_opt.power import PowerModel, drive_function
 from energy_opt.robot import Robot
 

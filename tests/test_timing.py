@@ -9,11 +9,11 @@ from scipy.integrate import quad
 
 from energy_opt.effects import Armature, CoulombFriction, LoadFriction, StribeckFriction, ViscousFriction
 from energy_opt.errors import Infeasible
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import JointPath, straight, through
-from energy_opt.motion.path_dynamics import PathDynamics
-from energy_opt.motion.score import Scorer
-from energy_opt.motion.timing import fastest
-from energy_opt.motion.timing_law import Timing, greville
+from energy_opt.motion.timing.law import Timing, greville
+from energy_opt.motion.timing.path_dynamics import PathDynamics
+from energy_opt.motion.timing.toppra import fastest
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 

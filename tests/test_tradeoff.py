@@ -13,8 +13,8 @@ from energy_opt.cli.main import main
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
-from energy_opt.motion.carry import Carried
-from energy_opt.motion.score import Energy
+from energy_opt.motion.judge.energy import Energy
+from energy_opt.motion.plan.neighbour import Carried
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import load_robot

@@ -11,7 +11,7 @@ import yaml
 
 from energy_opt.effects import BY_NAME
 from energy_opt.errors import BadInput
-from energy_opt.motion.score import Scorer
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory, read_trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import load_robot

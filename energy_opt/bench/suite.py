@@ -189,7 +189,7 @@ def _moves(group: Group, robot: Robot, faults: Faults) -> Iterator[tuple[NamedMo
 
 
 def _with_compile(tasks: tuple[Task, ...], policy: str) -> Iterator[Task]:
-    from energy_opt.motion.compile import compiler
+    from energy_opt.numerics.compile import compiler
 
     if policy == "auto":
         shared = Counter(task.build for task in tasks) if compiler() else Counter()

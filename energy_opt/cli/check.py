@@ -106,9 +106,9 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     from energy_opt.cli.common import say
     from energy_opt.files import read_table
     from energy_opt.motion import read_trajectory
-    from energy_opt.motion.certificate import certify
+    from energy_opt.motion.judge.certificate import certify
+    from energy_opt.motion.judge.energy import Scorer
     from energy_opt.motion.path import read_path
-    from energy_opt.motion.score import Scorer
     from energy_opt.power import load_model, source_method_2
     from energy_opt.robot import known_robots, load_robot
 

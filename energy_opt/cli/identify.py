@@ -72,7 +72,7 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
 def _plot(result: Identification, path: Path) -> None:
     import numpy as np
 
-    from energy_opt.plots import COLOURS, labelled, new_figure, save
+    from energy_opt.reports.plots import COLOURS, labelled, new_figure, save
 
     figure, axes = new_figure(1, 1, width=7.0, height=4.2)
     at = labelled(axes[0, 0], "|gravity torque|^2 [(N m)^2]", "static power [W]", f"{result.robot}: static poses")

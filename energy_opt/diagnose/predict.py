@@ -12,8 +12,8 @@ import numpy as np
 from energy_opt.diagnose.samples import Samples
 from energy_opt.effects import BaseTilt, Payload, Signals
 from energy_opt.effects.meter import METER_EFFECTS
+from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
-from energy_opt.power.batch import Batch
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.motion.nodes import OBJECTIVES
 from energy_opt.motion.path import JointPath
+from energy_opt.motion.reshape.nodes import OBJECTIVES
 from energy_opt.motion.trajectory import Trajectory
 
 Mode = Literal["retime", "reshape"]

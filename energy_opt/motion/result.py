@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from energy_opt.motion.certificate import Certificate
-from energy_opt.motion.score import Energy
+from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.trajectory import Trajectory
 
 

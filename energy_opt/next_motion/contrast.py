@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects import BaseTilt, MeterDelay, MeterFilter, MeterGain, Payload, Signals, Smooth
-from energy_opt.motion.nodes import NodeFunctions, NodeSymbols, derived, symbolic_torque
+from energy_opt.motion.reshape.nodes import NodeFunctions, NodeSymbols, derived, symbolic_torque
 from energy_opt.next_motion.legs import PAUSE
 from energy_opt.power import PowerModel, drive_terms
 from energy_opt.robot import RigidBody

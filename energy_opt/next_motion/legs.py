@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.motion.reshape import Curve, Level, fitted
-from energy_opt.motion.reshaper import trajectory_of
-from energy_opt.motion.shape import Ends, Shape
+from energy_opt.motion.reshape.layout import Ends, Shape
+from energy_opt.motion.reshape.level import Curve, Level, fitted
+from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits, Robot
 

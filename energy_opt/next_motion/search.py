@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.certificate import Certificate, certify
-from energy_opt.motion.reshape import Curve, Level
-from energy_opt.motion.score import Scorer
-from energy_opt.motion.shape import Shape
-from energy_opt.motion.spline import Basis
+from energy_opt.motion.judge.certificate import Certificate, certify
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.reshape.layout import Shape
+from energy_opt.motion.reshape.level import Curve, Level
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.contrast import contrast_functions, contrast_parameters
 from energy_opt.next_motion.legs import Way, joined, reshaped, shortest
 from energy_opt.next_motion.rivals import separations
+from energy_opt.numerics.bspline import Basis
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 

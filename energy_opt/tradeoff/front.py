@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.carry import Carried, Carrier
-from energy_opt.motion.score import Energy
+from energy_opt.motion.judge.energy import Energy
+from energy_opt.motion.plan.neighbour import Carried, Carrier
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tradeoff.cycle import Cycle, Waiting
 

@@ -94,7 +94,7 @@ def write(out: Path, front: Front, found: dict[str, Any]) -> None:
 
 def _plot(path: Path, front: Front) -> None:
     """Energy split into standby, holding, loss and stored, with the optima; over the cycle where there is one."""
-    from energy_opt import plots
+    from energy_opt.reports import plots
 
     cyclic = front.cycle_minimum is not None
     shown = [p for p in front.points if p.energy is not None and (p.waiting is not None or not cyclic)]

@@ -11,13 +11,13 @@ from functools import cached_property
 
 import numpy as np
 
+from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.move import Move
-from energy_opt.motion.planner import Planner
-from energy_opt.motion.reshape import Level, Outcome, fitted
-from energy_opt.motion.reshaper import COARSE, FEASIBLE, Reshaper, _all_rows
-from energy_opt.motion.score import Energy
-from energy_opt.motion.solving import Solve
-from energy_opt.motion.timing_law import Timing
+from energy_opt.motion.plan.candidates import Solve
+from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.reshape.level import Level, Outcome, fitted
+from energy_opt.motion.reshape.search import COARSE, FEASIBLE, Reshaper, _all_rows
+from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path

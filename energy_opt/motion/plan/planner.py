@@ -9,18 +9,18 @@ import numpy as np
 
 from energy_opt.dynamics import torque_function
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.motion.certificate import ALLOWED, Certificate, certify
-from energy_opt.motion.compile import compiled
+from energy_opt.motion.judge.certificate import ALLOWED, Certificate, certify
+from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.move import Move, Settings
-from energy_opt.motion.nodes import NodeFunctions, node_functions
 from energy_opt.motion.path import JointPath, straight, through
-from energy_opt.motion.reshaper import Reshaper
+from energy_opt.motion.plan.candidates import Solve
+from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
+from energy_opt.motion.reshape.search import Reshaper
 from energy_opt.motion.result import Result
-from energy_opt.motion.score import Energy, Scorer
-from energy_opt.motion.solving import Solve
-from energy_opt.motion.timing import fastest
-from energy_opt.motion.timing_law import Timing
+from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 

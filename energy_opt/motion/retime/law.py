@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
-from energy_opt.motion.retime_limits import point_numbers
-from energy_opt.motion.retime_points import AnyLaw, Cost, Monomials
-from energy_opt.motion.retime_terms import BLURS, DEGREES, compressed, law_function
+from energy_opt.motion.retime.limits import point_numbers
+from energy_opt.motion.retime.points import AnyLaw, Cost, Monomials
+from energy_opt.motion.retime.terms import BLURS, DEGREES, compressed, law_function
+from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.power import PowerModel
 
 

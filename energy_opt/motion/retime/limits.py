@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure, has_torque_effects
-from energy_opt.motion.retime_grid import Lift, kept_lift, lift
-from energy_opt.motion.retime_points import Jerk, Torque
-from energy_opt.motion.retime_rows import CurvedRows, LinearRows, Rows
-from energy_opt.motion.retime_terms import BLURS
+from energy_opt.motion.retime.points import Jerk, Torque
+from energy_opt.motion.retime.quadrature import Lift, kept_lift, lift
+from energy_opt.motion.retime.rows import CurvedRows, LinearRows, Rows
+from energy_opt.motion.retime.terms import BLURS
+from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure, has_torque_effects
 from energy_opt.robot import Limits
 
 MARGIN = 5e-7  # share of every bound that is kept free, for what lies between the points

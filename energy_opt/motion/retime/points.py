@@ -12,9 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
-from energy_opt.motion.path_dynamics import SharedByStructure
-from energy_opt.motion.retime_terms import general_terms, torque_terms
-from energy_opt.power.batch import Batch
+from energy_opt.motion.retime.terms import general_terms, torque_terms
+from energy_opt.motion.timing.path_dynamics import SharedByStructure
+from energy_opt.numerics.batch import Batch
 
 
 class Cost(Protocol):

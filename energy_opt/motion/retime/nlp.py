@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from energy_opt.motion import ipopt
-from energy_opt.motion.retime_grid import Band, Lift
-from energy_opt.motion.retime_points import Cost
-from energy_opt.motion.retime_rows import Rows
+from energy_opt.motion.retime.points import Cost
+from energy_opt.motion.retime.quadrature import Band, Lift
+from energy_opt.motion.retime.rows import Rows
+from energy_opt.numerics import ipopt
 
 STOPPED = "User_Requested_Stop"
 OPTIONS: dict[str, object] = {

@@ -18,9 +18,9 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects import Signals
-from energy_opt.motion.path_dynamics import SharedByStructure
+from energy_opt.motion.timing.path_dynamics import SharedByStructure
+from energy_opt.numerics.batch import Batch
 from energy_opt.power import drive_function, drive_terms
-from energy_opt.power.batch import Batch
 
 # Widths of the smoothed kinks, in units of those stated at each law: an interior-point method crosses sharp kinks in
 # short steps only, so it is led to them from wide ones.

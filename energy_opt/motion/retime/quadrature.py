@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from energy_opt.motion.timing_law import Basis, basis
+from energy_opt.motion.timing.law import Basis, basis
 
 _X, _W = np.polynomial.legendre.leggauss(3)
 GAUSS = ((_X + 1) / 2, _W / 2)

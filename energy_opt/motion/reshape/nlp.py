@@ -22,9 +22,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from energy_opt.motion.nodes import NodeFunctions
-from energy_opt.motion.shape import LOCAL, Ends, Pattern
-from energy_opt.power.batch import Batch
+from energy_opt.motion.reshape.layout import LOCAL, Ends, Pattern
+from energy_opt.motion.reshape.nodes import NodeFunctions
+from energy_opt.numerics.batch import Batch
 
 EFFORT = 4  # the kind of a torque row; kinds 1 to 3 are derivatives of position
 

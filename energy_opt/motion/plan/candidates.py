@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.certificate import ALLOWED, Certificate
+from energy_opt.motion.judge.certificate import ALLOWED, Certificate
+from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.move import Move
-from energy_opt.motion.reshape import Outcome
-from energy_opt.motion.reshaper import FEASIBLE, Reshaper, Task, trajectory_of
+from energy_opt.motion.reshape.layout import Ends
+from energy_opt.motion.reshape.level import Outcome
+from energy_opt.motion.reshape.search import FEASIBLE, Reshaper, Task, trajectory_of
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
-from energy_opt.motion.retime import RetimeSolution, retime
-from energy_opt.motion.score import Energy
-from energy_opt.motion.shape import Ends
-from energy_opt.motion.timing_law import Timing
+from energy_opt.motion.retime.solve import RetimeSolution, retime
+from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits
 
 if TYPE_CHECKING:
-    from energy_opt.motion.planner import Planner
+    from energy_opt.motion.plan.planner import Planner
 
 MENDS = 6  # times that limits are tightened where the judge finds them broken
 LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path

@@ -68,7 +68,7 @@ def _build_in_background(source: str, cc: str, library: Path) -> None:
     if code.exists():  # somebody builds it already, or it failed before
         return
     code.write_text(source)
-    script = "import sys; from energy_opt.motion.compile import build_file; build_file(*sys.argv[1:])"
+    script = "import sys; from energy_opt.numerics.compile import build_file; build_file(*sys.argv[1:])"
     quiet = [(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_RDWR, 0) for fd in (0, 1, 2)]
     words = [sys.executable, "-c", script, str(code), cc, str(library)]
     os.posix_spawn(sys.executable, words, os.environ, file_actions=quiet, setpgroup=0)

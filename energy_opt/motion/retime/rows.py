@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from energy_opt.motion.retime_grid import Lift, gathered
-from energy_opt.motion.retime_points import Curved
+from energy_opt.motion.retime.points import Curved
+from energy_opt.motion.retime.quadrature import Lift, gathered
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion.score import Scorer
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits
 

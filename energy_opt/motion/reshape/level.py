@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion import ipopt
-from energy_opt.motion.nodes import NodeFunctions
-from energy_opt.motion.program import Program
-from energy_opt.motion.shape import Ends, Pattern, Shape
-from energy_opt.power.batch import Batch
+from energy_opt.motion.reshape.layout import Ends, Pattern, Shape
+from energy_opt.motion.reshape.nlp import Program
+from energy_opt.motion.reshape.nodes import NodeFunctions
+from energy_opt.numerics import ipopt
+from energy_opt.numerics.batch import Batch
 from energy_opt.robot import Limits
 
 BROKEN = 1e-7  # share beyond a bound at which a limit becomes a row

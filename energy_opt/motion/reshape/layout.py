@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from energy_opt.motion.spline import DEGREE, Basis
+from energy_opt.numerics.bspline import DEGREE, Basis
 
 LOCAL = DEGREE + 1  # control points that a node touches
 

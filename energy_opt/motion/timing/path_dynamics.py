@@ -22,7 +22,7 @@ import numpy as np
 from energy_opt.effects import Exact, Signals
 from energy_opt.errors import Infeasible
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.timing_law import Timing
+from energy_opt.motion.timing.law import Timing
 from energy_opt.power import PowerModel, drive_terms
 from energy_opt.power.rigid import rigid_torque
 from energy_opt.robot import Limits, Robot

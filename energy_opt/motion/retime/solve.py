@@ -23,9 +23,9 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.retime_program import Retiming, Solved, standing_power
-from energy_opt.motion.timing import INTERVALS, fastest
-from energy_opt.motion.timing_law import Timing
+from energy_opt.motion.retime.program import Retiming, Solved, standing_power
+from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.toppra import INTERVALS, fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot

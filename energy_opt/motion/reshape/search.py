@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.motion.nodes import NodeFunctions
-from energy_opt.motion.reshape import Curve, Level, Outcome, fitted, refined
-from energy_opt.motion.shape import Ends, Shape
-from energy_opt.motion.spline import Basis
+from energy_opt.motion.reshape.layout import Ends, Shape
+from energy_opt.motion.reshape.level import Curve, Level, Outcome, fitted, refined
+from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.bspline import Basis
 from energy_opt.robot import Limits
 
 COARSE, COARSE_PACKING = 12, 0.5

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from energy_opt.motion.retime_problem import Program
+from energy_opt.motion.retime.nlp import Program
 
 
 def largest_price(k: np.ndarray, upper: np.ndarray) -> float:

@@ -15,8 +15,8 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.path_dynamics import CRAWL, PathDynamics, check_path, has_torque_effects, points_of
-from energy_opt.motion.timing_law import Timing, greville
+from energy_opt.motion.timing.law import Timing, greville
+from energy_opt.motion.timing.path_dynamics import CRAWL, PathDynamics, check_path, has_torque_effects, points_of
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 

@@ -10,15 +10,15 @@ from functools import cached_property
 import numpy as np
 
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
-from energy_opt.motion.retime_bound import largest_price, lower_bound
-from energy_opt.motion.retime_grid import GAUSS, quadrature
-from energy_opt.motion.retime_law import PathLaw
-from energy_opt.motion.retime_limits import MARGIN, PathLimits
-from energy_opt.motion.retime_problem import Program
-from energy_opt.motion.retime_rows import Rows
-from energy_opt.motion.retime_terms import BLURS, exact_power
-from energy_opt.motion.timing_law import Timing, greville
+from energy_opt.motion.retime.bound import largest_price, lower_bound
+from energy_opt.motion.retime.law import PathLaw
+from energy_opt.motion.retime.limits import MARGIN, PathLimits
+from energy_opt.motion.retime.nlp import Program
+from energy_opt.motion.retime.quadrature import GAUSS, quadrature
+from energy_opt.motion.retime.rows import Rows
+from energy_opt.motion.retime.terms import BLURS, exact_power
+from energy_opt.motion.timing.law import Timing, greville
+from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 

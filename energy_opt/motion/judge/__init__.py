@@ -1,0 +1,1 @@
+"""What is proven of a trajectory: its energy and its limits, from its rows alone."""

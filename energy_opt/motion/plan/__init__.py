@@ -1,0 +1,1 @@
+"""From a move to its result: candidates, choice, neighbours."""

@@ -1,0 +1,1 @@
+"""Minimum energy over path and timing together."""

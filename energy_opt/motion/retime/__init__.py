@@ -1,0 +1,1 @@
+"""Minimum energy over the timing of a fixed path."""

@@ -67,7 +67,7 @@ class CellRequest:
 
     @property
     def base_pose(self) -> np.ndarray:
-        """(4, 4) pose of the robot's base in the scene's frame; roll, pitch, yaw about its fixed x, y, z, as in URDF."""
+        """(4, 4) pose of the robot's base in the scene's frame; its angles as in URDF (about fixed x, y, z)."""
         return pose_of(self.base[:3], self.base[3:])
 
 

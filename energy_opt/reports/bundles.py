@@ -1,8 +1,8 @@
 """Scripts that pages carry inside them, taken from the pip packages that ship them when a page is written.
 
-plotly's bundle draws plots, three.js (as trimesh's notebook viewer carries it) the moving arm; both are MIT-licensed and
-keep their notices. They are packed with gzip, which every browser since 2023 unpacks by itself, so that a page stays
-below 3 MB.
+plotly's bundle draws plots, three.js (as trimesh's notebook viewer carries it) the moving arm; both are MIT-licensed
+and keep their notices. They are packed with gzip, which every browser since 2023 unpacks by itself, so that a page
+stays below 3 MB.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ OTHER = "#2e9a60"
 
 
 class Motion(Protocol):
-    """A sampled motion: time (N,) [s], position, velocity, acceleration (N, n); effort [N m] and power (N,) [W] or None."""
+    """A sampled motion: time (N,) [s]; position, velocity, acceleration and effort (N, n), power (N,) [W], or None."""
 
     time: np.ndarray
     position: np.ndarray

@@ -46,7 +46,9 @@ def add_output(parser: argparse.ArgumentParser, out: str) -> None:
 def add_move(parser: argparse.ArgumentParser) -> None:
     """Options that say which move, shared by optimize and tradeoff."""
     group = parser.add_argument_group("move")
-    group.add_argument("--start", metavar="Q", help="comma-separated joint positions [rad], or name=value pairs")
+    group.add_argument(
+        "--start", metavar="Q", help="comma-separated joint positions [rad], name=value pairs, or a pose of the SRDF"
+    )
     group.add_argument("--goal", metavar="Q", help="the same, for the end")
     group.add_argument("--path", type=Path, metavar="FILE", help="waypoints or a trajectory instead (CSV, messages)")
     add_prefix(group)
@@ -172,6 +174,19 @@ def _numbers(text: str, count: int, option: str, expected: str) -> tuple[float, 
     return numbers
 
 
+def pose_from(text: str, robot: Robot, option: str, srdf: Path | None = None) -> np.ndarray:
+    """Joint positions (n,) as `joint_vector` takes them, or the name of a pose of the robot's SRDF."""
+    word = text.strip()
+    if not word or any(c in word for c in ",=") or word.replace(".", "").lstrip("+-").isdigit():
+        return joint_vector(text, robot.joints, option)
+    from energy_opt.robot.srdf import semantics
+
+    try:
+        return semantics(robot, srdf).pose(word, robot.joints)
+    except BadInput as error:
+        raise BadInput(f"{option} {word}: {error}") from None
+
+
 def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
     """Joint positions (n,) from `0.1,0.2,…` or `name=value,…` in any order."""
     import numpy as np
@@ -215,8 +230,9 @@ def move_of(
         for option in ("start", "goal"):
             if getattr(args, option) is None:
                 raise BadInput(f"--{option} is missing; give --start and --goal, or --path")
-        start = joint_vector(args.start, robot.joints, "--start")
-        goal = joint_vector(args.goal, robot.joints, "--goal")
+        srdf = getattr(args, "srdf", None)
+        start = pose_from(args.start, robot, "--start", srdf)
+        goal = pose_from(args.goal, robot, "--goal", srdf)
     via = tuple(joint_vector(word, robot.joints, "--via") for word in args.via)
     move = Move(start, goal, args.mode, duration, longest, path, via)
     if path is not None and path.source is not None:

@@ -49,12 +49,6 @@ def _drive(structure: tuple[tuple[str, ...], ...], n: int) -> ca.Function:
     return ca.Function("law", [ca.vertcat(x.q, x.v, x.a, x.tau, x.t), p], [out])
 
 
-@lru_cache(maxsize=64)
-def _batch(structure: tuple[tuple[str, ...], ...], n: int, count: int) -> Batch:
-    """The same over `count` samples."""
-    return Batch(_drive(structure, n), count)
-
-
 @lru_cache(maxsize=2)
 def _rigid_maps() -> tuple[ca.Function, ca.Function]:
     """(mass, com) -> the ten inertial parameters, (gravity, roll, pitch) -> gravity; each with its Jacobian."""
@@ -99,7 +93,7 @@ def predict(model: PowerModel, s: Samples) -> Prediction:
     """The reading of the meter under `model` at the samples, and its derivatives by `model.values(n)`."""
     tau, by_payload, by_tilt = rigid_torque(model, s)
     state = np.column_stack([s.q, s.v, s.a, tau, s.t])
-    (out,) = _batch(model.structure, s.n, len(state))(state, model.values(s.n))
+    (out,) = Batch(_drive(model.structure, s.n), len(state))(state, model.values(s.n))
     power, by_tau, jacobian = out[:, 0].copy(), out[:, 1 : 1 + s.n].copy(), out[:, 1 + s.n :].copy()
     where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
     if by_payload is not None:

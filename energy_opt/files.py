@@ -95,6 +95,22 @@ def write_table(path: Path, header: Sequence[str], columns: Sequence[np.ndarray]
             stream.write(",".join(map(repr, row)) + "\n")
 
 
+def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:
+    """The path of a file that a document in `folder` names.
+
+    Raises:
+        BadInput: it lies outside of the folder, links followed, and `allow_outside` is False.
+    """
+    path = Path(folder) / name
+    try:
+        kept = allow_outside or path.resolve().is_relative_to(Path(folder).resolve())
+    except (OSError, ValueError, RuntimeError):  # NUL bytes, circles of links, names too long
+        kept = False
+    if not kept:
+        raise BadInput(f"{name!r} lies outside of {folder}; put it there, or add --allow-outside")
+    return path
+
+
 def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
     """The text of a file of at most `most` bytes; BadInput where there is none, or more."""
     try:

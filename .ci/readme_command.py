@@ -1,4 +1,4 @@
-"""Print the nth `sh` block of README, so that CI runs to the letter what README shows: readme_command.py README.md N."""
+"""Print block N of README's commands, for CI to run what README shows to the letter: readme_command.py README.md N."""
 
 import re
 import sys

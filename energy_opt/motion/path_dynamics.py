@@ -142,7 +142,6 @@ class PathDynamics:
         return tau_m, ma, mb
 
 
-
 def points_of(path: JointPath, count: int) -> np.ndarray:
     """About `count` evenly spaced path positions, with points close to both sides of every knot of the path."""
     inner = path.knots[1:-1]

@@ -39,3 +39,26 @@ def used(limits: Sequence[Limit], d: PathDynamics, a: np.ndarray, b: np.ndarray,
             value = functions(k, j).value(np.stack([a, np.maximum(b, 0.0), w])[:, k])
             out.append(Use(limit, np.abs(value).reshape(len(d.s), -1)))
     return out
+
+
+class Tightening:
+    """Factors (M, m) per limit, at a grid's points, by which bounds are taken smaller where they were broken."""
+
+    def __init__(self, factors: dict[str, np.ndarray] | None = None) -> None:
+        self._factors = factors or {}
+
+    def of(self, limit: Limit) -> np.ndarray | float:
+        """The factors of a limit."""
+        return self._factors.get(limit.name, 1.0)
+
+    def after(self, uses: Sequence[Use], s: np.ndarray, grid: np.ndarray) -> Tightening:
+        """Smaller around the places `s` where a limit was broken, by a little more than it was."""
+        interval = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, len(grid) - 2)
+        changed = {}
+        for use in uses:
+            worst = np.zeros((len(grid) - 1, use.share.shape[1]))
+            np.maximum.at(worst, interval, use.share - 1)
+            padded = np.concatenate([worst[:1], worst[:1], worst, worst[-1:], worst[-1:]])
+            around = np.maximum.reduce([padded[j : j + len(grid)] for j in range(4)])
+            changed[use.limit.name] = self.of(use.limit) / (1 + 1.2 * around)
+        return Tightening(changed)

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import casadi as ca
 import numpy as np
@@ -98,10 +98,14 @@ class State:
 
 @dataclass(frozen=True)
 class Fixed:
-    """Excess (M, m) along a path that no timing changes; `text(k, j)` says what is wrong at place k in column j."""
+    """Excess (M, m) along a path that no timing changes; `text(k, j)` says what is wrong at place k in column j.
+
+    `holding`: it is what standing still takes, and nothing where the arm passes.
+    """
 
     excess: np.ndarray
     text: Callable[[int, int], str]
+    holding: bool = False
 
 
 @dataclass(frozen=True)

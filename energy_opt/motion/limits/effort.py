@@ -5,8 +5,6 @@ Along a path the rigid body's share is M a + C b + G; with effects that are affi
 
 from __future__ import annotations
 
-from typing import Self
-
 import casadi as ca
 import numpy as np
 
@@ -37,7 +35,7 @@ class Effort(JointLimit):
         def text(k: int, j: int) -> str:
             return f"moving slowly takes {held[k, j]:.4g} N m, the limit is {self.bound[j]:.4g} N m"
 
-        return Fixed(held / self.bound - 1, text)
+        return Fixed(held / self.bound - 1, text, holding=True)
 
     def linear(self, d: PathDynamics, b: float) -> Linear | None:
         return self.tangent(d, np.zeros(len(d.s)), np.full(len(d.s), b)) if d.affine(b) else None

@@ -20,9 +20,7 @@ class Jerk(JointLimit):
     def of(self, x: Samples) -> np.ndarray:
         return x.jerk
 
-    def functions(
-        self, path: JointPath, s: np.ndarray
-    ) -> Callable[[np.ndarray, np.ndarray], JerkAlongPath] | None:
+    def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray], JerkAlongPath] | None:
         if not np.isfinite(self.bound).any():
             return None
         factors = np.stack([3 * path(s, 2), path(s, 3), path(s, 1)]) / self.bound

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from energy_opt.motion.limits.acceleration import Acceleration
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.effort import Effort
 from energy_opt.motion.limits.jerk import Jerk
 from energy_opt.motion.limits.position import Position
 from energy_opt.motion.limits.velocity import Velocity
-from energy_opt.robot import Limits
+from energy_opt.motion.limits.via import ViaPoints
+from energy_opt.motion.move import Move, Settings
+from energy_opt.robot import Limits, Robot
 
 
 def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
@@ -20,3 +24,9 @@ def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
         Jerk(bounds.jerk),
         Effort(bounds.effort),
     )
+
+
+def limits_of(robot: Robot, settings: Settings, move: Move | None = None) -> tuple[Limit, ...]:
+    """All limits in force for a robot's moves, or for one of them."""
+    via = () if move is None or not move.via else (ViaPoints(np.stack(move.via)),)
+    return (*joint_limits(robot.limits), *via)

@@ -109,6 +109,6 @@ class Carrier:
             if found is None:
                 return None
             trajectory, converged = found.trajectory, found.converged
-        if not planner.certify(trajectory).valid:
+        if not planner.certify(trajectory, self.move).valid:
             return None
         return Carried(trajectory, planner.score(trajectory), converged)

@@ -66,7 +66,7 @@ class ReshapeProgram:
         orders = np.array([limit.order for limit in limits])
         linear = orders[rows[:, 0]] > 0
         self._linear, self._hot = rows[linear], rows[~linear]
-        self._order = orders[self._linear[:, 0]]
+        self._power = orders[self._linear[:, 0]]  # of 1 / T
         widths = [limit.scale.size for limit in limits]
         offsets = np.cumsum([0, *widths])[:-1]
         self._column = offsets[self._hot[:, 0]] + self._hot[:, 2]  # among the node functions' limited values
@@ -92,7 +92,7 @@ class ReshapeProgram:
         self._coefficients = np.zeros((len(site), LOCAL))  # of the touched control points, per unit of bound
         first = np.zeros(len(site), dtype=int)
         for k in (1, 2, 3):
-            here = self._order == k
+            here = self._power == k
             start, local = s.site_local[k - 1]
             first[here], self._coefficients[here] = start[site[here]], local[site[here]]
         self._coefficients /= self._bound[:, None]
@@ -139,7 +139,9 @@ class ReshapeProgram:
             np.stack([np.full(len(placed.rows.keys), number), np.full(len(placed.rows.keys), -1), placed.rows.keys], 1)
             for number, placed in zip(self._place_limits, self._placed, strict=True)
         ]
-        of_vias = np.stack(np.meshgrid(VIA, np.arange(self.shape.vias), np.arange(self.shape.joints), indexing="ij"), -1)
+        of_vias = np.stack(
+            np.meshgrid(VIA, np.arange(self.shape.vias), np.arange(self.shape.joints), indexing="ij"), -1
+        )
         return np.concatenate([self._linear, self._hot, *of_places, of_vias.reshape(-1, 3)])
 
     @property
@@ -183,8 +185,8 @@ class ReshapeProgram:
         self._f = self.scale * float(self._weight @ rate[:, 0])
         self._g = self.scale * self._weight[:, None] * slope
         if self._limited is not None:
-            self._g, jac = self._limited(self._z[self._hot_nodes], self._u["hot"], self.parameters)
-            self._g_z = jac.reshape(len(self._hot_nodes), -1, self._width)  # column-major: (z, column)
+            self._values, jac = self._limited(self._z[self._hot_nodes], self._u["hot"], self.parameters)
+            self._values_z = jac.reshape(len(self._hot_nodes), -1, self._width)  # column-major: (z, column)
         for placed in self._placed:
             placed.move(self._points)
 
@@ -203,9 +205,9 @@ class ReshapeProgram:
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
-        parts = [self._moved / self.duration**self._order]
+        parts = [self._moved / self.duration**self._power]
         if len(self._hot):
-            parts.append(self._g[self._which, self._column] / self._hot_scale)
+            parts.append(self._values[self._which, self._column] / self._hot_scale)
         parts += [placed.value for placed in self._placed]
         if self.shape.vias:
             parts.append((self._via(x, 0) - self.ends.via).ravel())
@@ -239,12 +241,12 @@ class ReshapeProgram:
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
         s, n, t = self.shape, self.shape.joints, self.duration
-        order = self._order
+        order = self._power
         by_point = self._coefficients / (t**order)[:, None]
         by_time = (self._row_slope - order * self._moved / t) / t**order
         parts = [np.concatenate([by_point, by_time[:, None]], axis=1).ravel()]
         if len(self._hot):
-            slope = self._g_z[self._which, :, self._column] / self._hot_scale[:, None]  # (R, nz)
+            slope = self._values_z[self._which, :, self._column] / self._hot_scale[:, None]  # (R, nz)
             parts.append(self._through_nodes(slope, self._hot[:, 1]).ravel())
         parts += [placed.slopes().ravel() for placed in self._placed]
         if s.vias:
@@ -272,7 +274,7 @@ class ReshapeProgram:
         column[time] = local[:, -1].sum()
         # b x / T^k has second derivatives -k b / T^(k+1) with (x, T) and k (k + 1) b x / T^(k+2) with T.
         if len(multipliers):
-            order = self._order
+            order = self._power
             share = multipliers / t**order
             cross = -(order * share / t)[:, None] * self._coefficients
             column += np.bincount(self._row_place, cross[self._row_inside], size)

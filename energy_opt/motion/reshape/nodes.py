@@ -21,7 +21,6 @@ from energy_opt.power import DriveTerms, PowerModel, drive_terms
 from energy_opt.robot import RigidBody
 
 
-
 @dataclass(frozen=True)
 class NodeFunctions:
     """CasADi functions of one node; `u` is its place in [0, 1], `p` the model's values.

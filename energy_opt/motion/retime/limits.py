@@ -122,8 +122,7 @@ class PathLimits:
     def worst(self, control: np.ndarray) -> Worst:
         """The limit that is used most."""
         found = [
-            (held.limit, self.dynamics.s, use)
-            for held, use in zip(self.at_points, self._uses(control), strict=True)
+            (held.limit, self.dynamics.s, use) for held, use in zip(self.at_points, self._uses(control), strict=True)
         ]
         found += [(piece.limit, piece.s, piece.use(control)) for piece in self.on_pieces]
         limit, s, use = max(found, key=lambda one: float(one[2].max()))

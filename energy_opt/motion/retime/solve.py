@@ -125,8 +125,8 @@ def retime(
     if not jerk:
         held = tuple(limit for limit in held if limit.order != 3)
     if shortest is None:
-        ends = {"start_speed": path.start_speed, "end_speed": path.end_speed}
-        shortest = fastest(robot, model, path, grid=grid, limits=held, **ends)
+        speeds = path.start_speed, path.end_speed
+        shortest = fastest(robot, model, path, grid=grid, limits=held, start_speed=speeds[0], end_speed=speeds[1])
     if not path.moves:
         return _standing(robot, model, path, duration, shortest)
     work = Retiming(robot, model, shortest, held)
@@ -151,9 +151,9 @@ def _shorter(work: Retiming, shortest: Timing, wanted: float) -> Timing:
     if best.duration <= wanted:
         return best
     worst = work.limits.worst(best.control * (best.duration / wanted) ** 2)
-    joint = work.robot.joints[worst.joint]
+    joint = worst.limit.where(work.robot.joints, worst.column)
     raise Infeasible(
-        f"{joint}: the {worst.limit} limit would be exceeded by {100 * worst.excess:.3g} % at path position "
+        f"{joint}: the {worst.limit.name} limit would be exceeded by {100 * worst.excess:.3g} % at path position "
         f"{worst.position:.3f} in {wanted:.6g} s; the shortest duration that works on this path is "
         f"{best.duration:.6g} s",
         joint=joint,

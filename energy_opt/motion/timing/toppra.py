@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.limits.along import Use, used
+from energy_opt.motion.limits.along import Tightening, Use, used
 from energy_opt.motion.limits.base import Limit, Linear
 from energy_opt.motion.limits.check import check_path
 from energy_opt.motion.limits.registry import joint_limits
@@ -30,29 +30,6 @@ TOLERANCE = 1e-7  # of a bound: less than this is no violation
 ROUNDS = 8
 CHECKS_PER_INTERVAL = 5
 SLOWEST = 50.0  # times the duration: slowing further mends nothing
-
-
-class _Tightening:
-    """Factors (M, columns) per limit, at the grid's points, by which the bounds are taken smaller than they are."""
-
-    def __init__(self, factors: dict[str, np.ndarray] | None = None) -> None:
-        self._factors = factors or {}
-
-    def of(self, limit: Limit) -> np.ndarray | float:
-        """The factors of a limit."""
-        return self._factors.get(limit.name, 1.0)
-
-    def after(self, uses: Sequence[Use], s: np.ndarray, grid: np.ndarray) -> _Tightening:
-        """Smaller around the places `s` where a limit was broken, by a little more than it was."""
-        interval = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, len(grid) - 2)
-        changed = {}
-        for use in uses:
-            worst = np.zeros((len(grid) - 1, use.share.shape[1]))
-            np.maximum.at(worst, interval, use.share - 1)
-            padded = np.concatenate([worst[:1], worst[:1], worst, worst[-1:], worst[-1:]])
-            around = np.maximum.reduce([padded[j : j + len(grid)] for j in range(4)])
-            changed[use.limit.name] = self.of(use.limit) / (1 + 1.2 * around)
-        return _Tightening(changed)
 
 
 def fastest(
@@ -168,7 +145,7 @@ def _within_tangents(
     a, b = np.zeros(len(points)), _fastest_speed(limits, at)
     lines = [(limit, limit.tangent(at, a, b)) for limit in limits]
     known = [limit for limit, line in lines if line is not None]
-    tight, timing = _Tightening(), Timing(path, knots, np.zeros(len(points)))
+    tight, timing = Tightening(), Timing(path, knots, np.zeros(len(points)))
     for _ in range(ROUNDS):
         timing = _solve(robot, at, knots, ends, lines, tight)
         uses = _uses(known, dense, timing)
@@ -221,7 +198,7 @@ def _solve(
     knots: np.ndarray,
     ends: tuple[float, float],
     tangents: Sequence[tuple[Limit, Linear | None]],
-    tight: _Tightening,
+    tight: Tightening,
 ) -> Timing:
     """One run of TOPP-RA on the grid at.s, the Greville points of `knots`."""
     from toppra.algorithm import TOPPRA
@@ -272,8 +249,8 @@ class _Rows:
         ra, rb, r0 = (np.hstack(block) for block in zip(*parts, strict=True))
         speed = np.hstack(speeds)
         first = speed.argmin(axis=1)
-        owners = tuple(of_speeds[j] for j in first)
-        return cls(ra, rb, r0, speed[np.arange(len(first)), first], tuple(names), owners)
+        tightest = tuple(of_speeds[j] for j in first)
+        return cls(ra, rb, r0, speed[np.arange(len(first)), first], tuple(names), tightest)
 
     def typical(self) -> float:
         """A squared path speed that the path accelerations within the limits reach."""

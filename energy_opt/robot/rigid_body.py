@@ -15,6 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput
+from energy_opt.robot.meshes import collision_urdf
+from energy_opt.robot.urdf import check_urdf
 
 
 @dataclass(frozen=True)
@@ -79,8 +81,8 @@ class UrdfLimits:
     effort: np.ndarray
 
 
-def _read(path: Path, lock: Mapping[str, float], package_dirs: Sequence[Path] | None = None) -> tuple[Any, Any]:
-    """Pinocchio's model of a URDF with joints locked, and its collision geometry where folders for meshes are given."""
+def _read(path: Path, lock: Mapping[str, float], collision: str | None = None) -> tuple[Any, Any]:
+    """Pinocchio's model of a URDF with joints locked; with the geometry that the URDF text `collision` describes."""
     if not path.is_file():
         raise BadInput(f"{path}: no such URDF file")
     try:
@@ -92,11 +94,9 @@ def _read(path: Path, lock: Mapping[str, float], package_dirs: Sequence[Path] | 
             kind = model.joints[j].shortname()
             raise BadInput(f"{path}: joint {model.names[j]} ({kind}) has more than one degree of freedom")
     geometry = None
-    if package_dirs is not None:
+    if collision is not None:
         try:
-            geometry = pin.buildGeomFromUrdf(
-                model, str(path), pin.GeometryType.COLLISION, package_dirs=[str(folder) for folder in package_dirs]
-            )
+            geometry = pin.buildGeomFromUrdfString(model, collision, pin.GeometryType.COLLISION)
         except (ValueError, RuntimeError) as error:
             raise BadInput(f"{path}: {' '.join(str(error).split())}; --self-collision off goes without") from None
     full = pin.neutral(model)
@@ -116,7 +116,7 @@ def _read(path: Path, lock: Mapping[str, float], package_dirs: Sequence[Path] | 
     return model, geometry
 
 
-def collision_geometry(path: Path, lock: Mapping[str, float], package_dirs: Sequence[Path]) -> list[LinkGeometry]:
+def collision_geometry(path: Path, lock: Mapping[str, float], package_dirs: Sequence[Path] = ()) -> list[LinkGeometry]:
     """The collision geometry of a URDF's links, joints in `lock` held where it says; empty where it has none.
 
     Args:
@@ -125,7 +125,7 @@ def collision_geometry(path: Path, lock: Mapping[str, float], package_dirs: Sequ
     Raises:
         BadInput: the file or one of its meshes is missing or cannot be read.
     """
-    model, geometry = _read(path, lock, package_dirs)
+    model, geometry = _read(path, lock, collision_urdf(path, package_dirs).text)
     return [
         LinkGeometry(
             model.frames[thing.parentFrame].name,
@@ -170,6 +170,8 @@ class RigidBody:
             BadInput: the file is missing or does not parse, a locked joint is unknown, or a joint has more than one
                 degree of freedom.
         """
+        if path.is_file():
+            check_urdf(path)
         model, _ = _read(path, lock)
         if model.nv == 0:
             raise BadInput(f"{path}: no joint is left that moves")

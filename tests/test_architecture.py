@@ -48,6 +48,7 @@ def parts_imported(module: Path) -> set[str]:
     ("library", "place"),
     [
         ("pinocchio", "robot/rigid_body.py"),
+        ("coal", "cell/solids.py"),
         ("toppra", "motion/timing/toppra.py"),
         ("matplotlib", "reports/plots.py"),
         ("mujoco", "virtual_arm/mujoco_arm.py"),
@@ -96,7 +97,7 @@ def test_modules_stay_small() -> None:
 
 
 def test_the_command_line_starts_without_heavy_libraries() -> None:
-    heavy = ("casadi", "pinocchio", "toppra", "matplotlib", "scipy", "pyarrow", "dask", "distributed", "mujoco")
+    heavy = ("casadi", "pinocchio", "coal", "toppra", "matplotlib", "scipy", "pyarrow", "dask", "distributed", "mujoco")
     code = f"import sys, energy_opt.cli.main; print([m for m in {heavy!r} if m in sys.modules])"
     answer = subprocess.run([sys.executable, "-c", code], cwd=ROOT.parent, capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"

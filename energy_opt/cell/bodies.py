@@ -108,8 +108,10 @@ class Scenery:
                 out[flat] = heights.min(axis=1).clip(0)
         return out, boxes[0], boxes[1]
 
-    def travel(self, k: np.ndarray, pair: np.ndarray, boxes: tuple[np.ndarray, np.ndarray], far: np.ndarray) -> np.ndarray:
-        """How far (M,) [m] points of a pair's bodies can come towards each other when joints turn by up to `far` (M, n).
+    def travel(
+        self, k: np.ndarray, pair: np.ndarray, boxes: tuple[np.ndarray, np.ndarray], far: np.ndarray
+    ) -> np.ndarray:
+        """How far (M,) [m] a pair's bodies can come towards each other when joints turn by up to `far` (M, n).
 
         Joints are moved one after the other, the outermost first: a joint that turns by d moves a point by at most d
         times its distance from the axis, which is that in the middle plus what the joints before have moved it.

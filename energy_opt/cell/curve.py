@@ -75,7 +75,7 @@ class MotionCurve:
         return Spans(cuts[:-1], cuts[1:], np.zeros(len(cuts) - 1), np.ones(len(cuts) - 1))
 
     def middles(self, spans: Spans) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Time (M,) and position (M, n) in the middle of each interval, and how far the curve goes from there (M, n)."""
+        """Time (M,) and position (M, n) in the middle of each interval, and how far the curve goes from it (M, n)."""
         many = spans.last - spans.first > 1
         row = np.where(many, (spans.first + spans.last) // 2, 0)
         q = self._position[row]
@@ -97,6 +97,12 @@ class MotionCurve:
     def seconds(self, spans: Spans) -> np.ndarray:
         """How long each interval is, (M,) [s]."""
         return (self.time[spans.last] - self.time[spans.first]) * (spans.high - spans.low)
+
+    def sample(self, time: float) -> np.ndarray:
+        """Position (n,) at a time [s]."""
+        k = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.rows - 2))
+        x = (time - self.time[k]) / (self.time[k + 1] - self.time[k])
+        return _part(self._bernstein[:, [k]], np.full((1, 1), x), np.ones((1, 1)))[0, 0]
 
     def at(self, row: int) -> np.ndarray:
         """Position (n,) of a row."""

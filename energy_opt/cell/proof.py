@@ -24,7 +24,7 @@ SHORTEST = 1e-5  # [s] an interval below is not halved again
 FIRST = 8  # intervals to begin with
 NARROW = 0.3  # where hulls leave less than this share of the travel, finer shapes are asked
 MOST = 200_000  # open intervals of pairs at a time; a motion that needs more is given up as undecided
-HASTE = 2  # levels that are still looked at after the first touch, to find where else
+HASTE = 2  # levels that are still looked at after the clearance was first broken, to find where else
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,18 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
         open_ = rest <= wanted[pair]
         if not open_.all():
             out.lower_bound = min(out.lower_bound, float(rest[~open_].min()))
-        again = _measured(out, scene, span, pair, travel, wanted, np.flatnonzero(open_), time, entered)
+        again, doubt = _measured(out, scene, span, pair, travel, wanted, np.flatnonzero(open_), time, entered)
         if out.touches:
             haste -= 1
+            # too near already: what is left to find out is where else, and whether anything touches
+            touch = min(found.distance for found in out.touches) <= 0
+            again = np.union1d(again, doubt) if haste >= 0 else doubt[: 0 if touch else None]
         short = curve.seconds(spans)[span[again]] < SHORTEST
-        if short.any() or len(again) > MOST or (out.touches and haste < 0):
+        if short.any() or len(again) > MOST:
             if not out.touches:
                 out.verdict = "undecided"
-            break
+                break
+            again = again[:0] if len(again) > MOST else again[~short]
         spans, span, pair = _halved(spans, span[again], pair[again])
     if out.touches:
         out.touches.sort(key=lambda touch: touch.distance)
@@ -107,9 +111,12 @@ def _measured(
     which: np.ndarray,
     time: np.ndarray,
     entered: set[int],
-) -> np.ndarray:
-    """Measure what boxes left open; returns what is still open. Proofs and touches go into `out`."""
-    bodies, again = scene.bodies, []
+) -> tuple[np.ndarray, np.ndarray]:
+    """Measure what boxes left open; proofs and touches go into `out`.
+
+    Returns what is still open, and what may touch within its interval.
+    """
+    bodies, again, doubt = scene.bodies, [], []
     least = np.inf if out.least is None else out.least.distance
     out.looked_at += len(which)
     columns = (which, span[which], pair[which], travel[which], wanted[pair[which]])
@@ -130,10 +137,15 @@ def _measured(
         if kept > asked:
             out.lower_bound = min(out.lower_bound, kept)
         elif distance - GJK_ERROR <= asked:
-            out.touches.append(Touch(float(time[k]), p, distance if distance > GJK_ERROR else min(distance, 0.0)))
+            touch = distance <= GJK_ERROR
+            out.touches.append(Touch(float(time[k]), p, min(distance, 0.0) if touch else distance))
+            if not touch and kept <= 0:
+                doubt.append(i)
         else:
             again.append(i)
-    return np.array(again, dtype=int)
+            if kept <= 0:
+                doubt.append(i)
+    return np.array(again, dtype=int), np.array(doubt, dtype=int)
 
 
 def _starts_inside(bodies: Bodies, curve: MotionCurve) -> set[int]:

@@ -20,6 +20,7 @@ SAME_VOLUME = 1.001  # a mesh whose hull has no larger volume than this times it
 FAT = 1.1  # a hull of so much more volume than its mesh is worth cutting
 SLABS = 6  # pieces that a fat part is cut into, along its longest side
 ROUND = 12  # corners of the polygons that stand for circles where vertices are wanted
+SHEET = 1e-6  # [m] that a mesh without volume is thickened by for its hull
 LARGE = 10.0  # [m] half the side of the box that stands for a half-space where a bounded body is wanted
 
 
@@ -168,10 +169,15 @@ def _box(geometry: Any) -> np.ndarray:
 
 
 def _of_mesh(model: Any) -> Solid:
-    model.buildConvexHull(True, "Qt")
-    hull = Piece(model.convex, np.array(model.convex.points()))
-    ratio = model.convex.computeVolume() / max(abs(model.computeVolume()), 1e-12)
-    corners = _box(model.convex)
+    points = vertices_of(model)
+    hull = _hull(points)
+    if hull is None:  # a sheet: what is just around it has a hull
+        low, high = points.min(axis=0) - SHEET, points.max(axis=0) + SHEET
+        hull = _hull((low + high) / 2 + _signs() * (high - low) / 2)
+        assert hull is not None
+        return Solid(hull, (hull,), model, _box(hull.geometry))
+    ratio = hull.geometry.computeVolume() / max(abs(model.computeVolume()), 1e-12)
+    corners = _box(hull.geometry)
     if ratio <= SAME_VOLUME:
         return Solid(hull, (hull,), None, corners)
     whole = Solid(hull, (hull,), model, corners)
@@ -185,8 +191,6 @@ def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
 
     The hull of a part of the surface between two planes is that of its vertices and of where edges cross the planes.
     """
-    import coal
-
     edges = np.unique(np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), 1), axis=0)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     along = int(np.argmax(high - low))
@@ -201,15 +205,26 @@ def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
     for k in range(SLABS):
         inside = (vertices[:, along] >= cuts[k]) & (vertices[:, along] <= cuts[k + 1])
         points = np.vstack([vertices[inside], crossings[k], crossings[k + 1]])
-        cloud = coal.StdVec_Vec3s()
-        for point in points:
-            cloud.append(point)
-        try:
-            geometry = coal.Convex.convexHull(cloud, True, "Qt")
-        except RuntimeError:  # flat: a piece without volume; the hull stands for all of it
-            return ()
-        out.append(Piece(geometry, np.array(geometry.points())))
+        if len(points):
+            piece = _hull(points)
+            if piece is None:  # a piece without volume; the whole hull stands for it
+                return ()
+            out.append(piece)
     return tuple(out)
+
+
+def _hull(points: np.ndarray) -> Piece | None:
+    """The convex hull of points; None where they are flat."""
+    import coal
+
+    cloud = coal.StdVec_Vec3s()
+    for point in points:
+        cloud.append(point)
+    try:
+        geometry = coal.Convex.convexHull(cloud, True, "Qt")
+    except (RuntimeError, ValueError):
+        return None
+    return Piece(geometry, np.array(geometry.points()))
 
 
 class Ruler:

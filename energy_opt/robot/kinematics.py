@@ -56,9 +56,7 @@ class Kinematics:
         count = len(q)
         angle = np.where(self.prismatic, 0.0, q)
         local = (
-            self._still
-            + np.sin(angle)[:, :, None, None] * self._sine
-            + np.cos(angle)[:, :, None, None] * self._cosine
+            self._still + np.sin(angle)[:, :, None, None] * self._sine + np.cos(angle)[:, :, None, None] * self._cosine
         )
         rotation = np.empty((count, self.n + 1, 3, 3))
         origin = np.zeros((count, self.n + 1, 3))

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput
+from energy_opt.robot.urdf import check_urdf
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ class RigidBody:
         """
         if not path.is_file():
             raise BadInput(f"{path}: no such URDF file")
+        check_urdf(path)
         try:
             model = pin.buildModelFromUrdf(str(path))
         except (ValueError, RuntimeError) as error:

@@ -54,6 +54,11 @@ class Chain:
         """Seconds."""
         return float(self.spans.sum() + (self.ramps[0] + self.ramps[-1]) / 2)
 
+    def lasting(self, duration: float) -> Chain:
+        """The same corners with all times stretched evenly to `duration` (s)."""
+        k = duration / self.duration
+        return Chain(self.corners, self.spans * k, self.ramps * k, self.rises * k)
+
     @property
     def velocities(self) -> np.ndarray:
         """Velocity on each line, (K + 1, n) [rad/s]."""

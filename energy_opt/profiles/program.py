@@ -28,6 +28,7 @@ from energy_opt.robot import Limits
 NODES = {"rise": 4, "hold": 6, "fall": 4, "line": 8}  # Gauss-Lobatto nodes of a piece, both ends included
 SHARP = 0.002  # [s] rise of a trapezoid's acceleration: one step of a controller at 500 Hz
 SHORTEST = 0.02  # [s] of any ramp
+APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter pieces would have no digits in their rows
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,10 @@ class Program:
     """One program in the form that `ipopt.solve` takes.
 
     Args:
-        ends: start and goal (n,); durations: bounds of the whole; scale: what the cost is multiplied by.
-        parameters: the model's values.
+        ends: start and goal (n,); durations: bounds of the whole, s; parameters: the model's values.
+
+    Attributes:
+        scale: what the cost is multiplied by.
     """
 
     def __init__(
@@ -62,9 +65,8 @@ class Program:
         limits: Limits,
         parameters: np.ndarray,
         durations: tuple[float, float],
-        scale: float,
     ) -> None:
-        self.shape, self._nodes, self._parameters, self.scale = shape, nodes, parameters, scale
+        self.shape, self._ends, self._parameters, self.scale = shape, ends, parameters, 1.0
         n, k = shape.joints, shape.vias
         x = ca.SX.sym("x", n * k + 3 * k + 5)
         self.size = x.numel()
@@ -77,8 +79,8 @@ class Program:
         z, h, t = _nodes(corners, spans, ramps, rises, lines, changes)
         self._count = z.shape[1]
         linear = [
-            *(spans[i] - (ramps[i] + ramps[i + 1]) / 2 for i in range(k + 1)),
-            *(ramps[i] - 2 * rises[i] for i in range(k + 2)),
+            *(spans[i] - (ramps[i] + ramps[i + 1]) / 2 - APART for i in range(k + 1)),
+            *(ramps[i] - 2 * rises[i] - APART for i in range(k + 2)),
         ]
         total = ca.sum1(spans) + (ramps[0] + ramps[-1]) / 2
         shares = [_bounded(w, limits.velocity) for w in lines]
@@ -95,8 +97,9 @@ class Program:
         self._bounds = limits.effort[self._effort]
         torque_rows = self._count * len(self._effort)
         self.row_bounds = (
-            np.concatenate([low, np.full(torque_rows, -1.0)]), np.concatenate([high, np.ones(torque_rows)])
-        )  # fmt: skip
+            np.concatenate([low, np.full(torque_rows, -1.0)]),
+            np.concatenate([high, np.ones(torque_rows)]),
+        )
         low_corner, high_corner = np.tile(limits.lower, k), np.tile(limits.upper, k)
         least = np.concatenate([np.full(k + 1, SHORTEST), np.full(k + 2, SHORTEST), np.full(k + 2, SHARP)])
         most = np.full(len(least), max(durations[1], SHORTEST))
@@ -120,10 +123,10 @@ class Program:
         self.hessian_pattern = ca.Sparsity.upper(self.size)
         self._at = b""
 
-    def chain(self, x: np.ndarray, ends: tuple[np.ndarray, np.ndarray]) -> Chain:
+    def chain(self, x: np.ndarray) -> Chain:
         """The chain that the unknowns stand for."""
         n, k = self.shape.joints, self.shape.vias
-        corners = np.vstack([ends[0], x[: n * k].reshape(k, n), ends[1]])
+        corners = np.vstack([self._ends[0], x[: n * k].reshape(k, n), self._ends[1]])
         spans, ramps, rises = np.split(x[n * k :], [k + 1, 2 * k + 3])
         return Chain(corners, spans, ramps, rises)
 

@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -118,7 +119,7 @@ def opened(path: Path) -> Iterator[Bag]:
     Raises:
         BadInput: rosbags is not installed, or the bag is missing, too large or faulty, now or while it is read.
     """
-    highlevel = _library("rosbags.highlevel")
+    highlevel = _library().highlevel
     files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
     try:
         size = sum(file.stat().st_size for file in files)
@@ -156,7 +157,7 @@ def as_document(found: Any) -> Any:
 
 def write_mcap(trajectory: Trajectory, path: Path) -> None:
     """Write one trajectory_msgs/JointTrajectory on /joint_trajectory as an MCAP file, with the message's definition."""
-    rosbag2, types = _library("rosbags.rosbag2"), _types()
+    rosbag2, types = _library().rosbag2, _types()
     with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
         bag = Path(folder) / "bag"
         with rosbag2.Writer(bag, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
@@ -184,7 +185,7 @@ def _message(types: Mapping[str, Any], trajectory: Trajectory) -> Any:
 
 def _types() -> Any:
     """The library's types of ROS 2, and those of MoveIt's plans."""
-    typesys = _library("rosbags.typesys")
+    typesys = _library().typesys
     types = typesys.get_typestore(typesys.Stores.LATEST)
     added: dict[str, Any] = {}
     for name, text in DEFINITIONS.items():
@@ -193,10 +194,10 @@ def _types() -> Any:
     return types
 
 
-def _library(name: str) -> Any:
-    import importlib
-
+def _library() -> SimpleNamespace:
+    """The parts of rosbags that are used."""
     try:
-        return importlib.import_module(name)
+        from rosbags import highlevel, rosbag2, typesys
     except ImportError:
         raise BadInput("bags need rosbags: pip install 'energy-opt[ros]'") from None
+    return SimpleNamespace(highlevel=highlevel, rosbag2=rosbag2, typesys=typesys)

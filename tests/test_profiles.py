@@ -186,8 +186,8 @@ def test_too_short_for_standard_moves(solved: tuple[Planner, Move, Result]) -> N
 @pytest.mark.parametrize(
     ("changed", "vias", "says"),
     [
-        ({"via": (GOAL,)}, 1, "leave --via out"),
-        ({"mode": "retime"}, 1, "leave --vias out"),
+        ({"via": (GOAL,)}, 1, "chooses its own via points"),
+        ({"mode": "retime"}, 1, "keeps the straight line"),
         ({}, 9, "expected 0 to 5"),
         ({"goal": START}, 0, "start and goal are the same"),
     ],

@@ -95,16 +95,19 @@ def _recovery(kind: type[Effect], law: SimpleNamespace, values: np.ndarray, rng:
 
 def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNamespace:
     """The change that an effect makes (M,), its Jacobian, the power it takes away, and its values at rest."""
-    q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
-    x = Signals(q, v, a, tau, ca.SX.sym("t"))
+    q, v, a, tau, warmth = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau", "temperature"))
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), warmth)
     p = ca.SX.sym("p", kind.size(joints))
     change, given = _expressions(kind, x, p, joints, EXACT)
     smooth, _ = _expressions(kind, x, p, joints, Smooth())
-    inputs = [ca.vertcat(x.q, x.v, x.a, x.tau, x.t), p]
+    inputs = [ca.vertcat(x.q, x.v, x.a, x.tau, x.t, warmth), p]
     jacobian = ca.densify(ca.jacobian(change, p))
     function = ca.Function("f", inputs, [ca.densify(change), jacobian, ca.densify(given), ca.densify(smooth)])
-    states = rng.normal(size=(SAMPLES, 4 * joints + 1)) * np.array([1.0] * 3 * joints + [8.0] * joints + [1.0])
-    states[:, -1] = rng.uniform(0, 300.0, SAMPLES)
+    spread = np.array([1.0] * 3 * joints + [8.0] * joints + [0.0] + [10.0] * joints)
+    states = rng.normal(size=(SAMPLES, 5 * joints + 1)) * spread
+    states[:, joints : 2 * joints] *= rng.random((SAMPLES, joints)) > 0.3  # some joints stand still
+    states[:, 4 * joints] = rng.uniform(0, 300.0, SAMPLES)  # s
+    states[:, 4 * joints + 1 :] += 25.0  # degC
     rest = states.copy()
     rest[:, joints : 3 * joints] = 0
 

@@ -33,7 +33,7 @@ from energy_opt.diagnose.terms import Term, chart, to_chart
 from energy_opt.effects import ALL_EFFECTS, Effect
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
-from energy_opt.reports.html import Report
+from energy_opt.reports.page import Report
 from energy_opt.virtual_arm.sets import MadeSet, fresh_motions, make_set
 from energy_opt.virtual_arm.specials import SPECIALS
 

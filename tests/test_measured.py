@@ -9,7 +9,18 @@ import pytest
 
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table, write_text
-from energy_opt.measured import Smoothing, check_set, choose_smoothing, kinematics, read_log, read_set
+from energy_opt.measured import (
+    Run,
+    Smoothing,
+    check_set,
+    choose_smoothing,
+    kinematics,
+    nodes,
+    observe,
+    operator,
+    read_log,
+    read_set,
+)
 from energy_opt.measured.segment import standstills
 from energy_opt.robot import load_robot
 
@@ -218,3 +229,26 @@ def test_a_real_recording_by_preset(tmp_path):
     assert len(measured.runs) > 10 and measured.payload is not None and measured.payload.mass == 1.07
     power = np.concatenate([r.power for r in measured.runs])
     assert 30 < power.min() < power.max() < 70
+
+
+def run_with_windows(window, stamps):
+    time = np.linspace(0, 10, 501)
+    still = np.zeros((501, 1))
+    return Run("a", "motion", 0.0, time, still, None, None, None, None, stamps, np.zeros(len(stamps)), window=window)
+
+
+def test_a_slow_meter_sees_the_mean_over_its_window():
+    stamps = np.array([1.0, 2.0, 3.5, 9.0])
+    run = run_with_windows(np.array([1.0, 0.5, 1.5, 0.0]), stamps)
+    at = nodes(run)
+    assert np.diff(at).max() <= 0.02 + 1e-12
+    # p = t^2: its mean over [a, b] is (b^3 - a^3) / 3 (b - a)
+    expected = [1 / 3, (8 - 1.5**3) / 1.5, (3.5**3 - 8) / 4.5, 81.0]
+    np.testing.assert_allclose(observe(run, at, at**2), expected, atol=1e-4)
+    uneven = np.r_[0, np.sort(np.random.default_rng(0).uniform(0, 10, 40)), 10]
+    matrix = operator(run, uneven)
+    np.testing.assert_allclose(matrix.sum(axis=1), 1.0)
+    # exact for what is linear between the nodes, whichever nodes
+    np.testing.assert_allclose(matrix @ (3 * uneven + 2), 3 * (stamps - run.window / 2) + 2, atol=1e-9)
+    slopes = observe(run, at, np.column_stack([at, at**2]))
+    np.testing.assert_allclose(slopes[:, 1], observe(run, at, at**2))

@@ -106,7 +106,9 @@ def test_more_starts_find_a_better_valley(planner):
 
 def test_values_change_without_building_again(monkeypatch):
     built = []
-    monkeypatch.setattr("energy_opt.motion.plan.planner.node_functions", lambda *a: built.append(a) or node_functions(*a))
+    monkeypatch.setattr(
+        "energy_opt.motion.plan.planner.node_functions", lambda *a: built.append(a) or node_functions(*a)
+    )
     model = source_method_2().replaced(Payload(mass=0.0, com=[0, 0, 0.1]))
     planner = Planner(load_robot("panda"), model, Settings(starts=1, controls=16, compile="never"))
     empty = planner.solve(Move(START, GOAL, duration=2.0))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from energy_opt.reports import plots
-from energy_opt.reports.html import Report, shown
+from energy_opt.reports.page import Report, shown
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -11,7 +11,7 @@ import numpy as np
 from energy_opt.bench.rows import IDENTITY, Row
 from energy_opt.bench.summary import grouped
 from energy_opt.reports import plots
-from energy_opt.reports.html import Report
+from energy_opt.reports.page import Report
 
 NAMED = IDENTITY[1:]  # the suite stands in the title
 LISTED = 200  # failures that the page lists; all are in results.parquet

@@ -15,6 +15,7 @@ from energy_opt.files import finite_number
 if TYPE_CHECKING:
     import numpy as np
 
+    from energy_opt.cell.request import CellRequest
     from energy_opt.effects import Effect
     from energy_opt.motion import Move, Settings
     from energy_opt.power import PowerModel
@@ -45,7 +46,9 @@ def add_output(parser: argparse.ArgumentParser, out: str) -> None:
 def add_move(parser: argparse.ArgumentParser) -> None:
     """Options that say which move, shared by optimize and tradeoff."""
     group = parser.add_argument_group("move")
-    group.add_argument("--start", metavar="Q", help="comma-separated joint positions [rad], or name=value pairs")
+    group.add_argument(
+        "--start", metavar="Q", help="comma-separated joint positions [rad], name=value pairs, or a pose of the SRDF"
+    )
     group.add_argument("--goal", metavar="Q", help="the same, for the end")
     group.add_argument("--path", type=Path, metavar="FILE", help="waypoints or a trajectory (CSV) instead")
     group.add_argument("--via", action="append", default=[], metavar="Q", help="a point to pass (reshape; repeatable)")
@@ -59,6 +62,32 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     objectives = "energy, torque, power_squared, path_length, time"
     group.add_argument("--objective", default="energy", metavar="NAME", help=objectives)
     group.add_argument("--verify-samples", type=int, metavar="N", help="samples of the certificate (default: 10 a row)")
+
+
+def add_cell(parser: argparse.ArgumentParser) -> None:
+    """Options of every verb that makes or judges a motion: the arm's own body and what stands around it."""
+    group = parser.add_argument_group("body and cell")
+    group.add_argument(
+        "--self-collision", choices=("on", "off"), default="on", help="the arm keeps clear of itself (on)"
+    )
+    group.add_argument(
+        "--srdf", type=Path, metavar="FILE", help="pairs of links that may touch (default: known robots')"
+    )
+    group.add_argument(
+        "--package-dir", action="append", type=Path, default=[], metavar="DIR", help="for package:// paths"
+    )
+    group.add_argument("--scene", type=Path, metavar="FILE", help="MoveIt PlanningScene, .scene text, or short YAML")
+    group.add_argument(
+        "--base", metavar="X,Y,Z,R,P,Y", help="the robot's base in the scene's frame [m, rad] (the same)"
+    )
+    group.add_argument("--floor", type=float, metavar="Z", help="solid below this height of the scene's frame [m]")
+    group.add_argument("--clearance", type=float, metavar="M", help="kept from everything [m] (0.0005)")
+    group.add_argument("--planner", default="auto", metavar="NAME", help="first path: auto (default), none or ompl")
+    group.add_argument(
+        "--payload-size", metavar="X,Y,Z", help="edges of the payload's box about its centre of mass [m]"
+    )
+    group.add_argument("--allow-outside", action="store_true", help="named files may lie outside the folder of theirs")
+    group.add_argument("--allow-large", action="store_true", help="larger files and meshes are read too")
 
 
 def say(args: argparse.Namespace, text: str) -> None:
@@ -101,6 +130,55 @@ def payload_from(word: str) -> Effect:
     return Payload(mass=numbers[0], com=numbers[1:] or [0.0, 0.0, 0.0])
 
 
+def cell_of(args: argparse.Namespace) -> CellRequest:
+    """Body and cell as the options of `add_cell` say."""
+    from energy_opt.cell.request import CellRequest
+
+    size: tuple[float, ...] | None = None
+    at: tuple[float, ...] = (0.0, 0.0, 0.0)
+    if args.payload_size is not None:
+        if getattr(args, "payload", None) is None:
+            raise BadInput("--payload-size belongs to --payload MASS[,CX,CY,CZ]")
+        size = _numbers(args.payload_size, 3, "--payload-size", "three edges X,Y,Z [m]")
+        at = tuple(payload_from(args.payload).values["com"].tolist())
+    base = (0.0,) * 6 if args.base is None else _numbers(args.base, 6, "--base", "X,Y,Z [m] and R,P,Y [rad]")
+    return CellRequest(
+        self_collision=args.self_collision == "on",
+        srdf=args.srdf,
+        scene=args.scene,
+        base=base,
+        floor=args.floor,
+        clearance=args.clearance,
+        planner=args.planner,
+        package_dirs=tuple(args.package_dir),
+        allow_outside=args.allow_outside,
+        allow_large=args.allow_large,
+        payload_size=size,
+        payload_at=at,
+    )
+
+
+def _numbers(text: str, count: int, option: str, expected: str) -> tuple[float, ...]:
+    """`count` finite numbers from a comma-separated word."""
+    numbers = tuple(finite_number(part, f"{option} {text}", expected) for part in text.split(","))
+    if len(numbers) != count:
+        raise BadInput(f"{option} {text}: {len(numbers)} numbers; expected {expected}")
+    return numbers
+
+
+def pose_from(text: str, robot: Robot, option: str, srdf: Path | None = None) -> np.ndarray:
+    """Joint positions (n,) as `joint_vector` takes them, or the name of a pose of the robot's SRDF."""
+    word = text.strip()
+    if not word or any(c in word for c in ",=") or word.replace(".", "").lstrip("+-").isdigit():
+        return joint_vector(text, robot.joints, option)
+    from energy_opt.robot.srdf import semantics
+
+    try:
+        return semantics(robot, srdf).pose(word, robot.joints)
+    except BadInput as error:
+        raise BadInput(f"{option} {word}: {error}") from None
+
+
 def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
     """Joint positions (n,) from `0.1,0.2,…` or `name=value,…` in any order."""
     import numpy as np
@@ -141,8 +219,9 @@ def move_of(
         for option in ("start", "goal"):
             if getattr(args, option) is None:
                 raise BadInput(f"--{option} is missing; give --start and --goal, or --path")
-        start = joint_vector(args.start, robot.joints, "--start")
-        goal = joint_vector(args.goal, robot.joints, "--goal")
+        srdf = getattr(args, "srdf", None)
+        start = pose_from(args.start, robot, "--start", srdf)
+        goal = pose_from(args.goal, robot, "--goal", srdf)
     via = tuple(joint_vector(word, robot.joints, "--via") for word in args.via)
     move = Move(start, goal, args.mode, duration, longest, path, via)
     if path is not None and path.source is not None:

@@ -22,7 +22,7 @@ VERBS = {
     "check": "is this log, trajectory, model or suite usable",
     "robots": "the robots known by name, with joints and limits",
 }
-VECTORS = ("--start", "--goal", "--via", "--suggest-from")
+VECTORS = ("--start", "--goal", "--via", "--suggest-from", "--base")
 
 
 class _Parser(argparse.ArgumentParser):

@@ -83,7 +83,7 @@ def write(result: Result, robot: Robot, out: Path) -> None:
 def _picture_and_report(result: Result, robot: Robot, out: Path) -> None:
     from energy_opt.files import replacing
     from energy_opt.reports import plots
-    from energy_opt.reports.html import Report
+    from energy_opt.reports.page import Report
 
     t, scaled = result.trajectory, result.baseline("scaled")
     assert t.effort is not None and t.power is not None

@@ -7,7 +7,7 @@ import numpy as np
 from energy_opt.diagnose.diagnosis import Diagnosis
 from energy_opt.diagnose.errors import reading_of
 from energy_opt.diagnose.predict import predict
-from energy_opt.reports.html import Report
+from energy_opt.reports.page import Report
 from energy_opt.reports.plots import COLOURS, Curve, curves, labelled, new_figure, png
 
 WORDS = {

@@ -3,7 +3,9 @@
 from energy_opt.measured.check import check_set
 from energy_opt.measured.differentiate import Kinematics, Smoothing, choose_smoothing, kinematics
 from energy_opt.measured.log import LogFile, RunEntry, read_log
-from energy_opt.measured.sets import MeasuredSet, Run, read_set
+from energy_opt.measured.meter import nodes, observe, operator
+from energy_opt.measured.run import MeasuredSet, Run
+from energy_opt.measured.sets import read_set
 
 __all__ = [
     "Kinematics",
@@ -15,6 +17,9 @@ __all__ = [
     "check_set",
     "choose_smoothing",
     "kinematics",
+    "nodes",
+    "observe",
+    "operator",
     "read_log",
     "read_set",
 ]

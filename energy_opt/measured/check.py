@@ -9,7 +9,8 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.measured.differentiate import choose_smoothing, kinematics
 from energy_opt.measured.log import read_log
-from energy_opt.measured.sets import Run, collect, robot_of
+from energy_opt.measured.run import Run
+from energy_opt.measured.sets import collect, robot_of
 from energy_opt.robot import Robot
 
 MISMATCH = 0.2  # logged velocity may differ from that of the positions by this share of its own spread (rms)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.measured.sets import Run
+from energy_opt.measured.run import Run
 
 CUTOFFS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0)  # [Hz]
 MOVED = 0.01  # [rad] a joint that moves less in a run tells nothing of noise in motion

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from energy_opt.measured.sets import Run
+from energy_opt.measured.run import Run
 
 STILL_SPEED = 0.01  # [rad/s] below this, over `SHORTEST`, the arm stands still
 SHORTEST = 0.25  # [s] a shorter halt does not part two runs
 LONG = 1.5  # [s] a standstill this long is a static run of its own
+MOVES = 0.005  # [rad] a piece in which no joint moves further is static
+FEWEST_ROWS = 8  # joint rows a piece has beyond its first
 
 
 def standstills(time: np.ndarray, position: np.ndarray) -> list[tuple[int, int]]:
@@ -40,34 +43,48 @@ def cut_at_standstill(run: Run) -> list[Run]:
             cuts += [first + margin, last - margin]
         else:
             cuts.append((first + last) // 2)
-    cuts = sorted({*cuts, len(run.time) - 1})
-    pieces: list[Run] = []
-    for first, last in zip(cuts[:-1], cuts[1:], strict=True):
-        if last - first >= 8:
-            pieces.append(_piece(run, first, last, len(pieces) + 1))
-    return pieces
+    return pieces(run, sorted({*cuts, len(run.time) - 1}))
 
 
-def _piece(run: Run, first: int, last: int, number: int) -> Run:
+def pieces(run: Run, cuts: Sequence[int]) -> list[Run]:
+    """A run cut at joint rows `cuts` (ascending, both ends included), without the pieces too short to use.
+
+    Every reading goes to one piece: a still one takes those whose window lies in it; of the rest each goes where most
+    of its window lies, and that piece's joint rows reach back as far as the window does.
+    """
+    spans = [(a, b) for a, b in pairwise(cuts) if b - a >= FEWEST_ROWS]
+    still = [bool(np.ptp(run.position[a : b + 1], axis=0).max() <= MOVES) for a, b in spans]
+    begin, end = run.power_time - run.window, run.power_time
+    overlap = np.full((len(spans), len(end)), -np.inf)
+    for k, (a, b) in enumerate(spans):
+        low, high = run.time[a], run.time[b]
+        shared = np.minimum(end, high) - np.maximum(begin, low)
+        whole = (begin >= low - 1e-9) & (end <= high + 1e-9)
+        overlap[k] = np.where(whole | ((shared > 0) & (not still[k])), shared, -np.inf)
+    owner = np.argmax(overlap, axis=0) if spans else np.zeros(len(end), dtype=int)
+    owned = np.isfinite(overlap.max(axis=0)) if spans else np.zeros(len(end), dtype=bool)
+    out: list[Run] = []
+    for k, (a, b) in enumerate(spans):
+        readings = np.flatnonzero(owned & (owner == k))
+        if readings.size:
+            a = min(a, max(0, int(np.searchsorted(run.time, begin[readings].min(), side="right")) - 1))
+            b = max(b, min(len(run.time) - 1, int(np.searchsorted(run.time, end[readings[-1]], side="left"))))
+        out.append(_piece(run, a, b, readings, "static" if still[k] else "motion", len(out) + 1))
+    return out
+
+
+def _piece(run: Run, first: int, last: int, readings: np.ndarray, kind: str, number: int) -> Run:
     rows = slice(first, last + 1)
+    joints: dict[str, Any] = {name: values[rows] for name, values in run.joint_signals()}
     zero = float(run.time[first])
-    of_power = (run.power_time >= zero) & (run.power_time <= run.time[last])
-    moving = np.ptp(run.position[rows], axis=0).max() > 0.005
-
-    def cut(x: np.ndarray | None) -> np.ndarray | None:
-        return None if x is None else x[rows]
-
     return dataclasses.replace(
         run,
         file=f"{run.file}#{number}",
-        kind="motion" if moving else "static",
+        kind=kind,
         start=run.start + zero,
         time=run.time[rows] - zero,
-        position=run.position[rows],
-        velocity=cut(run.velocity),
-        acceleration=cut(run.acceleration),
-        effort=cut(run.effort),
-        temperature=cut(run.temperature),
-        power_time=run.power_time[of_power] - zero,
-        power=run.power[of_power],
+        power_time=run.power_time[readings] - zero,
+        power=run.power[readings],
+        window=run.window[readings],
+        **joints,
     )

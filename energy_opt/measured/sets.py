@@ -1,9 +1,8 @@
-"""A measured set as arrays: one `Run` per run, joints in the robot's order, SI units."""
+"""From the files of a measured set to its runs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,49 +10,10 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import PAYLOAD, SIGNALS, Rule, build_rules
 from energy_opt.measured.log import LogFile, RunEntry, read_log
+from energy_opt.measured.run import MeasuredSet, Run
 from energy_opt.measured.segment import cut_at_standstill
 from energy_opt.measured.table import Table
 from energy_opt.robot import PointMass, Robot, load_robot
-
-
-@dataclass(frozen=True)
-class Run:
-    """One run; time counts from the run's own zero.
-
-    Attributes:
-        file: its name in the log; pieces of a cut recording are called file#1, file#2, ...
-        kind: "motion" or "static".
-        start: set time of the run's time 0, s.
-        time: (N,) s, increasing. position: (N, n) rad.
-        velocity, acceleration, effort, temperature: (N, n) rad/s, rad/s^2, N m, degC, or None where not logged.
-        power_time, power: (M,) s on the run's clock, and W.
-    """
-
-    file: str
-    kind: str
-    start: float
-    time: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray | None
-    acceleration: np.ndarray | None
-    effort: np.ndarray | None
-    temperature: np.ndarray | None
-    power_time: np.ndarray
-    power: np.ndarray
-
-
-@dataclass(frozen=True)
-class MeasuredSet:
-    """All runs of a set.
-
-    `clock` is True where the log states every run's set time; `payload` is what the recorder was told, where it says.
-    """
-
-    path: Path
-    robot: Robot
-    runs: tuple[Run, ...]
-    clock: bool
-    payload: PointMass | None = None
 
 
 def read_set(folder: Path, robot: Robot | None = None) -> MeasuredSet:

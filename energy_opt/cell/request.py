@@ -1,0 +1,84 @@
+"""What a user asks for about the arm's body and its cell; plain and hashable, so that it travels to workers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+
+PlannerName = Literal["auto", "none", "ompl"]
+PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
+CLEARANCE = 0.0005  # [m] kept by default; where an end stands nearer, half of that end's
+FAR = 100.0  # [m] no arm's cell is larger; beyond it a length is a slip of the unit
+
+
+@dataclass(frozen=True)
+class CellRequest:
+    """Body and cell as the options say.
+
+    Attributes:
+        self_collision: whether the arm's own body is kept clear of itself.
+        srdf: the file of disabled pairs; None for the one beside a known robot, if any.
+        scene: the file of the scene; None without one.
+        base: x, y, z [m], roll, pitch, yaw [rad] of the robot's base in the scene's frame.
+        floor: everything below this height of the scene's frame is solid [m].
+        clearance: what is kept [m]; None for `CLEARANCE`, and half of an end's clearance where that is less.
+        planner: where a first path comes from when the straight line is not free.
+        package_dirs: folders in which `package://` of a URDF is looked for.
+        allow_outside, allow_large: files outside of the scene's folder, and larger than usual, are read.
+        payload_size: edges [m] of the payload's box; None for a point.
+        payload_at: the centre of that box [m], in the last joint's frame.
+    """
+
+    self_collision: bool = True
+    srdf: Path | None = None
+    scene: Path | None = None
+    base: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    floor: float | None = None
+    clearance: float | None = None
+    planner: PlannerName = "auto"
+    package_dirs: tuple[Path, ...] = ()
+    allow_outside: bool = False
+    allow_large: bool = False
+    payload_size: tuple[float, ...] | None = None
+    payload_at: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.planner not in PLANNERS:
+            raise BadInput(f"--planner {self.planner!r}; expected {', '.join(PLANNERS)}")
+        if len(self.base) != 6 or not np.isfinite(self.base).all() or np.abs(self.base[:3]).max() > FAR:
+            raise BadInput(f"--base {','.join(f'{x:g}' for x in self.base)}: expected X,Y,Z [m] and R,P,Y [rad]")
+        if self.floor is not None and not abs(self.floor) <= FAR:
+            raise BadInput(f"--floor {self.floor:g}: not a height; expected metres")
+        if self.clearance is not None and not 0 < self.clearance <= 1:
+            raise BadInput(f"--clearance {self.clearance:g}; expected metres above 0, at most 1")
+        size = self.payload_size
+        if size is not None and not (len(size) == 3 and all(0 < edge <= FAR for edge in size)):
+            raise BadInput(f"--payload-size {','.join(f'{x:g}' for x in size)}; expected three edges [m] above 0")
+
+    @property
+    def checks(self) -> bool:
+        """Whether there is anything to keep clear of."""
+        return self.self_collision or self.scene is not None or self.floor is not None
+
+    @property
+    def base_pose(self) -> np.ndarray:
+        """(4, 4) pose of the robot's base in the scene's frame; its angles as in URDF (about fixed x, y, z)."""
+        return pose_of(self.base[:3], self.base[3:])
+
+
+def pose_of(position: tuple[float, ...], rpy: tuple[float, ...] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """(4, 4) pose from a position [m] and roll, pitch, yaw [rad]: Rz(yaw) Ry(pitch) Rx(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    out = np.eye(4)
+    out[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    out[:3, 3] = position
+    return out

@@ -1,0 +1,157 @@
+"""A scene as plain data: objects made of shapes, which pairs may touch, and the floor. NumPy only.
+
+Poses are (4, 4) homogeneous matrices, lengths metres. A point p of a shape stands in the base frame of the robot at
+base⁻¹ · object.pose · shape.pose · p, with `base` the pose of the robot's base in the scene's frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+
+Kind = Literal["box", "sphere", "cylinder", "cone", "plane", "mesh"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+# How many numbers the size of a shape has, and what they are [m].
+SIZES: Mapping[Kind, tuple[str, ...]] = {
+    "box": ("x", "y", "z"),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "height"),
+    "cone": ("radius", "height"),
+    "plane": (),
+    "mesh": (),
+}
+FLOOR = "floor"  # the name of the object that stands for `Scene.floor`
+ON_PLANE = 1e-6  # [m] a base nearer to a plane than this stands on it
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """One convex primitive, half-space or mesh.
+
+    Attributes:
+        kind: "box" (full edge lengths x, y, z about its centre), "sphere" (radius), "cylinder" and "cone" (radius,
+            height along z about the middle of the height; a cone's tip is at +z), "plane" (no size: the half-space
+            z <= 0 of its frame is solid), "mesh" (a surface of triangles).
+        size: [m], as `SIZES` lists.
+        pose: (4, 4) in the frame of its object.
+        vertices, triangles: (V, 3) [m] and (T, 3) indices of a mesh; empty for every other kind.
+    """
+
+    kind: Kind
+    size: tuple[float, ...] = ()
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    vertices: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    triangles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class SceneObject:
+    """A named thing made of shapes that do not move against each other.
+
+    Attributes:
+        pose: (4, 4) in the scene's frame, or in the frame of the link `frame`.
+        attached_to: the link that carries it; None where it stands in the cell.
+        frame: the link in whose frame `pose` stands; None for the scene's.
+        touch_links: links that may touch it, beside the one that carries it.
+    """
+
+    name: str
+    shapes: tuple[Shape, ...]
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    attached_to: str | None = None
+    frame: str | None = None
+    touch_links: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class AllowedPairs:
+    """Which pairs of links and objects may touch, as MoveIt's allowed collision matrix says it.
+
+    Attributes:
+        entries: pairs (in alphabetical order) that are named, and whether they may touch.
+        defaults: names that may touch (True) or must not touch (False) whatever they are not paired with by name.
+    """
+
+    entries: Mapping[tuple[str, str], bool] = field(default_factory=dict)
+    defaults: Mapping[str, bool] = field(default_factory=dict)
+
+    def allows(self, a: str, b: str) -> bool:
+        """Whether a and b may touch: their entry, else both defaults, else the one there is; else they may not."""
+        named = self.entries.get((a, b) if a <= b else (b, a))
+        if named is not None:
+            return named
+        given = [self.defaults[name] for name in (a, b) if name in self.defaults]
+        return bool(given) and all(given)
+
+    @staticmethod
+    def of(pairs: Iterable[Sequence[str]]) -> AllowedPairs:
+        """The listed pairs may touch, nothing else is said."""
+        return AllowedPairs({(min(a, b), max(a, b)): True for a, b in pairs})
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedShape:
+    """A shape where it is needed: `pose` (4, 4) in the robot's base frame, or in the frame of the link `frame`."""
+
+    object: str
+    shape: Shape
+    pose: np.ndarray
+    attached_to: str | None = None
+    frame: str | None = None
+    touch_links: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What stands around the arm.
+
+    Attributes:
+        objects: every name once.
+        floor: everything below this height of the scene's frame is solid [m]; None without a floor.
+        source: the file it was read from, for messages.
+        warnings: one line for each thing in the file that is not used.
+    """
+
+    objects: tuple[SceneObject, ...] = ()
+    allowed: AllowedPairs = field(default_factory=AllowedPairs)
+    source: str = ""
+    floor: float | None = None
+    warnings: tuple[str, ...] = ()
+
+    def placed(self, base: np.ndarray | None = None) -> Iterator[PlacedShape]:
+        """Every shape, the floor last; `base` (4, 4) is the pose of the robot's base in the scene's frame.
+
+        A plane is a wall that the arm does not pass: of its two sides the one that the robot's base is on is free,
+        whichever way its normal points.
+        """
+        into = np.eye(4) if base is None else inverse(base)
+        for thing in self.objects:
+            for shape in thing.shapes:
+                moved = thing.pose @ shape.pose
+                if thing.frame is None:
+                    moved = into @ moved
+                if shape.kind == "plane" and thing.attached_to is None:
+                    moved = _facing_base(moved)
+                yield PlacedShape(thing.name, shape, moved, thing.attached_to, thing.frame, thing.touch_links)
+        if self.floor is not None:
+            ground = np.eye(4)
+            ground[2, 3] = self.floor
+            yield PlacedShape(FLOOR, Shape("plane"), into @ ground)
+
+
+def inverse(pose: np.ndarray) -> np.ndarray:
+    """The inverse of a rigid pose (4, 4)."""
+    out = np.eye(4)
+    out[:3, :3] = pose[:3, :3].T
+    out[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return out
+
+
+def _facing_base(pose: np.ndarray) -> np.ndarray:
+    """The pose of a plane, turned over where the origin would be in its solid; on the plane itself, up is free."""
+    height = -float(pose[:3, 2] @ pose[:3, 3])
+    solid = pose[2, 2] < 0 if abs(height) <= ON_PLANE else height < 0
+    return pose @ np.diag([1.0, -1.0, -1.0, 1.0]) if solid else pose

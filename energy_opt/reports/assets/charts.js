@@ -1,0 +1,109 @@
+"use strict";
+// Draws the page's plots. A role ("result", "scaled", a joint) has one colour on every plot.
+const COLOURS = ["#2f74c0", "#e07b28", "#2e9a60", "#9a52b8", "#c94545", "#7d8794", "#b59a00", "#1498a8", "#dd7aa6", "#7a5a38"];
+const FIXED = { result: 0, scaled: 1, toppra: 2, input: 3, measured: 5, declared: 1, calibrated: 0, baseline: 1 };
+
+function colourOf(role, roles) {
+  if (role in FIXED) return COLOURS[FIXED[role]];
+  if (!roles.has(role)) roles.set(role, roles.size);
+  return COLOURS[roles.get(role) % COLOURS.length];
+}
+
+function styleOf(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+}
+
+function faded(colour) {
+  return colour + "26"; // 15 % opaque
+}
+
+function tracesOf(chart, roles) {
+  const traces = [];
+  for (const line of chart.lines) {
+    const colour = line.style === "faint" ? styleOf("--dim") : colourOf(line.role, roles);
+    if (line.low) {
+      const edge = { x: line.x, mode: "lines", line: { width: 0 }, hoverinfo: "skip", showlegend: false, legendgroup: line.name };
+      traces.push({ ...edge, y: line.low }, { ...edge, y: line.high, fill: "tonexty", fillcolor: faded(colour) });
+    }
+    traces.push({
+      x: line.x, y: line.y, name: line.name, legendgroup: line.name,
+      mode: line.style === "points" ? "markers" : "lines", type: line.x.length > 3000 ? "scattergl" : "scatter",
+      marker: { color: colour, size: line.x.length > 200 ? 3 : 7, opacity: line.x.length > 200 ? 0.45 : 1 },
+      line: { color: colour, width: line.style === "faint" ? 1 : 2, dash: line.style === "dash" ? "dash" : "solid" },
+    });
+  }
+  for (const [name, point] of Object.entries(chart.marks)) {
+    traces.push({ x: [point[0]], y: [point[1]], name, mode: "markers", marker: { size: 13, symbol: "star", color: styleOf("--mark") } });
+  }
+  for (const [group, values] of Object.entries(chart.bars)) {
+    traces.push({
+      type: "bar", orientation: "h", name: group, x: Object.values(values), y: Object.keys(values),
+      marker: { color: colourOf(group, roles) },
+    });
+  }
+  return traces;
+}
+
+function layoutOf(chart) {
+  const ink = styleOf("--ink"), rule = styleOf("--rule"), bars = Object.keys(chart.bars).length > 0;
+  const axis = (title) => ({ title: { text: title, standoff: 8 }, gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true });
+  const shapes = [], annotations = [];
+  for (const [name, value] of Object.entries(chart.levels)) {
+    shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, y0: value, y1: value, line: { color: styleOf("--dim"), width: 1, dash: "dash" } });
+    annotations.push({ xref: "paper", x: 1, y: value, text: name, showarrow: false, xanchor: "right", yanchor: "bottom", font: { size: 10 } });
+  }
+  return {
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 12, family: "system-ui, sans-serif" },
+    margin: { l: 56, r: 12, t: 8, b: 44 }, xaxis: axis(chart.x),
+    yaxis: bars ? { ...axis(chart.y), autorange: "reversed" } : axis(chart.y),
+    barmode: chart.stacked ? "stack" : "group", hovermode: bars ? "closest" : (chart.timed ? "x unified" : "closest"),
+    hoverlabel: { bgcolor: styleOf("--panel"), bordercolor: rule, font: { color: ink } },
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: styleOf("--dim"), activecolor: ink },
+    legend: { orientation: "h", y: -0.28, yanchor: "top", font: { size: 11 } }, shapes, annotations,
+    showlegend: chart.lines.length + Object.keys(chart.marks).length + Object.keys(chart.bars).length > 1,
+  };
+}
+
+// One cursor over all plots of time: `show(t)` draws it, `onTime` is told where the pointer is.
+class Charts {
+  constructor(charts) {
+    this.roles = new Map();
+    this.charts = charts;
+    this.places = [];
+    this.onTime = null;
+  }
+
+  async draw() {
+    for (const place of document.querySelectorAll(".chart")) {
+      const chart = this.charts[Number(place.dataset.chart)];
+      const plot = document.createElement("div");
+      plot.className = "plot";
+      place.append(plot);
+      await Plotly.newPlot(plot, tracesOf(chart, this.roles), layoutOf(chart), { responsive: true, displaylogo: false, displayModeBar: "hover" });
+      plot.dataset.drawn = "yes";
+      const cursor = document.createElement("div");
+      cursor.className = "cursor";
+      place.append(cursor);
+      this.places.push({ chart, plot, cursor });
+      if (chart.timed) {
+        plot.on("plotly_hover", (event) => { if (this.onTime && event.points.length) this.onTime(event.points[0].x); });
+      }
+    }
+  }
+
+  restyle() {
+    for (const { chart, plot } of this.places) Plotly.react(plot, tracesOf(chart, this.roles), layoutOf(chart));
+  }
+
+  show(time) {
+    for (const { chart, plot, cursor } of this.places) {
+      if (!chart.timed || !plot._fullLayout) continue;
+      const axis = plot._fullLayout.xaxis, x = axis.d2p(time);
+      const inside = x >= 0 && x <= axis._length;
+      cursor.style.display = inside ? "block" : "none";
+      cursor.style.left = plot.offsetLeft + axis._offset + x + "px";
+      cursor.style.top = plot.offsetTop + plot._fullLayout.yaxis._offset + "px";
+      cursor.style.height = plot._fullLayout.yaxis._length + "px";
+    }
+  }
+}

@@ -1,0 +1,35 @@
+"use strict";
+// Unpacks what the page holds, draws plots and arm, and ties the clock of one to the cursor of the other.
+async function held(name) {
+  const element = document.getElementById("held-" + name);
+  if (!element) return null;
+  const bytes = Uint8Array.from(atob(element.textContent), (c) => c.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+}
+
+async function library(name) {
+  const text = await held(name);
+  if (text === null) return false;
+  const script = document.createElement("script");
+  script.textContent = text;
+  document.head.append(script);
+  return true;
+}
+
+(async () => {
+  const data = JSON.parse(await held("data"));
+  const charts = new Charts(data.charts);
+  if (await library("plotly")) await charts.draw();
+  if (data.player && await library("three")) {
+    try {
+      const player = new Player(document.getElementById("player"), data.player);
+      player.onTime = (time) => charts.show(time);
+      charts.onTime = (time) => { player.playing = false; player.seek(time); };
+      player.seek(0);
+    } catch (error) {
+      document.getElementById("player").textContent = "This browser has no WebGL, which the moving arm needs.";
+    }
+  }
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.restyle());
+  document.body.dataset.ready = "yes";
+})();

@@ -1,0 +1,93 @@
+"""Plots as plain data; the page's script draws them with hover, zoom and joints that are switched on and off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+MOST_POINTS = 1500  # of one line: more than a screen has columns; a page stays small and quick
+
+
+@dataclass(frozen=True)
+class Line:
+    """A named line or cloud of points: x and y, both (N,).
+
+    Attributes:
+        style: "line", "dash", "points" or "faint" (a thin grey line behind the others).
+        role: lines of one role share a colour on every plot of a page ("result", "scaled", "measured", a joint's name).
+        low, high: (N,) edges of a band around it, if any.
+    """
+
+    name: str
+    x: np.ndarray
+    y: np.ndarray
+    style: str = "line"
+    role: str = ""
+    low: np.ndarray | None = None
+    high: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One pair of axes.
+
+    Attributes:
+        x, y: labels with units.
+        lines: drawn in this order.
+        levels: horizontal lines, value by name, for bounds.
+        timed: x is the motion's time [s]: its cursor follows the moving arm, and the arm follows it.
+        marks: single points (x, y) by name.
+        bars: instead of lines, by group the value of each label.
+        stacked: bars of one label stand on each other instead of side by side.
+    """
+
+    title: str
+    x: str
+    y: str
+    lines: Sequence[Line] = ()
+    levels: Mapping[str, float] = field(default_factory=dict)
+    timed: bool = False
+    marks: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    bars: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    stacked: bool = False
+
+    def data(self) -> dict[str, Any]:
+        """As the page's script takes it."""
+        return {
+            "title": self.title,
+            "x": self.x,
+            "y": self.y,
+            "timed": self.timed,
+            "stacked": self.stacked,
+            "levels": {name: rounded(value) for name, value in self.levels.items() if np.isfinite(value)},
+            "marks": {name: [rounded(value) for value in point] for name, point in self.marks.items()},
+            "bars": {
+                group: {label: rounded(value) for label, value in values.items()} for group, values in self.bars.items()
+            },
+            "lines": [_line(line) for line in self.lines],
+        }
+
+
+def _line(line: Line) -> dict[str, Any]:
+    keep = thinned(len(line.x))
+    out: dict[str, Any] = {"name": line.name, "style": line.style, "role": line.role or line.name}
+    for name in ("x", "y", "low", "high"):
+        values = getattr(line, name)
+        if values is not None:
+            out[name] = [rounded(value) for value in np.asarray(values, dtype=float)[keep]]
+    return out
+
+
+def thinned(count: int, most: int = MOST_POINTS) -> np.ndarray:
+    """Indices of at most `most` of `count` rows, the first and the last among them."""
+    if count <= most:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+
+
+def rounded(value: float, digits: int = 6) -> float | None:
+    """Six significant digits, more than a plot shows; None where there is no number."""
+    return float(f"{value:.{digits}g}") if np.isfinite(value) else None

@@ -1,0 +1,117 @@
+"""The moving arm as data for the page's player: kinematic tree, hull meshes, scene, and the positions to play."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.reports.charts import rounded
+from energy_opt.robot import Robot
+
+FRAMES = 150  # of one motion; between them the player interpolates
+COLOURS = {"result": "#2f74c0", "scaled": "#e07b28"}
+OTHER = "#2e9a60"
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A body to draw: vertices (V, 3) [m] in the frame of joint `joint` (-1: the base), triangles (F, 3)."""
+
+    joint: int
+    vertices: np.ndarray
+    triangles: np.ndarray
+
+
+@dataclass(frozen=True)
+class Played:
+    """A motion to play; a ghost is drawn half transparent."""
+
+    name: str
+    trajectory: Trajectory
+    ghost: bool = False
+    shown: bool = True
+
+
+def player(
+    robot: Robot,
+    motions: Sequence[Played],
+    bodies: Sequence[Solid],
+    scene: Sequence[Solid] = (),
+    closest: tuple[str, float] | None = None,
+) -> dict[str, Any] | None:
+    """What the page's player takes; None where the robot has no bodies to draw.
+
+    Args:
+        bodies: of the robot; scene: in the base frame (their joint is not looked at).
+        closest: a label and the time [s] to jump to.
+    """
+    if not bodies:
+        return None
+    return {
+        "tree": [
+            {
+                "parent": link.parent,
+                "placement": _numbers(link.placement),
+                "axis": _numbers(link.axis),
+                "prismatic": link.prismatic,
+            }
+            for link in robot.body.tree()
+        ],
+        "bodies": [{"joint": body.joint, **_solid(body)} for body in bodies],
+        "scene": [_solid(body) for body in scene],
+        "motions": [_motion(robot, played) for played in motions],
+        "closest": None if closest is None else {"label": closest[0], "time": closest[1]},
+    }
+
+
+def _solid(body: Solid) -> dict[str, Any]:
+    return {"vertices": _numbers(body.vertices, 5), "faces": np.asarray(body.triangles).tolist()}
+
+
+def _motion(robot: Robot, played: Played) -> dict[str, Any]:
+    t = played.trajectory
+    time = np.linspace(t.time[0], t.time[-1], FRAMES)
+    q = t.sample(time)[0]
+    return {
+        "name": played.name,
+        "colour": COLOURS.get(played.name, OTHER),
+        "ghost": played.ghost,
+        "shown": played.shown,
+        "time": _numbers(time - time[0]),
+        "position": _numbers(q, 5),
+        "tool": _numbers(_origins(robot, q), 4),
+    }
+
+
+def _origins(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Where the last joint's frame is, (N, 3) [m] in the base frame."""
+    poses: list[np.ndarray] = []
+    for j, link in enumerate(robot.body.tree()):
+        turn = np.tile(np.eye(4), (len(q), 1, 1))
+        if link.prismatic:
+            turn[:, :3, 3] = q[:, j, None] * link.axis
+        else:
+            turn[:, :3, :3] = _rotations(link.axis, q[:, j])
+        base = poses[link.parent] if link.parent >= 0 else np.eye(4)
+        poses.append(base @ link.placement @ turn)
+    return np.asarray(poses[-1][:, :3, 3])
+
+
+def _rotations(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rodrigues' formula, (N, 3, 3)."""
+    x, y, z = axis
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.asarray(np.eye(3) + s * k + (1 - c) * (k @ k))
+
+
+def _numbers(values: np.ndarray, digits: int = 6) -> Any:
+    """Nested lists of rounded numbers."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim == 1:
+        return [rounded(value, digits) for value in array]
+    return [_numbers(row, digits) for row in array]

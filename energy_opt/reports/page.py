@@ -1,0 +1,151 @@
+"""A report in one HTML file that opens from disk: text, tables, plots and the moving arm, nothing to load elsewhere."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.files import write_text
+from energy_opt.reports import bundles
+from energy_opt.reports.charts import Chart
+
+
+def shown(value: Any, digits: int = 4) -> str:
+    """A value as text: numbers with `digits` significant digits, None and NaN as a dash, lists joined by commas."""
+    if value is None or (isinstance(value, (float, np.floating)) and math.isnan(value)):
+        return "-"
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, (float, np.floating)):
+        return f"{float(value):.{digits}g}"
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return ", ".join(shown(item, digits) for item in value)
+    return str(value)
+
+
+class Report:
+    """A report that grows section by section; every method but `write` and `html` returns the report itself.
+
+    All text is escaped, so names out of users' files cannot become markup.
+
+    >>> Report("A move").table(["effect", "J"], [["copper <loss>", 3.14159]]).html().count("&lt;loss&gt;")
+    1
+    """
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self._parts: list[str] = []
+        self._charts: list[dict[str, Any]] = []
+        self._player: dict[str, Any] | None = None
+
+    def section(self, title: str) -> Report:
+        """Begin a section."""
+        return self._add(f"<h2>{html.escape(title)}</h2>")
+
+    def headline(self, text: str) -> Report:
+        """Add the sentence that a reader should leave with."""
+        return self._add(f'<p class="headline">{html.escape(text)}</p>')
+
+    def text(self, text: str) -> Report:
+        """Add a paragraph."""
+        return self._add(f"<p>{html.escape(text)}</p>")
+
+    def warning(self, text: str) -> Report:
+        """Add a paragraph that stands out."""
+        return self._add(f'<p class="warning">{html.escape(text)}</p>')
+
+    def code(self, text: str) -> Report:
+        """Add preformatted text."""
+        return self._add(f"<pre>{html.escape(text)}</pre>")
+
+    def numbers(self, values: Mapping[str, str]) -> Report:
+        """Add the few numbers that matter as large figures, value (with its unit) by name."""
+        cells = "".join(
+            f"<div><b>{html.escape(value)}</b><span>{html.escape(name)}</span></div>" for name, value in values.items()
+        )
+        return self._add(f'<div class="numbers">{cells}</div>')
+
+    def table(self, header: Sequence[str], rows: Sequence[Sequence[Any]], digits: int = 4) -> Report:
+        """Add a table; each cell is written by `shown`; without rows, nothing."""
+        if not rows:
+            return self
+        head = "".join(f"<th>{html.escape(str(cell))}</th>" for cell in header)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(shown(cell, digits))}</td>" for cell in row) + "</tr>\n" for row in rows
+        )
+        return self._add(f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}</table></div>')
+
+    def facts(self, values: Mapping[str, Any], digits: int = 4) -> Report:
+        """Add a table of names and values."""
+        rows = "".join(
+            f"<tr><td>{html.escape(str(name))}</td><td>{html.escape(shown(value, digits))}</td></tr>\n"
+            for name, value in values.items()
+        )
+        return self._add(f'<div class="wide"><table class="facts">\n{rows}</table></div>') if rows else self
+
+    def picture(self, png: bytes, caption: str = "") -> Report:
+        """Add a PNG (see `plots.png`), embedded."""
+        data = base64.b64encode(png).decode("ascii")
+        self._add(f'<img alt="{html.escape(caption)}" src="data:image/png;base64,{data}">')
+        return self.text(caption) if caption else self
+
+    def charts(self, *charts: Chart) -> Report:
+        """Add plots, side by side where the page is wide enough; those without data are left out."""
+        drawn = [chart for chart in charts if chart.lines or chart.bars]
+        places = []
+        for chart in drawn:
+            places.append(
+                f'<figure class="chart" data-chart="{len(self._charts)}"><figcaption>{html.escape(chart.title)}'
+                "</figcaption></figure>"
+            )
+            self._charts.append(chart.data())
+        return self._add(f'<div class="charts">{"".join(places)}</div>') if drawn else self
+
+    def player(self, motion: Mapping[str, Any] | None) -> Report:
+        """Add the moving arm (see `motion.player`); the page has room for one."""
+        if motion is None:
+            return self
+        self._player = dict(motion)
+        return self._add('<div class="player" id="player"></div>')
+
+    def html(self) -> str:
+        """The whole document."""
+        title = html.escape(self.title)
+        head = (
+            '<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f"<title>{title}</title>\n<style>{bundles.asset('page.css')}</style></head>"
+        )
+        body = "\n".join(self._parts)
+        return f"{head}\n<body>\n<h1>{title}</h1>\n{body}\n{self._scripts()}</body>\n</html>\n"
+
+    def _scripts(self) -> str:
+        """Data and libraries, packed; and the page's own script. Nothing where there is nothing to draw."""
+        if not self._charts and self._player is None:
+            return ""
+        data = json.dumps({"charts": self._charts, "player": self._player}, allow_nan=False)
+        held = {"data": bundles.packed(data)}
+        if self._charts:
+            held["plotly"] = bundles.plotly()
+        if self._player is not None:
+            held["three"] = bundles.three()
+        parts = [f'<script type="application/gzip" id="held-{name}">{text}</script>' for name, text in held.items()]
+        own = [bundles.asset(name) for name in ("charts.js", "player.js", "page.js")]
+        return "\n".join([*parts, *(f"<script>\n{text}</script>" for text in own)]) + "\n"
+
+    def write(self, path: Path) -> None:
+        """Write the document, whole or not at all."""
+        write_text(path, self.html())
+
+    def _add(self, part: str) -> Report:
+        self._parts.append(part)
+        return self

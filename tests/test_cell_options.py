@@ -1,0 +1,81 @@
+"""Body and cell as the command line says them, and a scene as plain data."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+import pytest
+
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene import AllowedPairs, Scene, SceneObject, Shape
+from energy_opt.cli.common import add_cell, cell_of
+from energy_opt.errors import BadInput
+
+
+def asked(*words: str) -> CellRequest:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--payload")
+    add_cell(parser)
+    return cell_of(parser.parse_args(words))
+
+
+def test_without_options_the_body_alone_is_kept_clear() -> None:
+    request = asked()
+    assert request == CellRequest() and request.checks and request.planner == "auto"
+    assert not asked("--self-collision", "off").checks
+    assert asked("--self-collision", "off", "--floor", "-0.2").checks
+
+
+def test_the_payload_s_box_stands_about_its_centre_of_mass() -> None:
+    request = asked("--payload", "1.5,0,0,0.1", "--payload-size", "0.1,0.2,0.3")
+    assert request.payload_size == (0.1, 0.2, 0.3) and request.payload_at == (0.0, 0.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--base", "1,2,3"], "3 numbers"),
+        (["--base", "1,2,3,0,0,nan"], "not finite"),
+        (["--base", "1000,0,0,0,0,0"], r"\[m\]"),
+        (["--floor", "nan"], "not a height"),
+        (["--clearance", "0"], "above 0"),
+        (["--planner", "rrt"], "auto, none, ompl"),
+        (["--payload-size", "1,1,1"], "belongs to --payload"),
+        (["--payload", "1", "--payload-size", "1,0,1"], "above 0"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(words: list[str], says: str) -> None:
+    with pytest.raises(BadInput, match=says) as caught:
+        asked(*words)
+    assert "\n" not in str(caught.value)
+
+
+def test_base_turns_as_urdf_does_and_shapes_come_into_its_frame() -> None:
+    """Turned by 90 degrees about z and lifted: a box one metre along x of the scene lies along -y of the base."""
+    request = asked("--base", "0,0,0.5,0,0,1.5707963267948966")
+    at = np.eye(4)
+    at[:3, 3] = [1.0, 0.0, 0.0]
+    scene = Scene((SceneObject("box", (Shape("box", (0.1, 0.1, 0.1)),), at),), floor=0.0)
+    box, floor = scene.placed(request.base_pose)
+    assert np.allclose(box.pose[:3, 3], [0.0, -1.0, -0.5])
+    assert floor.object == "floor" and np.allclose(floor.pose[:3, 3], [0.0, 0.0, -0.5])
+    turned = asked("--base", "0,0,0,0.3,-0.2,0.1").base_pose[:3, :3]
+    assert np.allclose(turned @ turned.T, np.eye(3))
+    assert np.allclose(turned[2], [np.sin(0.2), np.cos(0.2) * np.sin(0.3), np.cos(0.2) * np.cos(0.3)])
+
+
+@pytest.mark.parametrize(("height", "flip", "up"), [(-0.5, 1, 1), (-0.5, -1, 1), (0.5, 1, -1), (0.0, -1, 1)])
+def test_a_plane_leaves_the_base_s_side_free(height: float, flip: int, up: int) -> None:
+    pose = np.diag([1.0, flip, flip, 1.0])
+    pose[2, 3] = height
+    (plane,) = Scene((SceneObject("wall", (Shape("plane"),), pose),)).placed()
+    assert np.allclose(plane.pose[:3, 2], [0, 0, up]) and np.isclose(plane.pose[2, 3], height)
+    assert np.isclose(np.linalg.det(plane.pose), 1.0)
+
+
+def test_named_pairs_go_before_defaults_and_one_no_is_a_no() -> None:
+    pairs = AllowedPairs({("a", "b"): False, ("b", "c"): True}, {"a": True, "b": True, "d": False})
+    assert not pairs.allows("b", "a") and pairs.allows("c", "b")
+    assert pairs.allows("a", "x") and not pairs.allows("a", "d") and not pairs.allows("x", "y")
+    assert AllowedPairs.of([("z", "a")]).allows("a", "z")

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from energy_opt.cli.common import add_prefix, say
 from energy_opt.errors import BadInput, EnergyOptError
 
 
@@ -15,6 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot whose joints and limits are meant")
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="model for the torque of a trajectory")
+    add_prefix(parser)
     parser.add_argument("--json", action="store_true", help="faults as one JSON document on stdout")
     parser.add_argument("--quiet", action="store_true", help="say nothing where nothing is wrong")
 
@@ -51,15 +53,24 @@ def _faults(file: Path, args: argparse.Namespace) -> list[str]:
     if file.suffix == ".toml":
         return _toml(file, args)
     if file.suffix in (".yaml", ".yml"):
-        return _limits(file, args)
+        return _yaml(file, args)
     if file.suffix in (".urdf", ".xml"):
         from energy_opt.robot import load_robot
 
         load_robot(str(file))
         return []
-    if file.suffix == ".csv":
+    return _trajectory(file, args)
+
+
+def _yaml(file: Path, args: argparse.Namespace) -> list[str]:
+    """Joint limits, or a message with a planned trajectory."""
+    from energy_opt.files import read_yaml_documents
+    from energy_opt.formats.messages import trajectories
+
+    documents = read_yaml_documents(file)
+    if any(True for document in documents for _ in trajectories(document)):
         return _trajectory(file, args)
-    return [f"{file}: unknown kind of file; expected a set's folder, .toml, .csv, .yaml or .urdf"]
+    return _limits(file, args)
 
 
 def _toml(file: Path, args: argparse.Namespace) -> list[str]:
@@ -103,30 +114,28 @@ def _limits(file: Path, args: argparse.Namespace) -> list[str]:
 
 def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
-    from energy_opt.cli.common import say
-    from energy_opt.files import read_table
-    from energy_opt.motion import read_trajectory
+    from energy_opt.formats import read
     from energy_opt.motion.judge.certificate import certify
     from energy_opt.motion.judge.energy import Scorer
-    from energy_opt.motion.path import read_path
     from energy_opt.power import load_model, source_method_2
     from energy_opt.robot import known_robots, load_robot
 
-    table = read_table(file)
-    columns = [name for name in table if "." in name]
-    joints = {name.rsplit(".", 1)[0] for name in columns if name.endswith(".position")}
+    rows = read(file)
+    for note in rows.notes:
+        say(args, note)
     if args.robot is None:
+        joints = {name.removeprefix(args.joint_prefix) for name in rows.joints}
         matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
         if not matching:
-            return [f"{file}: row 1: columns {', '.join(table)} fit no robot by name; say which with --robot"]
+            return [f"{file}: joints {', '.join(rows.joints)} are those of no robot by name; say which with --robot"]
         robot = load_robot(matching[0], limits=args.limits)
         say(args, f"{file}: taken for a {robot.name} (say --robot to change it)")
     else:
         robot = load_robot(args.robot, limits=args.limits)
-    if "time" not in table:
-        read_path(file, robot.joints)
+    rows = rows.of(robot.joints, args.joint_prefix)
+    if rows.time is None:
         return []
-    trajectory = read_trajectory(file, robot.joints)
+    trajectory = rows.trajectory()
     model = load_model(args.model) if args.model else source_method_2(robot.name)
     certificate = certify(trajectory, Scorer(robot, model), robot.limits)
     worst = certificate.worst

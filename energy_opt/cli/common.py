@@ -50,7 +50,8 @@ def add_move(parser: argparse.ArgumentParser) -> None:
         "--start", metavar="Q", help="comma-separated joint positions [rad], name=value pairs, or a pose of the SRDF"
     )
     group.add_argument("--goal", metavar="Q", help="the same, for the end")
-    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints or a trajectory (CSV) instead")
+    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints or a trajectory instead (CSV, messages)")
+    add_prefix(group)
     group.add_argument("--via", action="append", default=[], metavar="Q", help="a point to pass (reshape; repeatable)")
     group.add_argument("--mode", default="reshape", metavar="MODE", help="reshape (default) or retime")
     group = parser.add_argument_group("solving")
@@ -88,6 +89,13 @@ def add_cell(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--allow-outside", action="store_true", help="named files may lie outside the folder of theirs")
     group.add_argument("--allow-large", action="store_true", help="larger files and meshes are read too")
+
+
+def add_prefix(group: argparse._ActionsContainer) -> None:
+    """How joints are called in files that others wrote."""
+    group.add_argument(
+        "--joint-prefix", default="", metavar="PREFIX", help="what stands before the joints' names in files"
+    )
 
 
 def say(args: argparse.Namespace, text: str) -> None:
@@ -206,14 +214,17 @@ def move_of(
     args: argparse.Namespace, robot: Robot, duration: float | None = None, longest: float | None = None
 ) -> Move:
     """The move that --start, --goal, --path, --via and --mode describe."""
+    from energy_opt.formats import read
     from energy_opt.motion import Move
-    from energy_opt.motion.path import read_path
 
     path = None
     if args.path is not None:
         if args.start is not None or args.goal is not None:
             raise BadInput("--path says where the move begins and ends; give it, or --start and --goal")
-        path = read_path(args.path, robot.joints)
+        rows = read(args.path)
+        for note in rows.notes:
+            say(args, note)
+        path = rows.of(robot.joints, args.joint_prefix).path()
         start, goal = path.start, path.goal
     else:
         for option in ("start", "goal"):

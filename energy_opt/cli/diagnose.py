@@ -77,6 +77,7 @@ def _level(measured: MeasuredSet, seed: int) -> PowerModel:
 
 def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
     from energy_opt.errors import Infeasible
+    from energy_opt.formats import table
     from energy_opt.next_motion import propose, rivals_of
 
     robot, remarks = result.measured.robot, result.document["remarks"]
@@ -89,7 +90,7 @@ def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
         remarks.append("No motion tells the alternatives apart: they are the same at the meter.")
         return
     name = "next_motion.csv"
-    motion.trajectory.write_csv(out / name)
+    table.write(motion.trajectory, out / name)
     result.document["next_motion"] = name
     remarks.append(f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms.")
 

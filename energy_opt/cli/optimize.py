@@ -72,10 +72,11 @@ def run(args: argparse.Namespace) -> int:
 
 def write(result: Result, robot: Robot, out: Path) -> None:
     """Write result.json, trajectory.csv, trajectory.yaml, plot.png and report.html; result.json last."""
+    from energy_opt import formats
     from energy_opt.files import write_json
 
-    result.trajectory.write_csv(out / "trajectory.csv")
-    result.trajectory.write_yaml(out / "trajectory.yaml", result.trajectory.effort)
+    formats.table.write(result.trajectory, out / "trajectory.csv")
+    formats.messages.write_yaml(result.trajectory, out / "trajectory.yaml")
     _picture_and_report(result, robot, out)
     write_json(out / "result.json", result.document())
 

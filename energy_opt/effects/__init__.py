@@ -1,6 +1,6 @@
 """The physical effects that a power model can hold, by their names in model files."""
 
-from energy_opt.effects.base import EXACT, Effect, Exact, Kinks, Parameter, PowerEffect, Signals, Smooth, TorqueEffect
+from energy_opt.effects.base import Effect, Signals
 from energy_opt.effects.electrics import (
     CopperLoss,
     InverterLoss,
@@ -11,40 +11,32 @@ from energy_opt.effects.electrics import (
     SupplyEfficiency,
     WindingTemperature,
 )
-from energy_opt.effects.friction import (
-    CoulombFriction,
-    GearEfficiency,
-    LoadFriction,
-    StribeckFriction,
-    ViscousFriction,
-)
+from energy_opt.effects.friction import CoulombFriction, GearEfficiency, LoadFriction, StribeckFriction, ViscousFriction
+from energy_opt.effects.kinks import EXACT, Exact, Kinks, Smooth
 from energy_opt.effects.mechanics import Armature, GravitySpring
-from energy_opt.effects.meter import MeterDelay, MeterFilter, MeterGain
-from energy_opt.effects.rigid import BaseTilt, Payload
-
-ALL_EFFECTS: tuple[type[Effect], ...] = (
-    Standby,
-    CopperLoss,
-    CoulombFriction,
-    ViscousFriction,
-    StribeckFriction,
-    LoadFriction,
-    Armature,
-    Payload,
-    BaseTilt,
-    GravitySpring,
-    Regeneration,
-    GearEfficiency,
-    InverterLoss,
-    SupplyEfficiency,
-    MotionPower,
-    WindingTemperature,
-    StandbyDrift,
-    MeterDelay,
-    MeterFilter,
-    MeterGain,
+from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain
+from energy_opt.effects.parameter import Parameter
+from energy_opt.effects.registry import (
+    ALL_EFFECTS,
+    BY_NAME,
+    effect_class,
+    known_effects,
+    load_file,
+    loaded_files,
+    of_form,
+    register,
+    words_of,
 )
-BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECTS}
+from energy_opt.effects.rigid import BaseTilt, Payload
+from energy_opt.effects.stages import (
+    DriveEffect,
+    HeatEffect,
+    PowerEffect,
+    RigidEffect,
+    SupplyEffect,
+    TorqueEffect,
+    WindingEffect,
+)
 
 __all__ = [
     "ALL_EFFECTS",
@@ -54,14 +46,17 @@ __all__ = [
     "BaseTilt",
     "CopperLoss",
     "CoulombFriction",
+    "DriveEffect",
     "Effect",
     "Exact",
     "GearEfficiency",
     "GravitySpring",
+    "HeatEffect",
     "InverterLoss",
     "Kinks",
     "LoadFriction",
     "MeterDelay",
+    "MeterEffect",
     "MeterFilter",
     "MeterGain",
     "MotionPower",
@@ -69,13 +64,23 @@ __all__ = [
     "Payload",
     "PowerEffect",
     "Regeneration",
+    "RigidEffect",
     "Signals",
     "Smooth",
     "Standby",
     "StandbyDrift",
     "StribeckFriction",
+    "SupplyEffect",
     "SupplyEfficiency",
     "TorqueEffect",
     "ViscousFriction",
+    "WindingEffect",
     "WindingTemperature",
+    "effect_class",
+    "known_effects",
+    "load_file",
+    "loaded_files",
+    "of_form",
+    "register",
+    "words_of",
 ]

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from itertools import product
 from types import SimpleNamespace
-from typing import Any, cast
 
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects.base import EXACT, Effect, Kinks, PowerEffect, Signals, Smooth, TorqueEffect
-from energy_opt.effects.electrics import CopperLoss, Regeneration, SupplyEfficiency, WindingTemperature
+from energy_opt.effects.base import Effect, Signals
+from energy_opt.effects.kinks import EXACT, Kinks, Smooth
 from energy_opt.effects.meter import MeterEffect
-from energy_opt.effects.rigid import BaseTilt, Payload
+from energy_opt.effects.stages import (
+    DriveEffect,
+    HeatEffect,
+    PowerEffect,
+    RigidEffect,
+    SupplyEffect,
+    TorqueEffect,
+    WindingEffect,
+)
 
 SAMPLES = 60
 CLOSE = 1e-5  # relative agreement of derivatives, and of recovered parameters (times 10)
@@ -90,8 +98,8 @@ def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNam
     q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
     x = Signals(q, v, a, tau, ca.SX.sym("t"))
     p = ca.SX.sym("p", kind.size(joints))
-    change, given = _expressions(kind, x, kind.split(p, joints), joints, EXACT)
-    smooth, _ = _expressions(kind, x, kind.split(p, joints), joints, Smooth())
+    change, given = _expressions(kind, x, p, joints, EXACT)
+    smooth, _ = _expressions(kind, x, p, joints, Smooth())
     inputs = [ca.vertcat(x.q, x.v, x.a, x.tau, x.t), p]
     jacobian = ca.densify(ca.jacobian(change, p))
     function = ca.Function("f", inputs, [ca.densify(change), jacobian, ca.densify(given), ca.densify(smooth)])
@@ -112,35 +120,45 @@ def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNam
     )
 
 
-def _expressions(kind: type[Effect], x: Signals, p: Any, joints: int, kinks: Kinks) -> tuple[ca.SX, ca.SX]:
-    """What an effect adds (to torque, power, heat or gravity), and the power that it takes away, W."""
-    power = ca.dot(x.tau, x.v)
-    if kind.stage == "torque":
-        torque = cast(type[TorqueEffect], kind).torque(x, p, kinks)
+def _expressions(kind: type[Effect], x: Signals, p: ca.SX, joints: int, kinks: Kinks) -> tuple[ca.SX, ca.SX]:
+    """What an effect adds (to torque, power, heat or gravity), and the power that it takes away, W.
+
+    Of an effect with options the expressions under each of them, one below the other.
+    """
+    both = [_law_of(kind.neutral(joints, **words), x, p, joints, kinks) for words in _each_option(kind)]
+    return ca.vertcat(*(added for added, _ in both)), ca.vertcat(*(given for _, given in both))
+
+
+def _each_option(kind: type[Effect]) -> list[dict[str, str]]:
+    return [dict(zip(kind.options, words, strict=True)) for words in product(*kind.options.values())]
+
+
+def _law_of(effect: Effect, x: Signals, vector: ca.SX, joints: int, kinks: Kinks) -> tuple[ca.SX, ca.SX]:
+    p, power = effect.named(vector, joints), ca.dot(x.tau, x.v)
+    if isinstance(effect, TorqueEffect):
+        torque = effect.torque(x, p, kinks)
         return torque, ca.dot(torque, x.v)
-    if kind.stage == "power":
-        added = cast(type[PowerEffect], kind).power(x, x.tau, p, kinks)
+    if isinstance(effect, PowerEffect):
+        added = effect.power(x, x.tau, p, kinks)
         return added, added
-    if issubclass(kind, CopperLoss):
-        heat = kind.heat(x.tau, p)
+    if isinstance(effect, HeatEffect):
+        heat = effect.heat(x, x.tau, p, kinks)
         return heat, heat
-    if issubclass(kind, WindingTemperature):
-        more = kind.factor(x.t, p) - 1
+    if isinstance(effect, WindingEffect):
+        more = effect.factor(x, p) - 1
         return more, more
-    if issubclass(kind, Regeneration):
-        drive = x.tau * x.v
-        levels = [kind.power(drive, p, kinks, level) - power for level in kind.options["level"]]
-        return ca.vertcat(*levels), ca.vertcat(*levels)
-    if issubclass(kind, SupplyEfficiency):
+    if isinstance(effect, DriveEffect):
+        more = effect.drawn(x.tau * x.v, p, kinks) - power
+        return more, more
+    if isinstance(effect, SupplyEffect):
         drawn = 100 + power**2
-        more = kind.power(drawn, p) - drawn
+        more = effect.at_meter(drawn, p, kinks) - drawn
         return more, more
-    if issubclass(kind, Payload):
-        mass, first, second = kind.inertia(p)
-        return ca.vertcat(mass, first, ca.vec(second)), ca.SX(0)
-    if issubclass(kind, BaseTilt):
-        return kind.gravity(ca.SX(GRAVITY), p) - GRAVITY, ca.SX(0)
-    raise NotImplementedError(f"{kind.name}: no check for an effect of stage {kind.stage!r}")
+    if isinstance(effect, RigidEffect):
+        mass, place = effect.point_mass(p) or (ca.SX(0), ca.SX.zeros(3))
+        changed = effect.gravity(ca.SX(GRAVITY), p) - GRAVITY
+        return ca.vertcat(mass, mass * place, ca.vec(mass * place @ place.T), changed), ca.SX(0)
+    raise NotImplementedError(f"{effect.name}: no check for an effect of stage {effect.stage!r}")
 
 
 def _meter_law(kind: type[MeterEffect], rng: np.random.Generator) -> SimpleNamespace:

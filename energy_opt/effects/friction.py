@@ -9,7 +9,10 @@ from types import SimpleNamespace
 
 import casadi as ca
 
-from energy_opt.effects.base import Kinks, Parameter, Signals, TorqueEffect
+from energy_opt.effects.base import Signals
+from energy_opt.effects.kinks import Kinks
+from energy_opt.effects.parameter import Parameter
+from energy_opt.effects.stages import TorqueEffect
 
 SIGN_WIDTH = 0.01  # [rad/s]
 TORQUE_WIDTH = 0.05  # [N m]
@@ -46,7 +49,7 @@ class StribeckFriction(TorqueEffect):
     name = "stribeck_friction"
     parameters = (
         Parameter("tau_s", "N m", 0.0, 0.0, 1e3, "joint"),
-        Parameter("v_s", "rad/s", 0.1, 1e-3, 10.0, shapes=True),
+        Parameter("v_s", "rad/s", 0.1, 1e-3, 10.0, shapes=True, fit=(5e-3, 1.5), trials=(0.03, 0.1, 0.3)),
     )
     convex_in_retiming = False
     dissipates = True
@@ -77,7 +80,7 @@ class GearEfficiency(TorqueEffect):
     """
 
     name = "gear_efficiency"
-    parameters = (Parameter("eta", "1", 1.0, 0.05, 1.0, "joint"),)
+    parameters = (Parameter("eta", "1", 1.0, 0.05, 1.0, "joint", fit=(0.2, 1.0)),)
     convex_in_retiming = False  # as load friction
     dissipates = True
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import Armature, GravitySpring
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, drive_function
 from energy_opt.power.rigid import rigid_inputs, rigid_torque
@@ -67,11 +66,10 @@ class Scorer:
         payload, gravity = rigid_inputs(self.model, self.robot.body)
         ends_q, ends_v = trajectory.position[[0, -1]], trajectory.velocity[[0, -1]]
         out = float(np.diff(self.robot.body.energy(ends_q, ends_v, payload, gravity))[0])
-        for kind in (Armature, GravitySpring):
-            effect = self.model.get(kind.name)
-            if effect is not None:
-                p = kind.split(ca.DM(effect.full(self.robot.n)), self.robot.n)
-                at = [float(kind.stored(ca.DM(q), ca.DM(v), p)) for q, v in zip(ends_q, ends_v, strict=True)]
+        for effect in self.model.effects:
+            if effect.stores:
+                p = effect.named(ca.DM(effect.full(self.robot.n)), self.robot.n)
+                at = [float(effect.stored(ca.DM(q), ca.DM(v), p)) for q, v in zip(ends_q, ends_v, strict=True)]
                 out += at[1] - at[0]
         return out
 
@@ -84,16 +82,15 @@ class Scorer:
         _, power, parts = self.drive(q, v, a, time - trajectory.time[0])
         by_effect = dict(zip(self.parts, (weight @ parts).tolist(), strict=True))
         total = float(weight @ power)
-        standby = sum(by_effect.get(name, 0.0) for name in ("standby", "standby_drift"))
+        standby = sum(by_effect[e.name] for e in self.model.effects if e.overhead)
         stored = self.stored(trajectory)
-        payload, _ = rigid_inputs(self.model, self.robot.body)
-        for name, changed in (("payload", payload is not None), ("base_tilt", self.model.get("base_tilt") is not None)):
-            if changed:  # its share of the rigid body's mechanical work, against the model without it
-                tau = rigid_torque(self.model, self.robot.body, q, v, a)
-                bare = rigid_torque(self.model.without(name), self.robot.body, q, v, a)
-                share = float(weight @ np.sum((tau - bare) * v, axis=1))
-                by_effect[name] = share
-                by_effect["mechanical"] -= share
+        rigid = [e.name for e in self.model.effects if e.stage == "rigid"]
+        tau = rigid_torque(self.model, self.robot.body, q, v, a) if rigid else None
+        for name in rigid:  # its share of the rigid body's mechanical work, against the model without it
+            bare = rigid_torque(self.model.without(name), self.robot.body, q, v, a)
+            share = float(weight @ np.sum((tau - bare) * v, axis=1))
+            by_effect[name] = share
+            by_effect["mechanical"] -= share
         return Energy(total, standby, stored, total - standby - stored, by_effect)
 
     def filled(self, trajectory: Trajectory) -> Trajectory:

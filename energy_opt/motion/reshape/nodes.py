@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from energy_opt.dynamics import torque_function
-from energy_opt.effects import BaseTilt, Payload, Regeneration, Signals, Smooth, SupplyEfficiency
+from energy_opt.effects import RigidEffect, Signals, Smooth
 from energy_opt.errors import BadInput
 from energy_opt.power import DriveTerms, PowerModel, drive_terms
 from energy_opt.robot import RigidBody
@@ -76,11 +76,10 @@ def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: c
     """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`."""
     gravity, mass, com = ca.SX(ca.DM(body.gravity)), ca.SX(0), ca.SX.zeros(3)
     for effect, where in zip(model.effects, model.slices(body.n), strict=True):
-        if isinstance(effect, Payload):
-            values = Payload.split(p[where], body.n)
-            mass, com = values.mass, values.com
-        if isinstance(effect, BaseTilt):
-            gravity = BaseTilt.gravity(gravity, BaseTilt.split(p[where], body.n))
+        if isinstance(effect, RigidEffect):
+            values = effect.named(p[where], body.n)
+            gravity = effect.gravity(gravity, values)
+            mass, com = effect.point_mass(values) or (mass, com)
     return torque_function(body, dynamics)(q, v, a, gravity, mass, com)
 
 
@@ -88,17 +87,14 @@ def conservative_power(model: PowerModel, terms: DriveTerms, p: ca.SX, joints: i
     """The part of the power whose integral depends on the ends only, W.
 
     The work of the rigid body's torque, of rotors and of springs is the change of stored energy, whatever the path; it
-    reaches the meter times efficiency / eta. Left in the cost it would add nothing but a way for the solver to exploit
-    the quadrature of a term that changes sign; what remains of the cost is never negative.
+    reaches the meter times what the drives and the supply let pass of it. Left in the cost it would add nothing but a
+    way for the solver to exploit the quadrature of a term that changes sign; the rest is never negative.
     """
     share = ca.SX(1)
     for effect, where in zip(model.effects, model.slices(joints), strict=True):
-        if isinstance(effect, Regeneration):
-            share *= Regeneration.split(p[where], joints).efficiency
-        if isinstance(effect, SupplyEfficiency):
-            share /= SupplyEfficiency.split(p[where], joints).eta
-    stored = (terms.parts[name] for name in ("mechanical", "armature", "gravity_spring") if name in terms.parts)
-    return share * sum(stored)
+        share *= effect.passed(effect.named(p[where], joints))
+    stored = [terms.parts[effect.name] for effect in model.effects if effect.stores]
+    return share * sum(stored, terms.parts["mechanical"])
 
 
 def node_functions(

@@ -35,10 +35,15 @@ CAUSES = (
     "motion_power",
 )
 
+SCALED = (
+    "coulomb_friction", "viscous_friction", "armature", "gravity_spring", "motion_power", "asymmetric_friction",
+    "power_law_friction", "thermal_viscous",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Drives:
-    """An arm's electrics: standby [W], R / Kt^2 [W/(N m)^2], usual friction [N m] and rotor inertia [kg m^2] a joint."""
+    """Standby [W]; R / Kt^2 [W/(N m)^2], usual friction [N m] and rotor inertia [kg m^2] of each joint; payload [kg]."""
 
     standby: float
     heat: tuple[float, ...]
@@ -48,10 +53,14 @@ class Drives:
 
 
 ARMS = {
-    "panda": Drives(62.0, (0.005,) * 4 + (0.05,) * 3, (0.6, 0.7, 0.5, 0.8, 0.5, 0.2, 0.3), (0.25,) * 4 + (0.07,) * 3, 1.9),
+    "panda": Drives(
+        62.0, (0.005,) * 4 + (0.05,) * 3, (0.6, 0.7, 0.5, 0.8, 0.5, 0.2, 0.3), (0.25,) * 4 + (0.07,) * 3, 1.9
+    ),
     "ur5": Drives(71.0, (0.006,) * 3 + (0.035,) * 3, (2.0, 2.4, 1.4, 0.6, 0.5, 0.5), (0.7,) * 3 + (0.1,) * 3, 2.4),
     "z1": Drives(24.0, (0.025,) * 3 + (0.05,) * 3, (0.5, 0.9, 0.8, 0.4, 0.4, 0.3), (0.14,) * 3 + (0.05,) * 3, 1.0),
-    "xarm7": Drives(45.0, (0.012,) * 5 + (0.05,) * 2, (0.9, 1.0, 0.6, 0.7, 0.5, 0.4, 0.3), (0.3,) * 5 + (0.06,) * 2, 1.7),
+    "xarm7": Drives(
+        45.0, (0.012,) * 5 + (0.05,) * 2, (0.9, 1.0, 0.6, 0.7, 0.5, 0.4, 0.3), (0.3,) * 5 + (0.06,) * 2, 1.7
+    ),
 }
 
 
@@ -96,7 +105,10 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
     mass = drives.load * rng.uniform(0.5, 1.1) if world.cause == "payload" else 0.0
     com = rng.uniform([-0.04, -0.04, 0.03], [0.04, 0.04, 0.12])
     _write_urdf(robot, world.spread, rng, urdf)
-    body, nominal = MujocoArm(replace(robot, urdf=urdf), Plant(PowerModel("", ()))), MujocoArm(robot, Plant(PowerModel("", ())))
+    body, nominal = (
+        MujocoArm(replace(robot, urdf=urdf), Plant(PowerModel("", ()))),
+        MujocoArm(robot, Plant(PowerModel("", ()))),
+    )
     level = rng.uniform(0.3, 0.03 * drives.standby)
     moves = np.random.default_rng([world.seed, 6, int(fresh)])
     runs = _session(robot, moves, 5 if fresh else world.motions, 0 if fresh else world.poses, shifted=fresh)
@@ -108,8 +120,12 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
         parts.append((t, q, v, a, tau, nominal.inverse(q, v, a)))
     weighed = replace(robot, urdf=_loaded(urdf, robot, mass, com)) if mass else None
     law = _Law(world, drives, robot, body, MujocoArm(weighed, Plant(PowerModel("", ()))) if weighed else None, rng)
-    misfit = np.concatenate([law.power(t, q, v, a, tau, 0) - law.power(t, q, v, a, bare, 0) for t, q, v, a, tau, bare in parts])
-    added = np.concatenate([law.power(t, q, v, a, tau, 1) - law.power(t, q, v, a, tau, 0) for t, q, v, a, tau, _ in parts])
+    misfit = np.concatenate(
+        [law.power(t, q, v, a, tau, 0) - law.power(t, q, v, a, bare, 0) for t, q, v, a, tau, bare in parts]
+    )
+    added = np.concatenate(
+        [law.power(t, q, v, a, tau, 1) - law.power(t, q, v, a, tau, 0) for t, q, v, a, tau, _ in parts]
+    )
     size = 1.0
     wanted = world.stronger * float(np.sqrt(np.mean(misfit**2)))
     if world.cause and law.scales and not fresh:
@@ -156,7 +172,13 @@ class _Law:
     """The drives as motors: current from torque, heat from current, and one further cause of size `size`."""
 
     def __init__(
-        self, world: World, drives: Drives, robot: Robot, body: MujocoArm, loaded: MujocoArm | None, rng: np.random.Generator
+        self,
+        world: World,
+        drives: Drives,
+        robot: Robot,
+        body: MujocoArm,
+        loaded: MujocoArm | None,
+        rng: np.random.Generator,
     ) -> None:
         self.cause, self.drives, self.loaded, self.body = world.cause, drives, loaded, body
         n = robot.n
@@ -171,10 +193,11 @@ class _Law:
         self.constant = float(rng.uniform(0.8, 1.4))
         kt = rng.uniform(5.0, 15.0, n)  # N m/A at the joint side
         self.kt, self.resistance = kt, np.array(drives.heat) * kt**2
-        self.scales = world.cause in ("coulomb_friction", "viscous_friction", "armature", "gravity_spring", "motion_power",
-                                      "asymmetric_friction", "power_law_friction", "thermal_viscous")  # fmt: skip
+        self.scales = world.cause in SCALED
 
-    def power(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau: np.ndarray, size: float) -> np.ndarray:
+    def power(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau: np.ndarray, size: float
+    ) -> np.ndarray:
         """Power at the mains, W, (N,); with size 0 without the cause."""
         c = self.cause if size else ""
         way = np.tanh(v / 0.002)
@@ -183,7 +206,9 @@ class _Law:
         if c == "base_tilt":
             g = self.body.model.opt.gravity.copy()
             angle, to = self.tilt
-            self.body.model.opt.gravity[:] = 9.81 * np.array([np.sin(angle) * np.cos(to), np.sin(angle) * np.sin(to), -np.cos(angle)])
+            self.body.model.opt.gravity[:] = 9.81 * np.array(
+                [np.sin(angle) * np.cos(to), np.sin(angle) * np.sin(to), -np.cos(angle)]
+            )
             tau = self.body.inverse(q, v, a)
             self.body.model.opt.gravity[:] = g
         if c == "coulomb_friction":
@@ -301,7 +326,9 @@ def _loaded(urdf: Path, robot: Robot, mass: float, com: np.ndarray) -> Path:
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz="0 0 0", rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(float(mass)))
-    ET.SubElement(inertial, "inertia", {k: "1e-5" if k[1] == k[2] else "0" for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")})
+    ET.SubElement(
+        inertial, "inertia", {k: "1e-5" if k[1] == k[2] else "0" for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
+    )
     weld = ET.SubElement(root, "joint", name="holds", type="fixed")
     ET.SubElement(weld, "parent", link=str(child.get("link")))
     ET.SubElement(weld, "child", link="held")

@@ -75,6 +75,7 @@ class Effect:
     dissipates: ClassVar[bool] = False  # is its share of the energy never negative?
     convex_in_retiming: ClassVar[bool] = True  # does retiming stay convex with it?
     follows: ClassVar[tuple[str, ...]] = ()  # the signals of the past or the recording that its law follows
+    bakes: ClassVar[bool] = False  # are its values numbers, not parameters, of the inverse dynamics?
     needs: ClassVar[tuple[str, ...]] = ()  # effects without which it has no meaning
     same_on_all_joints: ClassVar[bool] = True  # may one number stand for all joints where data are fitted?
     version: ClassVar[int] = 0  # counts how often a class of this name was registered anew

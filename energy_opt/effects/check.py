@@ -194,14 +194,15 @@ def _law_over_time(kind: type[MeterEffect] | type[StoreEffect], rng: np.random.G
     time = np.arange(200) * 0.01
     wave = sum(5 * rng.normal() * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.7, 1.6, 2.9))
     if issubclass(kind, StoreEffect):
+        step = np.full_like(time, 0.01)
         return SimpleNamespace(
             joints=1,
-            change=lambda values: kind.supplied(time, wave, float(values[0])) - wave,
+            change=lambda values: kind.supplied(step, wave, float(values[0])) - wave,
             jacobian=lambda values: np.gradient(
-                np.stack([kind.supplied(time, wave, float(values[0]) + h) for h in (-1e-6, 0.0, 1e-6)]), 1e-6, axis=0
+                np.stack([kind.supplied(step, wave, float(values[0]) + h) for h in (-1e-6, 0.0, 1e-6)]), 1e-6, axis=0
             )[1][:, None],
-            given=lambda values: np.cumsum(kind.supplied(time, wave, float(values[0])) - wave) * 0.01,
-            at_rest=lambda values: kind.supplied(time, np.zeros_like(time), float(values[0])),
+            given=lambda values: np.cumsum(kind.supplied(step, wave, float(values[0])) - wave) * 0.01,
+            at_rest=lambda values: kind.supplied(step, np.zeros_like(time), float(values[0])),
         )
     power = 90 + wave
     return SimpleNamespace(

@@ -72,17 +72,13 @@ def spline(x: ca.SX, at: ca.SX, y: ca.SX) -> ca.SX:
     first = _end(h[0], h[1], s[0], s[1]) if count > 2 else s[0]
     last = _end(h[-1], h[-2], s[-1], s[-2]) if count > 2 else s[0]
     d = [first, *inner, last]
-    out = y[count - 1] + ca.fmax(last, 0) * (x - at[count - 1])
+    start, c = at[count - 1], [y[count - 1], ca.fmax(last, 0), 0 * x, 0 * x]
     for i in reversed(range(count - 1)):
-        u = (x - at[i]) / h[i]
-        cubic = (
-            y[i] * (1 + 2 * u) * (1 - u) ** 2
-            + d[i] * h[i] * u * (1 - u) ** 2
-            + y[i + 1] * u**2 * (3 - 2 * u)
-            - d[i + 1] * h[i] * u**2 * (1 - u)
-        )
-        out = ca.if_else(x < at[i + 1], cubic, out)
-    return out
+        own = [y[i], d[i], (3 * s[i] - 2 * d[i] - d[i + 1]) / h[i], (d[i] + d[i + 1] - 2 * s[i]) / h[i] ** 2]
+        here = x < at[i + 1]
+        start, c = ca.if_else(here, at[i], start), [ca.if_else(here, a, b) for a, b in zip(own, c, strict=True)]
+    u = x - start
+    return c[0] + u * (c[1] + u * (c[2] + u * c[3]))
 
 
 def _slope(h0: ca.SX, h1: ca.SX, s0: ca.SX, s1: ca.SX) -> ca.SX:

@@ -24,6 +24,7 @@ class LinkInertia(RigidEffect):
         Parameter("inertia", "kg m^2", 0.0, -1e3, 1e3, ("joint", 6)),
     )
     same_on_all_joints = False
+    bakes = True
 
     @classmethod
     def links(cls, nominal: Sequence[Link], p: SimpleNamespace) -> list[Link] | None:

@@ -14,6 +14,7 @@ from energy_opt.effects.parameter import Parameter
 from energy_opt.effects.stages import PowerEffect, StoreEffect
 
 ENDLESS = 1e9  # [J] a store of this size takes back all there is, as if negative power counted in full
+HELD = (0.3, 0.6, 1.0, 2.0)  # [s] durations that are tried first
 EDGE = 0.02  # [s] half-width of the smoothed end of a hold
 
 
@@ -43,10 +44,9 @@ class DcLink(StoreEffect):
         return np.array([0.8])
 
     @classmethod
-    def supplied(cls, time: np.ndarray, bus: np.ndarray, value: float) -> np.ndarray:
+    def supplied(cls, step: np.ndarray, bus: np.ndarray, value: float) -> np.ndarray:
         if value >= ENDLESS:
             return bus
-        step = np.gradient(time)
         out, held = np.maximum(bus, 0.0), 0.0
         for k in np.flatnonzero(bus != 0):
             if bus[k] < 0:
@@ -64,9 +64,7 @@ class IdleHold(PowerEffect):
     name = "idle_hold"
     parameters = (
         Parameter("power", "W", 0.0, 0.0, 1e5),
-        Parameter(
-            "duration", "s", 1.0, 0.0, 1e5, shapes=True, steps=True, fit=(0.05, 1e3), trials=(0.3, 0.6, 1.0, 2.0)
-        ),
+        Parameter("duration", "s", 1.0, 0.0, 1e5, shapes=True, steps=True, fit=(0.05, 1e3), trials=HELD),
     )
     follows = ("idle",)
     dissipates = True

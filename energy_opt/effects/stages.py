@@ -12,9 +12,8 @@ import numpy as np
 from energy_opt.effects.base import Effect, Signals
 from energy_opt.effects.kinks import Kinks
 
-Link = tuple[
-    Any, Any, Any
-]  # mass [kg], centre of mass (3, 1) [m], inertia (3, 3) [kg m^2] about it: numbers or symbols
+# Mass [kg], centre of mass (3, 1) [m], inertia (3, 3) [kg m^2] about it: numbers or symbols.
+Link = tuple[Any, Any, Any]
 
 
 class RigidEffect(Effect):
@@ -92,8 +91,8 @@ class StoreEffect(DriveEffect):
     follows = ("returned",)
 
     @classmethod
-    def supplied(cls, time: np.ndarray, bus: np.ndarray, value: float) -> np.ndarray:
-        """Power (N,) [W] that the supply gives, from the drives' power `bus` (N,) [W] at `time` (N,) [s]."""
+    def supplied(cls, step: np.ndarray, bus: np.ndarray, value: float) -> np.ndarray:
+        """Power (N,) [W] that the supply gives, from the drives' power `bus` (N,) [W], each for `step` (N,) s."""
         raise NotImplementedError
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, drive_function
-from energy_opt.power.rigid import rigid_inputs, rigid_torque
+from energy_opt.power.past import idle_time, returned_power, store_of
+from energy_opt.power.rigid import body_of, rigid_inputs, rigid_torque
 from energy_opt.robot import Robot
 
 # Gauss-Legendre nodes and weights on [0, 1], applied between every two rows: exact for polynomials of degree 7.
@@ -48,24 +49,33 @@ class Scorer:
     def __init__(self, robot: Robot, model: PowerModel) -> None:
         model.check(robot.n)
         self.robot, self.model = robot, model
-        self._drive, self.parts = drive_function(model, robot.n)
+        self._drive, self.parts = drive_function(model, robot.n, past=True)
         self._values = model.values(robot.n)
 
     def drive(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray, step: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Motor torque (N, n) [N m], power (N,) [W] and its parts (N, len(self.parts)) [W] by the exact laws."""
+        """Motor torque (N, n) [N m], power (N,) [W] and its parts (N, len(self.parts)) [W] by the exact laws.
+
+        Instants are in order of time; each stands for `step` (N,) s, by default for the time to its neighbours.
+        """
         tau = rigid_torque(self.model, self.robot.body, q, v, a)
         columns = [x.T for x in (q, v, a, tau)]
         values = np.repeat(self._values[:, None], len(q), axis=1)
-        tau_m, power, parts = self._drive(*columns, np.atleast_2d(t), values)
+        idle, back = idle_time(t, v)[None], np.zeros((1, len(q)))
+        tau_m, power, parts, bus = self._drive(*columns, np.atleast_2d(t), idle, back, values)
+        if store_of(self.model) is not None and len(q) > 1:
+            step = np.gradient(t) if step is None else step
+            back = returned_power(self.model, step, np.array(bus).ravel())[None]
+            tau_m, power, parts, _ = self._drive(*columns, np.atleast_2d(t), idle, back, values)
         return np.array(tau_m).T, np.array(power).ravel(), np.array(parts).T
 
     def stored(self, trajectory: Trajectory) -> float:
         """Change of potential plus kinetic energy between the trajectory's ends, J."""
-        payload, gravity = rigid_inputs(self.model, self.robot.body)
+        body = body_of(self.model, self.robot.body)
+        payload, gravity = rigid_inputs(self.model, body)
         ends_q, ends_v = trajectory.position[[0, -1]], trajectory.velocity[[0, -1]]
-        out = float(np.diff(self.robot.body.energy(ends_q, ends_v, payload, gravity))[0])
+        out = float(np.diff(body.energy(ends_q, ends_v, payload, gravity))[0])
         for effect in self.model.effects:
             if effect.stores:
                 p = effect.named(ca.DM(effect.full(self.robot.n)), self.robot.n)
@@ -79,7 +89,7 @@ class Scorer:
         time = (trajectory.time[:-1, None] + step[:, None] * NODES).ravel()
         weight = (step[:, None] * WEIGHTS).ravel()
         q, v, a, _ = trajectory.sample(time)
-        _, power, parts = self.drive(q, v, a, time - trajectory.time[0])
+        _, power, parts = self.drive(q, v, a, time - trajectory.time[0], weight)
         by_effect = dict(zip(self.parts, (weight @ parts).tolist(), strict=True))
         total = float(weight @ power)
         standby = sum(by_effect[e.name] for e in self.model.effects if e.overhead)

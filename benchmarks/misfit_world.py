@@ -43,7 +43,7 @@ SCALED = (
 
 @dataclass(frozen=True)
 class Drives:
-    """Standby [W]; R / Kt^2 [W/(N m)^2], usual friction [N m] and rotor inertia [kg m^2] of each joint; payload [kg]."""
+    """Standby [W]; R / Kt^2 [W/(N m)^2], usual friction [N m], rotor inertia [kg m^2] of each joint; payload [kg]."""
 
     standby: float
     heat: tuple[float, ...]

@@ -32,12 +32,11 @@ class DcLink(StoreEffect):
 
     @classmethod
     def drawn(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
-        x = ca.sum1(drive)
-        return ca.if_else(p.capacity >= ENDLESS, x, k.positive(x, POWER_WIDTH))
+        return k.positive(ca.sum1(drive), POWER_WIDTH)
 
     @classmethod
     def passed(cls, p: SimpleNamespace) -> ca.SX | float:
-        return ca.if_else(p.capacity >= ENDLESS, 1, 0)
+        return 0.0
 
     @classmethod
     def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:

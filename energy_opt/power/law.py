@@ -32,17 +32,37 @@ class DriveTerms:
     """Motor torque tau_m (n, 1) [N m], power [W] and its parts by effect [W]; the parts add up to the power.
 
     `parts` has an entry "mechanical" (tau^T v of the rigid body) and one for every effect of the stages torque,
-    heat, winding, drive, power and supply. `bus` is the sum of the joints' drive power [W].
+    heat, winding, drive, power and supply. `conservative` is the part [W] whose integral only the ends decide: the work
+    of the rigid body's torque, of rotors and of springs, times what drives and supply let pass of it. `bus` is the
+    joints' drive power [W].
     """
 
     tau_m: ca.SX
     power: ca.SX
     parts: dict[str, ca.SX]
+    conservative: ca.SX
     bus: ca.SX
 
 
 def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT) -> DriveTerms:
-    """The law as expressions; `p` is laid out as `PowerModel.values`."""
+    """The law as expressions; `p` is laid out as `PowerModel.values`.
+
+    Of a mixture (see `mixture`): the weighted sums of its members', and the first one's motor torque.
+    """
+    members = [(w, _terms_of_one(model, x, part, kinks)) for w, model, part in model.shares(x.q.numel(), p)]
+    if len(members) == 1:
+        return members[0][1]
+    names = dict.fromkeys(name for _, terms in members for name in terms.parts)
+    return DriveTerms(
+        members[0][1].tau_m,
+        sum((w * terms.power for w, terms in members), ca.SX(0)),
+        {name: sum((w * terms.parts.get(name, 0) for w, terms in members), ca.SX(0)) for name in names},
+        sum((w * terms.conservative for w, terms in members), ca.SX(0)),
+        members[0][1].bus,
+    )
+
+
+def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks) -> DriveTerms:
     n = x.q.numel()
     named = [(e, e.named(p[s], n)) for e, s in zip(model.effects, model.slices(n), strict=True)]
     parts: dict[str, ca.SX] = {"mechanical": ca.dot(x.tau, x.v)}
@@ -86,7 +106,11 @@ def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT) -
             behind = power
             power = effect.at_meter(behind, values, kinks)
             parts[effect.name] = power - behind
-    return DriveTerms(tau_m, power, parts, bus)
+    passed = ca.SX(1)
+    for effect, values in named:
+        passed *= effect.passed(values)
+    stored = sum((parts[effect.name] for effect, _ in named if effect.stores), parts["mechanical"])
+    return DriveTerms(tau_m, power, parts, passed * stored, bus)
 
 
 def drive_function(

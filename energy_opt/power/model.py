@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,6 +100,14 @@ class PowerModel:
             if isinstance(effect, SupplyEffect):
                 power = effect.at_meter(power, p, EXACT)
         return float(power)
+
+    def kept(self, wanted: Callable[[Effect], bool]) -> PowerModel:
+        """The model with only the effects for which `wanted` is true."""
+        return PowerModel(self.robot, tuple(e for e in self.effects if wanted(e)), self.assumed)
+
+    def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
+        """What the power is a weighted sum of: weight, model and its part of `p`; the model itself, here."""
+        return [(1.0, self, p)]
 
     def check(self, joints: int) -> None:
         """Raise BadInput where a per-joint list does not have one value for each of the robot's joints."""

@@ -15,6 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput
+from energy_opt.robot.urdf import check_urdf
+
+FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,7 @@ class RigidBody:
         """
         if not path.is_file():
             raise BadInput(f"{path}: no such URDF file")
+        check_urdf(path)
         try:
             model = pin.buildModelFromUrdf(str(path))
         except (ValueError, RuntimeError) as error:
@@ -190,12 +194,14 @@ class RigidBody:
         gravity: np.ndarray | None = None,
     ) -> np.ndarray:
         """Inverse dynamics: torque (N, n) [N m] from q, v, a (N, n); `gravity` (3,) [m/s^2] in the base frame."""
-        model, data = self._variant(payload, gravity)
         q, v, a = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, v, a))
-        out = np.empty((len(q), self.n))
-        for k, row in enumerate(self.configuration(q)):
-            out[k] = pin.rnea(model, data, row, v[k], a[k])
-        return out
+        if len(q) < FEW:
+            model, data = self._variant(payload, gravity)
+            return np.array([pin.rnea(model, data, row, v[k], a[k]) for k, row in enumerate(self.configuration(q))])
+        pool = pin.ModelPool(self._variant(payload, gravity)[0], 1)
+        out = np.empty((self.n, len(q)), order="F")
+        pin.rneaInParallel(1, pool, self.configuration(q).T, v.T, a.T, out)
+        return out.T
 
     def energy(
         self, q: np.ndarray, v: np.ndarray, payload: PointMass | None = None, gravity: np.ndarray | None = None

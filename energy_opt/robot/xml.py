@@ -27,6 +27,8 @@ def read_robot_xml(path: Path) -> ElementTree.Element:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
         raise BadInput(f"{path}: not XML that can be read: {error}") from None
+    if any(isinstance(element.tag, str) and "xacro" in element.tag for element in root.iter()):
+        raise BadInput(f"{path}: a xacro file; run xacro first: xacro {path.name} > robot{path.suffix}")
     if root.tag != "robot":
-        raise BadInput(f"{path}: begins with <{root.tag}>; expected <robot> (a xacro file must be expanded first)")
+        raise BadInput(f"{path}: begins with <{root.tag}>; expected <robot>")
     return root

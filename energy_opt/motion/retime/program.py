@@ -19,6 +19,7 @@ from energy_opt.motion.retime.rows import Rows
 from energy_opt.motion.retime.terms import BLURS, exact_power
 from energy_opt.motion.timing.law import Timing, greville
 from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 
@@ -65,8 +66,8 @@ def _power(d: PathDynamics, a: np.ndarray, b: np.ndarray, time: np.ndarray) -> n
     """Power (M,) [W] by the exact laws, at path acceleration a, squared speed b and time (M,)."""
     a, b = a[:, None], b[:, None]
     columns = (d.q, d.q1 * np.sqrt(b), d.q1 * a + d.q2 * b, d.M * a + d.C * b + d.G, time[:, None])
-    law = exact_power(SharedByStructure(d.model), d.robot.n, len(d.s))
-    return law(*columns, d.model.values(d.robot.n))[0].ravel().copy()
+    law = Batch(exact_power(SharedByStructure(d.model), d.robot.n), len(d.s))
+    return law(*columns, d.model.values(d.robot.n))[0].ravel()
 
 
 class Retiming:

@@ -162,11 +162,11 @@ _RESIDUAL = np.eye(_PROBES.shape[1]) - np.stack(_monomials(*_PROBES), axis=1) @ 
 
 
 @lru_cache(maxsize=16)
-def _probed(shared_by: SharedByStructure, n: int, m: int) -> Batch:
-    """(at (m, 6 n + 1), shared) -> power at every probe, (m, 10)."""
+def _probed(shared_by: SharedByStructure, n: int) -> ca.Function:
+    """(at (6 n + 1, 1), shared) -> power at every probe, (10, 1)."""
     built, function = law(shared_by, n), law_function(shared_by, n)
     power = ca.vertcat(*(function(ca.DM(probe), built.at, built.shared)[0] for probe in _PROBES.T))
-    return Batch(ca.Function("probed", [built.at, built.shared], [power]), m)
+    return ca.Function("probed", [built.at, built.shared], [power])
 
 
 def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.ndarray) -> np.ndarray | None:
@@ -175,18 +175,18 @@ def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.
     Copper loss, viscous friction and all that is affine come down to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b.
     The coefficients are found from the law itself, evaluated at ten probes, one more than there are unknowns.
     """
-    power = _probed(shared_by, n, at.shape[1])(at.T, shared)[0].T
+    power = Batch(_probed(shared_by, n), at.shape[1])(at.T, shared)[0].T
     if np.abs(_RESIDUAL @ power).max() > 1e-9 * np.abs(power).max():
         return None
     return _INVERSE @ power
 
 
 @lru_cache(maxsize=16)
-def exact_power(shared_by: SharedByStructure, n: int, m: int) -> Batch:
-    """(q, v, a, tau, t, p), of m rows each -> power [W] by the exact laws."""
+def exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
+    """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
     function, _ = drive_function(shared_by.model, n)
     inputs = function.sx_in()
-    return Batch(ca.Function("exact_power", inputs, [function(*inputs)[1]]), m)
+    return ca.Function("exact_power", inputs, [function(*inputs)[1]])
 
 
 @lru_cache(maxsize=16)

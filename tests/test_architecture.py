@@ -52,6 +52,7 @@ def parts_imported(module: Path) -> set[str]:
         ("matplotlib", "reports/plots.py"),
         ("mujoco", "virtual_arm/mujoco_arm.py"),
         ("energy_opt_pinsx", "dynamics/templates.py"),
+        ("ompl", "motion/ways/ompl.py"),
         ("trimesh", "cell/scene_files/mesh_file.py"),
         ("yaml", "files.py"),
         ("tomllib", "files.py"),

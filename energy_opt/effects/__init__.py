@@ -36,9 +36,11 @@ from energy_opt.effects.registry import (
     effect_class,
     known_effects,
     load_file,
-    loaded_files,
+    load_source,
+    loaded_sources,
     of_form,
     register,
+    unregister,
     words_of,
 )
 from energy_opt.effects.rigid import BaseTilt, Payload
@@ -105,8 +107,10 @@ __all__ = [
     "effect_class",
     "known_effects",
     "load_file",
-    "loaded_files",
+    "load_source",
+    "loaded_sources",
     "of_form",
     "register",
+    "unregister",
     "words_of",
 ]

@@ -26,9 +26,7 @@ SAMPLES = 60
 CLOSE = 1e-5  # relative agreement of derivatives, and of recovered parameters (times 10)
 GRAVITY = np.array([0.0, 0.0, -9.81])
 LINK = (2.0, np.array([0.02, -0.05, 0.1]), np.diag([0.03, 0.04, 0.02]))  # [kg], [m], [kg m^2] a link to deviate from
-PER_JOINT = ("temperature", "warmth")
 DRAWN = {  # what the past and the recording may hold
-    "temperature": lambda rng, shape: rng.uniform(20, 50, shape),
     "warmth": lambda rng, shape: rng.uniform(0, 1, shape),
     "idle": lambda rng, shape: rng.uniform(-1, 2, shape),
     "returned": lambda rng, shape: np.zeros(shape),
@@ -115,18 +113,21 @@ def _put(values: np.ndarray, where: np.ndarray, x: np.ndarray | float) -> np.nda
 
 def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNamespace:
     """The change that an effect makes (M,), its Jacobian, the power it takes away, and its values at rest."""
-    q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
-    past = {name: ca.SX.sym(name, joints if name in PER_JOINT else 1) for name in kind.follows}
-    x = Signals(q, v, a, tau, ca.SX.sym("t"), **past)
+    q, v, a, tau, warm = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau", "temperature"))
+    past = {name: ca.SX.sym(name, joints if name == "warmth" else 1) for name in kind.follows if name != "temperature"}
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), warm, **past)
     p = ca.SX.sym("p", kind.size(joints))
     change, given = _expressions(kind, x, p, joints, EXACT)
     smooth, _ = _expressions(kind, x, p, joints, Smooth())
-    inputs = [ca.vertcat(x.q, x.v, x.a, x.tau, x.t, *past.values()), p]
+    inputs = [ca.vertcat(x.q, x.v, x.a, x.tau, x.t, warm, *past.values()), p]
     jacobian = ca.densify(ca.jacobian(change, p))
     function = ca.Function("f", inputs, [ca.densify(change), jacobian, ca.densify(given), ca.densify(smooth)])
-    states = rng.normal(size=(SAMPLES, 4 * joints + 1)) * np.array([1.0] * 3 * joints + [8.0] * joints + [1.0])
-    states[:, -1] = rng.uniform(0, 300.0, SAMPLES)
-    added = [DRAWN[name](rng, (SAMPLES, joints if name in PER_JOINT else 1)) for name in kind.follows]
+    spread = np.array([1.0] * 3 * joints + [8.0] * joints + [0.0] + [10.0] * joints)
+    states = rng.normal(size=(SAMPLES, 5 * joints + 1)) * spread
+    states[:, joints : 2 * joints] *= rng.random((SAMPLES, joints)) > 0.3  # some joints stand still
+    states[:, 4 * joints] = rng.uniform(0, 300.0, SAMPLES)  # s
+    states[:, 4 * joints + 1 :] += 25.0  # degC
+    added = [DRAWN[name](rng, (SAMPLES, symbol.numel())) for name, symbol in past.items()]
     states = np.column_stack([states, *added])
     rest = states.copy()
     rest[:, joints : 3 * joints] = 0

@@ -15,6 +15,7 @@ from energy_opt.dynamics import torque_function
 from energy_opt.effects import RigidEffect, Signals, Smooth
 from energy_opt.errors import BadInput
 from energy_opt.power import PowerModel, drive_terms
+from energy_opt.power.rigid import body_of
 from energy_opt.robot import RigidBody
 
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
@@ -73,7 +74,8 @@ class NodeSymbols:
 
 
 def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str) -> ca.SX:
-    """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`."""
+    """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`, its links as numbers."""
+    body = body_of(model, body)
     gravity, mass, com = ca.SX(ca.DM(body.gravity)), ca.SX(0), ca.SX.zeros(3)
     for effect, where in zip(model.effects, model.slices(body.n), strict=True):
         if isinstance(effect, RigidEffect):

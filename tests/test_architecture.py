@@ -17,7 +17,7 @@ MODULES = sorted(ROOT.rglob("*.py"))
 
 # Packages of the two sides; they meet in the power model, in `next_motion` above both, and in the command line, which
 # may import all.
-MOTION = {"motion", "tradeoff", "bench"}
+MOTION = {"motion", "profiles", "formats", "tradeoff", "bench"}
 DATA = {"measured", "identify", "diagnose"}
 ABOVE = {"next_motion", "virtual_arm"}
 
@@ -52,7 +52,9 @@ def parts_imported(module: Path) -> set[str]:
         ("toppra", "motion/timing/toppra.py"),
         ("matplotlib", "reports/plots.py"),
         ("mujoco", "virtual_arm/mujoco_arm.py"),
+        ("rosbags", "formats/bags.py"),
         ("energy_opt_pinsx", "dynamics/templates.py"),
+        ("ompl", "motion/ways/ompl.py"),
         ("trimesh", "cell/scene_files/mesh_file.py"),
         ("yaml", "files.py"),
         ("tomllib", "files.py"),

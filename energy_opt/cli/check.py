@@ -46,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _faults(file: Path, args: argparse.Namespace) -> list[str]:
+    if file.is_dir() and (file / "metadata.yaml").is_file():
+        return _trajectory(file, args)
     if file.is_dir() or file.name == "log.toml":
         from energy_opt.measured import check_set
 

@@ -162,6 +162,7 @@ class RigidBody:
         self.n: int = model.nv
         self.gravity = np.array(model.gravity.linear)
         self.continuous = np.array([model.joints[j].nq == 2 for j in range(1, model.njoints)])
+        self.plain: RigidBody = self  # with the links of the URDF
         self._index_q = np.array([model.joints[j].idx_q for j in range(1, model.njoints)])
 
     @classmethod
@@ -218,6 +219,15 @@ class RigidBody:
     def tree(self) -> tuple[Link, ...]:
         """The moving links, parents before children, in the order of the joints."""
         return self._links
+
+    def with_links(self, mass: np.ndarray, lever: np.ndarray, inertia: np.ndarray) -> RigidBody:
+        """The same tree with other links: mass (n,) [kg], centre (n, 3) [m], inertia (n, 3, 3) [kg m^2] about it."""
+        model = pin.Model(self._model)
+        for j in range(self.n):
+            model.inertias[j + 1] = pin.Inertia(float(mass[j]), np.array(lever[j]), np.array(inertia[j]))
+        out = RigidBody(model)
+        out.plain = self.plain
+        return out
 
     def on_casadi(self) -> tuple[Any, Any] | None:
         """`pinocchio.casadi` and this model on its scalars; None where Pinocchio was built without that module."""
@@ -292,6 +302,16 @@ class RigidBody:
         out = np.empty((len(q), self.n, 10))
         for k, c in enumerate(self.configuration(q)):
             out[k] = pin.computeJointTorqueRegressor(model, data, c, v[k], a[k])[:, -10:]
+        return out
+
+    def link_regressor(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, gravity: np.ndarray | None = None
+    ) -> np.ndarray:
+        """How torque grows with all links' inertial parameters, (N, n, 10 n), each as in `payload_regressor`."""
+        model, data = self._variant(None, gravity)
+        out = np.empty((len(q), self.n, 10 * self.n))
+        for k, c in enumerate(self.configuration(q)):
+            out[k] = pin.computeJointTorqueRegressor(model, data, c, v[k], a[k])
         return out
 
     def torque_derivatives(

@@ -11,7 +11,8 @@ import numpy as np
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_function
-from energy_opt.power.rigid import rigid_inputs, rigid_torque
+from energy_opt.power.past import idle_time, returned_power, store_of
+from energy_opt.power.rigid import body_of, rigid_inputs, rigid_torque
 from energy_opt.robot import Robot
 
 DENSER = 10  # places between two rows at which a trajectory is judged; even, for Simpson's rule
@@ -87,22 +88,31 @@ class Scorer:
     def __init__(self, robot: Robot, model: PowerModel) -> None:
         model.check(robot.n)
         self.robot, self.model = robot, model
-        self._drive, self.parts = drive_function(model, robot.n)
+        self._drive, self.parts = drive_function(model, robot.n, past=True)
         self._values = model.values(robot.n)
 
     def drive(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Motor torque (N, n) [N m], power (N,) [W] and its parts (N, len(self.parts)) [W] by the exact laws."""
+        """Motor torque (N, n) [N m], power (N,) [W] and its parts (N, len(self.parts)) [W] by the exact laws.
+
+        Instants are in order of time; each stands for half the time to both neighbours.
+        """
         tau = rigid_torque(self.model, self.robot.body, q, v, a)
-        tau_m, power, parts = Batch(self._drive, len(q))(q, v, a, tau, t[:, None], self._values)
+        idle, back = idle_time(t, v)[:, None], np.zeros((len(q), 1))
+        law = Batch(self._drive, len(q))
+        tau_m, power, parts, bus = law(q, v, a, tau, t[:, None], idle, back, self._values)
+        if store_of(self.model) is not None and len(q) > 1:
+            back = returned_power(self.model, np.gradient(t), bus[:, 0])[:, None]
+            tau_m, power, parts, _ = law(q, v, a, tau, t[:, None], idle, back, self._values)
         return tau_m, power[:, 0], parts
 
     def stored(self, trajectory: Trajectory) -> float:
         """Change of potential plus kinetic energy between the trajectory's ends, J."""
-        payload, gravity = rigid_inputs(self.model, self.robot.body)
+        body = body_of(self.model, self.robot.body)
+        payload, gravity = rigid_inputs(self.model, body)
         ends_q, ends_v = trajectory.position[[0, -1]], trajectory.velocity[[0, -1]]
-        out = float(np.diff(self.robot.body.energy(ends_q, ends_v, payload, gravity))[0])
+        out = float(np.diff(body.energy(ends_q, ends_v, payload, gravity))[0])
         for effect in self.model.effects:
             if effect.stores:
                 p = effect.named(ca.DM(effect.full(self.robot.n)), self.robot.n)

@@ -11,7 +11,7 @@ from energy_opt.effects import BY_NAME
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
-from energy_opt.robot import load_robot
+from energy_opt.robot import PointMass, load_robot
 
 JOINTS = ("a", "b")
 
@@ -130,3 +130,30 @@ def test_turning_gravity_and_robot_together_changes_nothing(name: str) -> None:
     assert pitched.total == pytest.approx(rolled.total, rel=1e-12)
     assert abs(upright.total - rolled.total) > 0.1
     assert Scorer(robot, model).energy(turned).total == pytest.approx(upright.total, rel=1e-12)
+
+
+def test_the_dense_grid_is_the_curve_itself():
+    """What is sampled for all rows at once is what is sampled place by place; its integral is Gauss'."""
+    motion, robot = swing("panda"), load_robot("panda")
+    scorer = Scorer(robot, source_method_2())
+    for factor in (2, 10):
+        dense, time = scorer.dense(motion, factor), motion.denser(factor)
+        for here, there in zip((dense.q, dense.v, dense.a, dense.jerk), motion.sample(time), strict=True):
+            assert np.abs(here - there).max() <= 1e-9 * (1 + np.abs(there).max())
+        tau, power, _ = scorer.drive(*motion.sample(time)[:3], time - time[0])
+        assert np.allclose(dense.effort, tau, atol=1e-9) and np.allclose(dense.power, power, atol=1e-7)
+    x, w = np.polynomial.legendre.leggauss(4)
+    step = np.diff(motion.time)
+    time = (motion.time[:-1, None] + step[:, None] * (x + 1) / 2).ravel()
+    power = scorer.drive(*motion.sample(time)[:3], time - time[0])[1]
+    assert scorer.energy(motion).total == pytest.approx((step[:, None] * w / 2).ravel() @ power, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_inverse_dynamics_of_many_states_is_that_of_each(name):
+    body, rng = load_robot(name).body, np.random.default_rng(1)
+    q, v, a = rng.normal(size=(3, 200, body.n))
+    load = PointMass(1.5, np.array([0.0, 0.02, 0.1]))
+    for payload, gravity in ((None, None), (load, np.array([1.0, 0.0, -9.0]))):
+        each = np.vstack([body.torque(*state, payload, gravity) for state in zip(q, v, a, strict=True)])
+        assert np.array_equal(body.torque(q, v, a, payload, gravity), each)

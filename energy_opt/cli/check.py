@@ -17,6 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="model for the torque of a trajectory")
     add_prefix(parser)
+    parser.add_argument("--allow-outside", action="store_true", help="meshes of a scene may lie outside of its folder")
+    parser.add_argument("--allow-large", action="store_true", help="larger files and meshes are read too")
     parser.add_argument("--json", action="store_true", help="faults as one JSON document on stdout")
     parser.add_argument("--quiet", action="store_true", help="say nothing where nothing is wrong")
 
@@ -44,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _faults(file: Path, args: argparse.Namespace) -> list[str]:
+    if file.is_dir() and (file / "metadata.yaml").is_file():
+        return _trajectory(file, args)
     if file.is_dir() or file.name == "log.toml":
         from energy_opt.measured import check_set
 
@@ -52,8 +56,8 @@ def _faults(file: Path, args: argparse.Namespace) -> list[str]:
         return [f"{file}: no such file or folder"]
     if file.suffix == ".toml":
         return _toml(file, args)
-    if file.suffix in (".yaml", ".yml"):
-        return _yaml(file, args)
+    if file.suffix in (".yaml", ".yml", ".json", ".scene"):
+        return _document(file, args)
     if file.suffix in (".urdf", ".xml"):
         from energy_opt.robot import load_robot
 
@@ -62,15 +66,20 @@ def _faults(file: Path, args: argparse.Namespace) -> list[str]:
     return _trajectory(file, args)
 
 
-def _yaml(file: Path, args: argparse.Namespace) -> list[str]:
-    """Joint limits, or a message with a planned trajectory."""
-    from energy_opt.files import read_yaml_documents
+def _document(file: Path, args: argparse.Namespace) -> list[str]:
+    """A scene, a message with a planned trajectory, or joint limits."""
+    from energy_opt.cell.scene_files import check_scene, is_scene
+    from energy_opt.files import read_json, read_yaml_documents
     from energy_opt.formats.messages import trajectories
 
-    documents = read_yaml_documents(file)
+    if file.suffix == ".scene":
+        return check_scene(file, allow_outside=args.allow_outside, allow_large=args.allow_large)
+    documents = [read_json(file)] if file.suffix == ".json" else read_yaml_documents(file)
     if any(True for document in documents for _ in trajectories(document)):
         return _trajectory(file, args)
-    return _limits(file, args)
+    if any(map(is_scene, documents)):
+        return check_scene(file, allow_outside=args.allow_outside, allow_large=args.allow_large)
+    return _trajectory(file, args) if file.suffix == ".json" else _limits(file, args)
 
 
 def _toml(file: Path, args: argparse.Namespace) -> list[str]:

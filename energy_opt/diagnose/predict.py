@@ -45,12 +45,6 @@ def _drive(structure: tuple[tuple[str, ...], ...], n: int, warmth: bool) -> ca.F
 
 
 @lru_cache(maxsize=64)
-def _batch(structure: tuple[tuple[str, ...], ...], n: int, warmth: bool, count: int) -> Batch:
-    """The same over `count` samples."""
-    return Batch(_drive(structure, n, warmth), count)
-
-
-@lru_cache(maxsize=64)
 def _rigid_map(structure: tuple[tuple[str, ...], ...], n: int) -> ca.Function:
     """(gravity, p) of the rigid effects of a structure -> inertial parameters (10,) added to the last link, gravity
     (3,), and both one's Jacobians by p."""
@@ -95,7 +89,7 @@ def predict(model: PowerModel, s: Samples) -> Prediction:
     tau, by_rigid = rigid_torque(model, s)
     warmth = bool(np.isfinite(s.temperature).all())
     state = np.column_stack([s.q, s.v, s.a, tau, s.t, *([s.temperature] if warmth else [])])
-    (out,) = _batch(model.structure, s.n, warmth, len(state))(state, model.values(s.n))
+    (out,) = Batch(_drive(model.structure, s.n, warmth), len(state))(state, model.values(s.n))
     power, by_tau, jacobian = out[:, 0].copy(), out[:, 1 : 1 + s.n].copy(), out[:, 1 + s.n :].copy()
     where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
     rigid = [

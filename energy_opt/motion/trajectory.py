@@ -7,6 +7,7 @@ three are continuous and everything that is judged can be recomputed from the fi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -21,6 +22,20 @@ _HERMITE = np.array(
         [-6, 6, -3, -3, -0.5, 0.5],
     ]
 )
+
+
+def _powers(x: np.ndarray, order: int) -> np.ndarray:
+    """Derivative of `order` of the powers 0 ... 5 at x (M,), (M, 6)."""
+    degree = np.arange(6)
+    factor = np.prod([degree - k for k in range(order)], axis=0)
+    return factor * x[:, None] ** np.maximum(degree - order, 0)
+
+
+@lru_cache(maxsize=8)
+def _places(factor: int) -> np.ndarray:
+    """From a quintic's data to its derivatives 0 ... 3 at `factor` even places between two rows, (4, factor, 6)."""
+    x = np.arange(factor) / factor
+    return np.stack([_powers(x, order) @ _HERMITE for order in range(4)])
 
 
 @dataclass(frozen=True)
@@ -71,6 +86,28 @@ class Trajectory:
                 value = value * x + factor * c[degree]
             out.append(value / h**order)
         out[0] = out[0] + start
+        return out[0], out[1], out[2], out[3]
+
+    def sample_denser(self, factor: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What `sample` gives at the times of `denser(factor)`, many times faster: places between rows recur."""
+        step = np.diff(self.time)[:, None]
+        rows = self.position, self.velocity, self.acceleration
+        data = np.stack([x for row in rows for x in (row[:-1], row[1:])])  # (6, N - 1, n)
+        data[1] -= data[0]
+        data[0] = 0.0
+        data[2:4] *= step
+        data[4:] *= step**2
+        out = []
+        for order in range(4):
+            between = np.tensordot(_places(factor)[order], data, axes=1)  # (factor, N - 1, n)
+            if order == 0:
+                between += self.position[:-1]
+            else:
+                between /= step**order
+            out.append(np.concatenate([between.transpose(1, 0, 2).reshape(-1, len(self.joints)), between[-1:, -1]]))
+        end = np.tensordot(_powers(np.ones(1), 3) @ _HERMITE, data[:, -1], axes=1) / step[-1] ** 3
+        for values, last in zip(out, (*(row[-1:] for row in rows), end), strict=True):
+            values[-1] = last
         return out[0], out[1], out[2], out[3]
 
     def denser(self, factor: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,9 @@ class PowerModel:
         for name in names:
             if names.count(name) > 1:
                 raise BadInput(f"model of {self.robot}: effect {name!r} stands there twice; merge them into one")
+        drives = [e.name for e in self.effects if e.stage == "drive"]
+        if len(drives) > 1:
+            raise BadInput(f"model of {self.robot}: {' and '.join(drives)} both say what becomes of negative power")
         for effect in self.effects:
             for need in effect.needs:
                 if need not in names:
@@ -58,8 +61,11 @@ class PowerModel:
 
     @property
     def structure(self) -> tuple[tuple[str, ...], ...]:
-        """What a built problem depends on: the effects present and their options, not their values."""
-        return tuple(e.form for e in self.effects)
+        """What a built problem depends on: the effects present and their options, not their values.
+
+        But for those that change links, whose values are numbers in the inverse dynamics.
+        """
+        return tuple(e.form if not e.bakes else (*e.form, f"@{hash(e):x}") for e in self.effects)
 
     def values(self, joints: int) -> np.ndarray:
         """All parameter values as one vector, effects in order, each laid out as `Effect.full`."""
@@ -94,6 +100,14 @@ class PowerModel:
             if isinstance(effect, SupplyEffect):
                 power = effect.at_meter(power, p, EXACT)
         return float(power)
+
+    def kept(self, wanted: Callable[[Effect], bool]) -> PowerModel:
+        """The model with only the effects for which `wanted` is true."""
+        return PowerModel(self.robot, tuple(e for e in self.effects if wanted(e)), self.assumed)
+
+    def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
+        """What the power is a weighted sum of: weight, model and its part of `p`; the model itself, here."""
+        return [(1.0, self, p)]
 
     def check(self, joints: int) -> None:
         """Raise BadInput where a per-joint list does not have one value for each of the robot's joints."""

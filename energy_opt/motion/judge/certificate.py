@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.limits.base import Limit, Samples, Violation
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.judge.energy import DENSER, Scorer
+from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.trajectory import Trajectory
 
 ALLOWED = 1e-6  # a violation beyond this share of the bound is one
-DENSER = 10
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ def certify(
 ) -> Certificate:
     """Check `trajectory` against `limits` on a grid at least ten times denser than its rows, or of `samples` points."""
     factor = DENSER if samples is None else max(DENSER, -(-samples // (len(trajectory.time) - 1)))
-    time = trajectory.denser(1 if rows_only else factor)
-    q, v, a, jerk = trajectory.sample(time)
-    time = time - trajectory.time[0]
-    effort, power, _ = scorer.drive(q, v, a, time)
-    x = Samples(trajectory, scorer.robot.body, time, q, v, a, jerk, effort, power)
-    return Certificate(len(time), tuple(limit.worst(x) for limit in limits), float(power.max()))
+    return certificate_of(scorer.dense(trajectory, 1 if rows_only else factor), limits)
+
+
+def certificate_of(dense: Dense, limits: Sequence[Limit]) -> Certificate:
+    """The certificate of a trajectory that lies on a dense grid already."""
+    return Certificate(len(dense.time), tuple(limit.worst(dense) for limit in limits), float(dense.power.max()))

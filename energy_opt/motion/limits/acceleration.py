@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from energy_opt.motion.limits.base import Linear, Samples
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.limits.base import Linear
 from energy_opt.motion.limits.joint import JointLimit
 from energy_opt.motion.path_dynamics import PathDynamics
 
@@ -14,7 +15,7 @@ class Acceleration(JointLimit):
 
     name, unit, order = "acceleration", "rad/s^2", 2
 
-    def of(self, x: Samples) -> np.ndarray:
+    def of(self, x: Dense) -> np.ndarray:
         return x.a
 
     def linear(self, d: PathDynamics, b: float) -> Linear:

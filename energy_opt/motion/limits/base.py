@@ -4,7 +4,7 @@ Everything that checks or keeps limits loops over a list of `Limit` objects and 
 limit does not override is "nothing". A new limit is one file with one class, and its line in `registry`.
 
     what asks                  calls                what comes back
-    judge (certificate)        worst(samples)       the worst place of a sampled motion, by the exact laws
+    judge (certificate)        worst(dense)         the worst place of a sampled motion, by the exact laws
     mending                    scaled(share)        the same limit with a smaller bound
     path check                 fixed(d)             what no timing of a path can change: position, holding still
     retiming, minimum time     linear(d, b)         |ra a + rb b + r0| <= 1, a path acceleration, b squared path speed
@@ -35,35 +35,11 @@ from typing import ClassVar, Protocol, Self
 import casadi as ca
 import numpy as np
 
+from energy_opt.motion.dense import Dense
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import PathDynamics
-from energy_opt.motion.trajectory import Trajectory
-from energy_opt.robot import RigidBody
 
 NOTHING = np.zeros(0)
-
-
-@dataclass(frozen=True)
-class Samples:
-    """A trajectory on a dense grid, by Pinocchio's torque and the exact laws.
-
-    time (N,) [s] from 0; q, v, a, jerk (N, n); effort (N, n) [N m] the motors' torque; power (N,) [W], meter aside.
-    """
-
-    trajectory: Trajectory
-    body: RigidBody
-    time: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    jerk: np.ndarray
-    effort: np.ndarray
-    power: np.ndarray
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints."""
-        return self.trajectory.joints
 
 
 @dataclass(frozen=True)
@@ -207,7 +183,7 @@ class Limit:
         """What a column of values belongs to: the joint, unless a limit says otherwise."""
         return joints[column]
 
-    def worst(self, x: Samples) -> Violation:
+    def worst(self, x: Dense) -> Violation:
         """Where a sampled motion uses the limit most, by the exact laws."""
         raise NotImplementedError
 
@@ -248,7 +224,7 @@ class Limit:
         return None
 
 
-def worst_of(limit: Limit, x: Samples, value: np.ndarray, bound: np.ndarray, excess: np.ndarray) -> Violation:
+def worst_of(limit: Limit, x: Dense, value: np.ndarray, bound: np.ndarray, excess: np.ndarray) -> Violation:
     """The place of the largest excess (N, m) of values (N, m) over bounds (m,)."""
     k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
     where, at = limit.where(x.joints, int(j)), (float(x.time[k]), float(value[k, j]), float(bound[j]))

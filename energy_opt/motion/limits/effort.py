@@ -8,7 +8,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from energy_opt.motion.limits.base import Fixed, Linear, Samples, State
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.limits.base import Fixed, Linear, State
 from energy_opt.motion.limits.joint import JointLimit
 from energy_opt.motion.path_dynamics import PathDynamics
 
@@ -22,7 +23,7 @@ class Effort(JointLimit):
         super().__init__(bound)
         self.scale = self.bound
 
-    def of(self, x: Samples) -> np.ndarray:
+    def of(self, x: Dense) -> np.ndarray:
         return x.effort
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:

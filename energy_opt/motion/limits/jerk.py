@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion.limits.base import Samples
+from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.joint import JointLimit
 from energy_opt.motion.path import JointPath
 
@@ -17,7 +17,7 @@ class Jerk(JointLimit):
 
     name, unit, order = "jerk", "rad/s^3", 3
 
-    def of(self, x: Samples) -> np.ndarray:
+    def of(self, x: Dense) -> np.ndarray:
         return x.jerk
 
     def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray], JerkAlongPath] | None:

@@ -6,7 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from energy_opt.motion.limits.base import Limit, Samples, Violation, worst_of
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.limits.base import Limit, Violation, worst_of
 
 
 class JointLimit(Limit):
@@ -15,11 +16,11 @@ class JointLimit(Limit):
     def __init__(self, bound: np.ndarray) -> None:
         self.bound = np.asarray(bound, dtype=float)
 
-    def of(self, x: Samples) -> np.ndarray:
+    def of(self, x: Dense) -> np.ndarray:
         """The limited value of every sample, (N, n)."""
         raise NotImplementedError
 
-    def worst(self, x: Samples) -> Violation:
+    def worst(self, x: Dense) -> Violation:
         value = self.of(x)
         return worst_of(self, x, value, self.bound, np.abs(value) / self.bound - 1)
 

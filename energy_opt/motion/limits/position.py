@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from energy_opt.motion.limits.base import Fixed, Limit, Samples, Violation
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.limits.base import Fixed, Limit, Violation
 from energy_opt.motion.path_dynamics import PathDynamics
 
 
@@ -20,7 +21,7 @@ class Position(Limit):
         span = self.upper - self.lower
         return np.maximum(q - self.upper, self.lower - q) / np.where(np.isfinite(span), span, 1.0)
 
-    def worst(self, x: Samples) -> Violation:
+    def worst(self, x: Dense) -> Violation:
         excess = self._excess(x.q)
         excess = np.where(np.isfinite(excess), excess, -1.0)
         k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)

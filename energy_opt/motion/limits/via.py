@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from energy_opt.motion.limits.base import Limit, Samples, Violation
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.trajectory import Trajectory
 
 PASSED = 1e-4  # [rad] so near every joint's position is the point passed: less than an arm's repeatability
@@ -19,7 +20,7 @@ class ViaPoints(Limit):
     def __init__(self, via: np.ndarray) -> None:
         self.via = np.asarray(via, dtype=float)
 
-    def worst(self, x: Samples) -> Violation:
+    def worst(self, x: Dense) -> Violation:
         """The via point that is missed most, each looked for after the one before was passed."""
         begin, found = 0.0, []
         for point in self.via:
@@ -30,7 +31,7 @@ class ViaPoints(Limit):
         return Violation(self.name, value / PASSED - 1, x.joints[j], time, value, PASSED)
 
 
-def _nearest(x: Samples, point: np.ndarray, begin: float) -> tuple[float, np.ndarray]:
+def _nearest(x: Dense, point: np.ndarray, begin: float) -> tuple[float, np.ndarray]:
     """When, from `begin` [s] on, a point is passed first, or else come nearest to; and |q - point| (n,) then."""
     start = int(np.searchsorted(x.time, begin - 1e-12))
     distance = np.linalg.norm(x.q[start:] - point, axis=1)

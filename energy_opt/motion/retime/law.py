@@ -17,7 +17,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import Signals
+from energy_opt.effects import EXACT, Signals
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.numerics.batch import Batch
@@ -50,6 +50,12 @@ class AlongPath:
         d = width * self.width / self.typical
         y = x / self.rate
         return self.rate * (y + ca.sqrt(y * y + d * d) - d) / 2
+
+    def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
+        return EXACT.power(x, exponent, width)  # its sign is fixed along the path
+
+    def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX:
+        return EXACT.below(x, bound, width)
 
     def moving(self, v: ca.SX) -> ca.SX:
         return ca.SX(1)

@@ -23,7 +23,7 @@ def check_set(folder: Path) -> list[str]:
         robot = robot_of(log)
     except BadInput as error:
         return [str(error)]
-    runs, faults = collect(log, robot)
+    runs, faults, _ = collect(log, robot)
     for run in runs:
         faults += _plausible(run, robot, str(log.path.parent / run.file))
     return faults

@@ -43,16 +43,17 @@ def cut_at_standstill(run: Run) -> list[Run]:
             cuts += [first + margin, last - margin]
         else:
             cuts.append((first + last) // 2)
-    return pieces(run, sorted({*cuts, len(run.time) - 1}))
+    cuts = sorted({*cuts, len(run.time) - 1})
+    return pieces(run, [(a, b) for a, b in pairwise(cuts) if b - a >= FEWEST_ROWS])
 
 
-def pieces(run: Run, cuts: Sequence[int]) -> list[Run]:
-    """A run cut at joint rows `cuts` (ascending, both ends included), without the pieces too short to use.
+def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> list[Run]:
+    """Parts of a run between joint rows, first and last included.
 
     Every reading goes to one piece: a still one takes those whose window lies in it; of the rest each goes where most
-    of its window lies, and that piece's joint rows reach back as far as the window does.
+    of its window lies, and that piece's joint rows reach back as far as the window does. Where `strict`, readings
+    whose window lies in no piece are left out.
     """
-    spans = [(a, b) for a, b in pairwise(cuts) if b - a >= FEWEST_ROWS]
     still = [bool(np.ptp(run.position[a : b + 1], axis=0).max() <= MOVES) for a, b in spans]
     begin, end = run.power_time - run.window, run.power_time
     overlap = np.full((len(spans), len(end)), -np.inf)
@@ -60,16 +61,18 @@ def pieces(run: Run, cuts: Sequence[int]) -> list[Run]:
         low, high = run.time[a], run.time[b]
         shared = np.minimum(end, high) - np.maximum(begin, low)
         whole = (begin >= low - 1e-9) & (end <= high + 1e-9)
-        overlap[k] = np.where(whole | ((shared > 0) & (not still[k])), shared, -np.inf)
+        overlap[k] = np.where(whole | ((shared > 0) & (not strict and not still[k])), shared, -np.inf)
     owner = np.argmax(overlap, axis=0) if spans else np.zeros(len(end), dtype=int)
     owned = np.isfinite(overlap.max(axis=0)) if spans else np.zeros(len(end), dtype=bool)
     out: list[Run] = []
     for k, (a, b) in enumerate(spans):
         readings = np.flatnonzero(owned & (owner == k))
-        if readings.size:
+        if readings.size and not strict:
             a = min(a, max(0, int(np.searchsorted(run.time, begin[readings].min(), side="right")) - 1))
             b = max(b, min(len(run.time) - 1, int(np.searchsorted(run.time, end[readings[-1]], side="left"))))
-        out.append(_piece(run, a, b, readings, "static" if still[k] else "motion", len(out) + 1))
+        out.append(
+            _piece(run, a, b, readings, (run.kind if strict else "static" if still[k] else "motion"), len(out) + 1)
+        )
     return out
 
 

@@ -9,6 +9,7 @@ features miss has a memory.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,13 +109,41 @@ def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np
     return -count / 2 * float(np.log(ratio)) - x.shape[1], 1 - ratio
 
 
-def estimate(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray, given: bool) -> Clock | None:
-    """The meter's clock; None where the one given is as good, or where nothing can be told.
+def align(
+    motion: Activity, stamps: np.ndarray, windows: Sequence[np.ndarray], power: np.ndarray, given: bool, seek: bool
+) -> tuple[Clock | None, int, float]:
+    """The meter's clock (None: the one given is as good, or nothing can be told), which of the windows it has, and the
+    log likelihood of the last window over the first.
 
     Args:
-        motion: of the run. stamps, window, power: (M,) of the readings on a clock that may be another.
+        motion: of the run. stamps, power: (M,) of the readings, on a clock that may be another.
+        windows: one or more (M,) that the readings may be means over.
         given: the stamps claim to be on the joints' clock; otherwise any offset is as likely.
+        seek: another clock is looked for; otherwise the windows are compared only.
     """
+    as_given = [_score(motion, stamps, window, power) for window in windows]
+    at = int(np.argmax([score for score, _ in as_given]))
+    more = as_given[-1][0] - as_given[0][0] if np.isfinite(as_given[0][0]) else 0.0
+    if not seek:
+        return None, at, more
+    found = [_search(motion, stamps, window, power, given) for window in windows]
+    best = max(range(len(windows)), key=lambda k: -np.inf if found[k] is None else found[k][1])  # type: ignore[index]
+    if found[best] is None:
+        return None, at, more
+    clock, score = found[best]  # type: ignore[misc]
+    if clock.explained < GOOD:
+        return None, at, more
+    largest = abs(clock.offset) + abs(clock.drift) * float(stamps[-1] - stamps[0]) / 2
+    if given and (score - as_given[at][0] < SURE or largest < LEAST):
+        return None, at, more
+    first, last = found[0], found[-1]
+    return clock, best, last[1] - first[1] if first is not None and last is not None else 0.0
+
+
+def _search(
+    motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray, given: bool
+) -> tuple[Clock, float] | None:
+    """The clock under which the readings fit the motion best, and its log likelihood; offsets from far to fine."""
     from scipy.optimize import minimize
 
     stamps, window, power = _fewer(stamps, window, power)
@@ -147,24 +176,13 @@ def estimate(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np
     )
     drifts = alone.fun - fine.fun > 5.0 + 0.5 * np.log(len(power))
     offset, drift = (float(fine.x[0]), float(fine.x[1]) / (own / 2)) if drifts else (float(alone.x[0]), 0.0)
-    found = Clock(offset, drift, middle, 0.0)
-    score, explained = evidence(motion, found.moved(stamps), window, power)
-    if explained < GOOD:
-        return None
-    if given:
-        before, _ = evidence(motion, stamps, window, power)
-        worst = abs(offset) + abs(drift) * own / 2
-        if score - before < SURE or worst < LEAST:
-            return None
-    return Clock(offset, drift, middle, explained)
+    clock = Clock(offset, drift, middle, 0.0)
+    score, explained = evidence(motion, clock.moved(stamps), window, power)
+    return Clock(offset, drift, middle, explained), score
 
 
-def best_window(motion: Activity, stamps: np.ndarray, power: np.ndarray, interval: float) -> float:
-    """Whether a slow meter shows the mean since its reading before (`interval`, s) or the power at the stamp (0)."""
-    stamps, interval_each, power = _fewer(stamps, np.full(len(stamps), interval), power)
-    mean = evidence(motion, stamps, interval_each, power)[0]
-    at_stamp = evidence(motion, stamps, np.zeros(len(stamps)), power)[0]
-    return interval if mean >= at_stamp else 0.0
+def _score(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+    return evidence(motion, *_fewer(stamps, window, power))
 
 
 def _fewer(*columns: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -42,7 +42,7 @@ def quantity(table: Table, name: str, rule: Rule) -> np.ndarray:
     values = table.product(rule.columns)
     factor = factor_of(name, rule, table)
     if name.endswith("time"):
-        factor = 1.0 if table.is_date(rule.columns[0]) else stamp_factor(values) if np.isnan(factor) else factor
+        factor = 1.0 if table.is_date(rule.columns[0]) else stamp_factor(values, name) if np.isnan(factor) else factor
     values = values * factor
     kind = "time" if name.endswith("time") else name.rpartition(".")[2]
     wild = np.flatnonzero(np.abs(values) > LARGEST[kind])
@@ -54,10 +54,11 @@ def quantity(table: Table, name: str, rule: Rule) -> np.ndarray:
     return values
 
 
-def stamp_factor(stamps: np.ndarray) -> float:
+def stamp_factor(stamps: np.ndarray, name: str = "time", span: float | None = None) -> float:
     """Seconds per unit of stamps whose unit nobody says: by their size where they count from 1970, else by their step.
 
-    Recorders of arms and meters write 1 to 2000 rows a second, so a step of 0.5 or more is no second's.
+    Recorders of arms write 5 to 2000 rows a second, so a step of 0.5 or more is no second's; meters write 0.1 to 100.
+    A `span` [s] that the file should have about decides before that.
     """
     stamps = stamps[np.isfinite(stamps)]
     if len(stamps) < 2:
@@ -70,8 +71,11 @@ def stamp_factor(stamps: np.ndarray) -> float:
             return factor
     if size > EPOCH and float(stamps[-1] - stamps[0]) < 1e6 and usual < 20:
         return 1.0
+    if span is not None:
+        return min((1.0, 1e-3, 1e-6, 1e-9), key=lambda f: abs(np.log(f * (stamps[-1] - stamps[0]) / span)))
+    slow = 20.0 if name == "power.time" else 1.0
     for first, factor in ((2e5, 1e-9), (400.0, 1e-6), (0.5, 1e-3)):
-        if usual >= first:
+        if usual >= first * slow:
             return factor
     return 1.0
 

@@ -41,7 +41,7 @@ def read_meter(table: Table, rules: Mapping[str, Rule], own: bool, window: float
     energy = "energy" in rules and (rules["energy"].there(table) or not rules["power"].there(table))
     name = "energy" if energy else "power"
     table.load([*stamps.columns, *rules[name].columns])
-    time, values = quantity(table, "time", stamps), quantity(table, name, rules[name])
+    time, values = quantity(table, "power.time" if own else "time", stamps), quantity(table, name, rules[name])
     if table.faults:
         return None
     there = np.flatnonzero(np.isfinite(time) & np.isfinite(values))

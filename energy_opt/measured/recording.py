@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.measured.clock import Activity, activity, best_window, estimate
+from energy_opt.measured.clock import activity, align
 from energy_opt.measured.columns import Rule, plain_rules
 from energy_opt.measured.joints import EPOCH, FEWEST, Joints, read_joints
 from energy_opt.measured.log import LogFile, RunEntry
@@ -20,16 +20,23 @@ from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
 UPTIME = 3600.0  # [s] clocks that begin later count from something else than the recording's begin
+MOVES_ENOUGH = 0.05  # [rad] of some joint, for power to follow
 SLOW = 0.09  # [s] a meter slower than this may show means over its own interval
 
 
 @dataclass
 class Recording:
-    """What came of a [[run]]: its runs, what is wrong with it, and what reading it took."""
+    """What came of a [[run]]: its runs, what is wrong with it, and what reading it took.
+
+    `interval` is that of a slow meter of which nobody says whether it shows means, s, and `mean` the log likelihood by
+    which means fit this run's motion better than the power at the stamps.
+    """
 
     runs: list[Run] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+    interval: float = 0.0
+    mean: float = 0.0
 
 
 def rules_of(log: LogFile, robot: Robot, table: Table) -> dict[str, Rule]:
@@ -138,43 +145,35 @@ def _one_clock(
             stamps, status = readings.time - (first if readings.dated else 0.0) + entry.power_start, "stated"
         elif not same and _overlap(stamps, time) < 0.5:
             stamps = readings.time - first
-    slow = len(stamps) > 20 and float(np.median(np.diff(stamps))) > max(SLOW, 2.5 * float(np.median(np.diff(time))))
-    moving = float(np.ptp(joints.signals["position"], axis=0).max()) > 0.05
-    seek = entry.power_file is not None and entry.power_start is None
-    motion: Activity | None = None
-    if len(stamps) >= 12 and moving and (seek or (slow and log.window is None and readings.kind == "power")):
+    seek = entry.power_file is not None and entry.power_start is None and len(stamps) > 1
+    interval = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+    slow = interval > max(SLOW, 2.5 * float(np.median(np.diff(time)))) and log.window is None
+    infer = slow and readings.kind == "power"
+    windows = [readings.window, np.full(len(stamps), interval)] if infer else [readings.window]
+    overlap = _overlap(stamps, time) if len(stamps) > 1 else 1.0
+    found, which, advantage = None, 0, 0.0
+    if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
         motion = activity(robot, time, joints.signals["position"])
-    window = readings.window
-    if slow and log.window is None and readings.kind == "power" and motion is not None:
-        window = np.full(len(stamps), float(np.median(np.diff(stamps))))
-    if seek and len(stamps):
-        overlap = _overlap(stamps, time)
-        found = estimate(motion, stamps, window, readings.power, overlap >= 0.5) if motion is not None else None
-        if found is None and overlap < 0.5:
-            out.faults.append(
-                f"{log.file(entry.power_file or '')}: its clock runs from {stamps[0]:g} to {stamps[-1]:g} s, the "
-                f"motion's from {time[0]:g} to {time[-1]:g} s: they hardly overlap; both count from the run's time 0, "
-                "unless power_start says where the meter's begins"
-            )
-            return None, status
-        if found is not None:
-            shift = found.moved(stamps[:1])[0] - stamps[0] + float(stamps[0] - readings.time[0])
-            stamps, status = found.moved(stamps), "estimated"
-            drift = f", drifting by {1e6 * found.drift:.0f} ppm" if found.drift else ""
-            out.remarks.append(
-                f"{entry.power_file}: the meter's clock was found by correlation with the motion: its time 0 is at "
-                f"{shift:.3f} s of {entry.file}{drift} (the motion explains {100 * found.explained:.0f} % of the "
-                "readings' variance; power_start states it otherwise)"
-            )
-    if slow and log.window is None and readings.kind == "power" and motion is not None:
-        interval = float(window[0])
-        inferred = best_window(motion, stamps, readings.power, interval)
-        window = np.full(len(stamps), inferred)
-        what = f"means over {inferred:.3g} s" if inferred else "the power at its stamps"
-        out.remarks.append(
-            f"{entry.power_file or entry.file}: a reading every {interval:.3g} s, taken for {what}, which fits the "
-            "motion better ([meter] window states it otherwise)"
+        found, which, advantage = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
+    if found is None and seek and overlap < 0.5:
+        out.faults.append(
+            f"{log.file(entry.power_file or '')}: its clock runs from {stamps[0]:g} to {stamps[-1]:g} s, the "
+            f"motion's from {time[0]:g} to {time[-1]:g} s: they hardly overlap; both count from the run's time 0, "
+            "unless power_start says where the meter's begins"
         )
+        return None, status
+    if found is not None:
+        shift = float(found.moved(stamps[:1])[0] - readings.time[0])
+        stamps, status = found.moved(stamps), "estimated"
+        drift = f", drifting by {1e6 * found.drift:.0f} ppm" if found.drift else ""
+        out.remarks.append(
+            f"{entry.power_file}: the meter's clock was found by correlation with the motion: its time 0 is at "
+            f"{shift:.3f} s of {entry.file}{drift} (the motion explains {100 * found.explained:.0f} % of the "
+            "readings' variance; power_start states it otherwise)"
+        )
+    window = windows[which]
+    if infer:
+        out.interval, out.mean = interval, advantage
     slack = 0.1 * window + 1e-9
     keep = (stamps - window >= time[0] - slack) & (stamps <= time[-1] + 1e-9)
     if readings.kind == "total":

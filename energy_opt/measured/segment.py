@@ -14,6 +14,8 @@ from energy_opt.measured.run import Run
 STILL_SPEED = 0.01  # [rad/s] below this, over `SHORTEST`, the arm stands still
 SHORTEST = 0.25  # [s] a shorter halt does not part two runs
 LONG = 1.5  # [s] a standstill this long is a static run of its own
+MARGIN = 0.15  # [s] of it left to the motions on either side
+FEW_READINGS = 4  # of the meter that a piece has at least
 MOVES = 0.005  # [rad] a piece in which no joint moves further is static
 FEWEST_ROWS = 8  # joint rows a piece has beyond its first
 
@@ -35,15 +37,26 @@ def standstills(time: np.ndarray, position: np.ndarray) -> list[tuple[int, int]]
 
 
 def cut_at_standstill(run: Run) -> list[Run]:
-    """The pieces of a recording; long standstills become static runs, everything else motion runs."""
+    """The pieces of a recording; long standstills become static runs, everything else motion runs.
+
+    No piece is left with fewer readings of the meter than `FEW_READINGS`: a slow meter's recording is cut less often.
+    """
+    begin, end = run.power_time - run.window, run.power_time
+
+    def enough(first: int, last: int, whole: bool = False) -> bool:
+        inside = (end <= run.time[last]) & ((begin if whole else end) >= run.time[first])
+        return not len(end) or int(inside.sum()) >= FEW_READINGS
+
     cuts: list[int] = [0]
+    final = len(run.time) - 1
+    margin = max(1, round(MARGIN / float(np.median(np.diff(run.time)))))
     for first, last in standstills(run.time, run.position):
-        if run.time[last] - run.time[first] >= LONG:
-            margin = max(1, round(0.15 / float(np.median(np.diff(run.time)))))
-            cuts += [first + margin, last - margin]
-        else:
-            cuts.append((first + last) // 2)
-    cuts = sorted({*cuts, len(run.time) - 1})
+        low, high, middle = first + margin, last - margin, (first + last) // 2
+        if run.time[last] - run.time[first] >= LONG and enough(low, high, whole=True):
+            cuts += [low, high] if first == 0 or enough(cuts[-1], low) else [high]
+        elif enough(cuts[-1], middle) and enough(middle, final):
+            cuts.append(middle)
+    cuts = sorted({*cuts, final})
     return pieces(run, [(a, b) for a, b in pairwise(cuts) if b - a >= FEWEST_ROWS])
 
 

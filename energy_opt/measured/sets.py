@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.measured.log import LogFile, read_log
 from energy_opt.measured.presets import PAYLOAD
-from energy_opt.measured.recording import read_recording
+from energy_opt.measured.recording import Recording, read_recording
 from energy_opt.measured.run import MeasuredSet, Run
 from energy_opt.measured.table import Table
 from energy_opt.robot import PointMass, Robot, load_robot
@@ -79,18 +80,33 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
         for key in log.rules
         if key.rpartition(".")[0] not in (*robot.joints, "", "power")
     ]
-    runs: list[Run] = []
-    remarks: list[str] = []
+    found = _recordings(log, robot, faults)
+    if log.window is None and any(one.interval for one in found):
+        # What a slow meter shows is the meter's, not a run's: all runs decide together.
+        interval = float(np.median([one.interval for one in found if one.interval]))
+        mean = sum(one.mean for one in found) >= 0
+        faults = [fault for fault in faults if fault.startswith(f"{log.path}: columns.")]
+        found = _recordings(dataclasses.replace(log, window=interval if mean else 0.0), robot, faults)
+        shows = f"means over {interval:.3g} s" if mean else "the power at its stamps"
+        found[0].remarks.append(
+            f"meter: a reading every {interval:.3g} s, taken for {shows}, which fits the motion better "
+            "([meter] window states it otherwise)"
+        )
+    faults += [fault for one in found for fault in one.faults]
+    runs = [run for one in found for run in one.runs]
+    return runs, list(dict.fromkeys(faults)), [remark for one in found for remark in one.remarks]
+
+
+def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording]:
+    """Every [[run]] read; what cannot be read at all goes to `faults`."""
+    out = []
     clock = 0.0
     for entry in log.runs:
         try:
-            found = read_recording(log, entry, robot, clock)
+            out.append(read_recording(log, entry, robot, clock))
         except BadInput as error:
             faults.append(str(error))
             continue
-        faults += found.faults
-        remarks += found.remarks
-        if found.runs:
-            runs += found.runs
-            clock = found.runs[-1].start + float(found.runs[-1].time[-1])
-    return runs, list(dict.fromkeys(faults)), remarks
+        if out[-1].runs:
+            clock = out[-1].runs[-1].start + float(out[-1].runs[-1].time[-1])
+    return out

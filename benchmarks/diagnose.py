@@ -29,7 +29,7 @@ from energy_opt.diagnose import diagnose
 from energy_opt.diagnose.errors import errors
 from energy_opt.diagnose.fit import fit
 from energy_opt.diagnose.samples import take_samples
-from energy_opt.diagnose.terms import Term, chart, to_chart
+from energy_opt.diagnose.terms import Term, chart
 from energy_opt.effects import ALL_EFFECTS, Effect
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
@@ -148,7 +148,7 @@ def _ratio(made: MadeSet, model: PowerModel, folder: Path, train: list[str]) -> 
         joints = tuple(int(j) for j in np.flatnonzero(effect.full(n)[:n])) if spring else None
         term = Term(effect.name, "joint" if per_joint else "number", options, joints)
         c = chart(term, made.declared, n)
-        x = to_chart(effect.name, effect.full(n), n)
+        x = effect.to_chart(effect.full(n), n)
         terms.append(term)
         starts.append(np.linalg.lstsq(c.matrix, x - c.base, rcond=None)[0])
     knowing = fit(fitted, made.declared, terms, starts)

@@ -6,9 +6,10 @@ import csv
 import json
 import math
 import os
+import re
 import tempfile
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,11 @@ import tomli_w
 import yaml
 
 from energy_opt.errors import BadInput
+
+LARGEST_TEXT = 10**9  # bytes of a file that is read whole: an hour of a log at 1 kHz has a third of it
+LARGEST_DOCUMENT = 32 * 10**6  # bytes of a TOML, JSON or YAML document
+DEEPEST = 64  # levels of a document; messages of the field have fewer than ten
+MOST_NODES = 2 * 10**6  # values of a YAML document, aliases written out
 
 
 @contextmanager
@@ -89,10 +95,30 @@ def write_table(path: Path, header: Sequence[str], columns: Sequence[np.ndarray]
             stream.write(",".join(map(repr, row)) + "\n")
 
 
-def read_text(path: Path) -> str:
-    """The text of a file; BadInput where there is none."""
+def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:
+    """The path of a file that a document in `folder` names.
+
+    Raises:
+        BadInput: it lies outside of the folder, links followed, and `allow_outside` is False.
+    """
+    path = Path(folder) / name
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
+        kept = allow_outside or path.resolve().is_relative_to(Path(folder).resolve())
+    except (OSError, ValueError, RuntimeError):  # NUL bytes, circles of links, names too long
+        kept = False
+    if not kept:
+        raise BadInput(f"{name!r} lies outside of {folder}; put it there, or add --allow-outside")
+    return path
+
+
+def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
+    """The text of a file of at most `most` bytes; BadInput where there is none, or more."""
+    try:
+        with Path(path).open("rb") as stream:
+            data = stream.read(most + 1)
+        if len(data) > most:
+            raise BadInput(f"{path}: larger than {most / 1e6:g} MB, the most that such a file may hold")
+        return data.decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
         raise BadInput(f"{path}: {reason}") from None
@@ -101,25 +127,98 @@ def read_text(path: Path) -> str:
 def read_toml(path: Path) -> dict[str, Any]:
     """A TOML document; BadInput with line and column where it is malformed."""
     try:
-        return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise BadInput(f"{path}: not valid TOML: {error}") from None
+        return tomllib.loads(read_text(path, LARGEST_DOCUMENT))
+    except (ValueError, RecursionError) as error:  # of numbers with thousands of digits, too
+        raise BadInput(f"{path}: not valid TOML: {_reason(error)}") from None
+
+
+def read_json(path: Path) -> Any:
+    """A JSON document; BadInput with the position where it is malformed, or nested too deeply."""
+    try:
+        document = json.loads(read_text(path, LARGEST_DOCUMENT))
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"{path}: not valid JSON: {_reason(error)}") from None
+    level = [document]
+    for _ in range(DEEPEST):
+        level = [x for item in level for x in (item.values() if isinstance(item, dict) else item)]
+        level = [x for x in level if isinstance(x, (dict, list))]
+        if not level:
+            return document
+    raise BadInput(f"{path}: nested more than {DEEPEST} levels deep")
+
+
+def _reason(error: Exception) -> str:
+    """What a parser said, in one line."""
+    return "nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML with the angle tags of ROS parameter files (`!degrees 360.0`)."""
+    """YAML with the angle tags of ROS parameter files (`!degrees 360.0`), bounded in depth and in size.
+
+    Size counts what a document comes to with every alias replaced by what it stands for, so that a few lines of
+    aliases of aliases do not become billions of values.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth, self._total = 0, 0
+        self._sizes: dict[int, int] = {}
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """A node as PyYAML composes it; a YAMLError where a bound is passed."""
+        alias = self.check_event(yaml.AliasEvent)
+        before, self._depth = self._total, self._depth + 1
+        if self._depth > DEEPEST:
+            raise yaml.YAMLError(f"nested more than {DEEPEST} levels deep")
+        node = super().compose_node(parent, index)
+        if alias and id(node) not in self._sizes:
+            raise yaml.YAMLError("an alias stands inside of what it refers to")
+        self._total += self._sizes[id(node)] if alias else 1
+        if self._total > MOST_NODES:
+            raise yaml.YAMLError(f"more than {MOST_NODES} values, aliases written out")
+        self._depth -= 1
+        if not alias:
+            self._sizes[id(node)] = self._total - before
+        return node
 
 
-_Loader.add_constructor("!degrees", lambda loader, node: math.radians(float(str(node.value))))
-_Loader.add_constructor("!radians", lambda loader, node: float(str(node.value)))
+class _FastLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # none without libyaml
+    """The same by libyaml: five times as fast, without bounds, and deep nesting overruns its stack: see `_tame`."""
+
+
+for _loader in (_Loader, _FastLoader):
+    _loader.add_constructor("!degrees", lambda loader, node: math.radians(float(str(node.value))))
+    _loader.add_constructor("!radians", lambda loader, node: float(str(node.value)))
+
+
+def _tame(text: str) -> bool:
+    """Whether a YAML text surely has no alias and nests less than `DEEPEST` levels, by indents, dashes and brackets."""
+    if "*" in text or any(len(indent[0]) >= DEEPEST for indent in re.finditer(r"^[ \t?-]*", text, re.MULTILINE)):
+        return False
+    depth = 0
+    for bracket in re.finditer(r"[\[{}\]]", text):
+        depth = depth + 1 if bracket[0] in "[{" else max(depth - 1, 0)
+        if depth >= DEEPEST:
+            return False
+    return True
 
 
 def read_yaml(path: Path) -> Any:
-    """A YAML document; BadInput with the position where it is malformed."""
+    """A YAML document; BadInput with the position where it is malformed, or too large or deep."""
+    return _yaml(path, read_text(path, LARGEST_DOCUMENT), yaml.load)
+
+
+def read_yaml_documents(path: Path) -> list[Any]:
+    """All documents of a YAML file, which `---` separates; empty ones are left out."""
+    found = _yaml(path, read_text(path, LARGEST_DOCUMENT), lambda text, Loader: list(yaml.load_all(text, Loader)))
+    return [document for document in found if document is not None]
+
+
+def _yaml(path: Path, text: str, load: Callable[..., Any]) -> Any:
     try:
-        return yaml.load(read_text(path), Loader=_Loader)
-    except (yaml.YAMLError, ValueError) as error:
-        raise BadInput(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+        return load(text, Loader=_FastLoader if _tame(text) else _Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise BadInput(f"{path}: not valid YAML: {_reason(error)}") from None
 
 
 def read_table(path: Path) -> dict[str, np.ndarray]:
@@ -128,7 +227,10 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     Raises:
         BadInput: names the file, the row (the header is row 1) and the column at fault.
     """
-    rows = list(csv.reader(read_text(path).splitlines()))
+    try:
+        rows = list(csv.reader(read_text(path).splitlines()))
+    except csv.Error as error:
+        raise BadInput(f"{path}: not a table: {error}") from None
     if not rows or not any(cell.strip() for cell in rows[0]):
         raise BadInput(f"{path}: row 1: no header; expected column names such as time, <joint>.position")
     header = [cell.strip() for cell in rows[0]]

@@ -89,3 +89,13 @@ def test_one_writer(tmp_path):
         Journal(tmp_path, HEADER, resume=True),
     ):
         pass
+
+
+def test_results_of_another_suite_are_not_overwritten(tmp_path):
+    with Journal(tmp_path, {"suite": "a"}, resume=False) as journal:
+        journal.append({"key": "k", "row": {}})
+    (tmp_path / "summary.json").write_text('{"complete": true}')
+    with pytest.raises(BadInput, match=r"suite 'a'.*--force"):
+        Journal(tmp_path, {"suite": "b"}, resume=False)
+    with Journal(tmp_path, {"suite": "b"}, resume=False, force=True) as journal:
+        assert journal.records == []

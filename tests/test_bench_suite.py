@@ -187,3 +187,17 @@ def test_source_paper_suite_gives_the_paper_s_energies():
         method = int(task.model[-1])
         energy = Scorer(robot, task.power()).energy(trajectory).total
         assert energy == pytest.approx(TABLE[task.move][duration][method - 1], rel=1e-3 if method == 1 else 1e-2)
+
+
+@pytest.mark.parametrize("name", ["x/../../evil", "..", ".hidden", "a\\u0000b", "", "a" * 300])
+def test_a_name_that_is_no_folder_is_refused(tmp_path, name):
+    path = written(tmp_path, HEAD + f'random = {{ count = 1 }}\nname = "{name}"\n')
+    assert any("name" in fault for fault in check_suite(path))
+
+
+def test_files_stay_beside_the_suite_unless_allowed(tmp_path):
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "secret.toml").write_text('format = "energy-opt/model/1"\n[[effect]]\nname = "standby"\npower = 1.0\n')
+    path = written(tmp_path / "inner", HEAD + 'random = { count = 1 }\nmodels = ["../secret.toml"]\n')
+    assert any("outside" in fault for fault in check_suite(path))
+    assert load_suite(path, allow_outside=True).tasks

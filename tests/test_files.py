@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_table, read_yaml, replacing, to_json, write_table, write_text
+from energy_opt.files import read_json, read_table, read_toml, read_yaml, replacing, to_json, write_table, write_text
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
@@ -98,3 +98,39 @@ def test_yaml_angles(tmp_path: Path) -> None:
     path.write_text("a: !!python/object/apply:os.getcwd []\n")  # nothing is ever run
     with pytest.raises(BadInput, match="not valid YAML"):
         read_yaml(path)
+
+
+BOMB = "a: &a [1,1,1,1,1,1,1,1,1,1]\n" + "".join(
+    f"{new}: &{new} [{', '.join([f'*{old}'] * 10)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("x.yaml", BOMB, "aliases written out"),
+        ("x.yaml", "a: &a [1, *a]\n", "inside of what it refers to"),
+        ("x.yaml", "[" * 20000, "nested more than 64 levels"),
+        ("x.yaml", f"a: {'9' * 5000}", "not valid YAML"),
+        ("x.yaml", "a: 1\n" * 7_000_000, "larger than 32 MB"),
+        ("x.json", "[" * 20000 + "]" * 20000, "nested"),
+        ("x.json", '{"a":' * 100 + "1" + "}" * 100, "nested more than 64 levels"),
+        ("x.json", "9" * 5000, "not valid JSON"),
+        ("x.toml", f"a = {'9' * 5000}", "not valid TOML"),
+        ("x.toml", "a = " + "[" * 20000, "not valid TOML"),
+        ("x.csv", "time,a\n0," + "1" * 200_000, "not a table"),
+    ],
+)
+def test_files_that_would_not_end_are_refused(tmp_path: Path, name: str, text: str, says: str) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    reader = {"x.yaml": read_yaml, "x.json": read_json, "x.toml": read_toml, "x.csv": read_table}[name]
+    with pytest.raises(BadInput, match=says) as caught:
+        reader(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_aliases_of_reasonable_size_are_read(tmp_path: Path) -> None:
+    """As libraries dump lists that several points share."""
+    (tmp_path / "x.yaml").write_text("- &id001 [0.0, 0.0]\n- *id001\n- *id001\n")
+    assert read_yaml(tmp_path / "x.yaml") == [[0.0, 0.0]] * 3

@@ -22,8 +22,8 @@ from energy_opt.effects import (
     SupplyEfficiency,
     ViscousFriction,
 )
+from energy_opt.formats import read_trajectory, table
 from energy_opt.measured import read_set
-from energy_opt.motion.trajectory import read_trajectory
 from energy_opt.next_motion import propose, rivals_of
 from energy_opt.next_motion.contrast import contrast_functions, contrast_parameters
 from energy_opt.next_motion.legs import PAUSE
@@ -121,7 +121,7 @@ def test_it_tells_more_than_the_straight_motion_that_it_began_with(proposed):
 
 def test_limits_hold_in_the_file(proposed, ur5, tmp_path):
     _, motion = proposed
-    motion.trajectory.write_csv(tmp_path / "next_motion.csv")
+    table.write(motion.trajectory, tmp_path / "next_motion.csv")
     read = read_trajectory(tmp_path / "next_motion.csv", ur5.joints)
     q, v, a, _ = read.sample(read.denser(7))
     limits = ur5.limits

@@ -1,13 +1,9 @@
-"""Paths: what they pass through, how smooth they are, and how they are read."""
-
-from pathlib import Path
+"""Paths: what they pass through, how smooth they are."""
 
 import numpy as np
 import pytest
 
-from energy_opt.errors import BadInput
-from energy_opt.files import write_table
-from energy_opt.motion.path import JointPath, of_trajectory, read_path, straight, through
+from energy_opt.motion.path import JointPath, of_trajectory, straight, through
 from energy_opt.motion.timing.law import Timing, greville
 from energy_opt.motion.trajectory import Trajectory
 
@@ -89,25 +85,3 @@ def test_standing_still_on_the_way_leaves_no_trace() -> None:
     waiting = Trajectory(moving.joints, time, padded(moving.position), padded(moving.velocity), padded(a))
     s = np.linspace(0, 1, 50)
     assert of_trajectory(waiting)(s) == pytest.approx(of_trajectory(moving)(s), abs=1e-3)
-
-
-def test_waypoints_and_trajectories_are_read(tmp_path: Path) -> None:
-    file = tmp_path / "waypoints.csv"
-    write_table(file, ["b.position", "a.position"], [WAYPOINTS[:, 1], WAYPOINTS[:, 0]])
-    path = read_path(file, ("a", "b"))
-    assert path(path.knots) == pytest.approx(WAYPOINTS)
-    assert path.source is None
-
-    trajectory = timed(0.0, 0.0)
-    trajectory.write_csv(tmp_path / "trajectory.csv")
-    path = read_path(tmp_path / "trajectory.csv", ("a", "b"))
-    assert path.source is not None and path.source.duration == pytest.approx(trajectory.duration)
-
-
-def test_a_missing_joint_is_named(tmp_path: Path) -> None:
-    file = tmp_path / "waypoints.csv"
-    write_table(file, ["a.position"], [np.array([0.0, 1.0])])
-    with pytest.raises(BadInput, match=r"b\.position is missing"):
-        read_path(file, ("a", "b"))
-    with pytest.raises(BadInput, match=r"no column x\.position"):
-        read_path(file, ("x",))

@@ -1,20 +1,17 @@
-"""Trajectories: the curve between rows, files, and the energy of a motion."""
+"""Trajectories: the curve between rows, and the energy of a motion."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from energy_opt.effects import BY_NAME
-from energy_opt.errors import BadInput
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.trajectory import Trajectory, read_trajectory
+from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
-from energy_opt.robot import load_robot
+from energy_opt.robot import PointMass, load_robot
 
 JOINTS = ("a", "b")
 
@@ -59,52 +56,6 @@ def test_slowing_keeps_the_path() -> None:
     np.testing.assert_allclose(q2, q, atol=1e-12)
     np.testing.assert_allclose(v2 * 2.5, v, atol=1e-11)
     np.testing.assert_allclose(a2 * 2.5**2, a, atol=1e-9)
-
-
-def test_csv_round_trip_matches_joints_by_name(tmp_path: Path) -> None:
-    curve = wave(9)
-    curve.write_csv(tmp_path / "t.csv")
-    again = read_trajectory(tmp_path / "t.csv", ("b", "a"))
-    np.testing.assert_array_equal(again.position[:, 0], curve.position[:, 1])
-    np.testing.assert_array_equal(again.acceleration[:, 1], curve.acceleration[:, 0])
-
-
-def test_positions_alone_are_enough(tmp_path: Path) -> None:
-    t = np.linspace(0, 1, 101)
-    lines = ["time,a.position,b.position", *(f"{x!r},{float(np.sin(x))!r},{x!r}" for x in t.tolist())]
-    (tmp_path / "t.csv").write_text("\n".join(lines))
-    curve = read_trajectory(tmp_path / "t.csv", JOINTS)
-    np.testing.assert_allclose(curve.velocity[:, 0], np.cos(t), atol=1e-5)
-    np.testing.assert_allclose(curve.acceleration[:, 0], -np.sin(t), atol=1e-2)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("a.position,b.position\n0,0\n1,1\n", "no column time"),
-        ("time,a.position\n0,0\n1,1\n", "column b.position is missing, though a.position is there"),
-        ("time,x\n0,0\n1,1\n", "no column a.position; joints are a, b"),
-        ("time,a.position,b.position\n0,0,0\n1,1,1\n1,2,2\n", "row 4, column time: 1 does not come after 1"),
-        ("time,a.position,b.position\n0,0,0\n", "one row"),
-    ],
-)
-def test_faulty_trajectories(tmp_path: Path, text: str, says: str) -> None:
-    (tmp_path / "t.csv").write_text(text)
-    with pytest.raises(BadInput) as caught:
-        read_trajectory(tmp_path / "t.csv", JOINTS)
-    assert says in str(caught.value)
-
-
-def test_message_is_a_joint_trajectory(tmp_path: Path) -> None:
-    curve = wave(4)
-    curve.write_yaml(tmp_path / "t.yaml")
-    message = yaml.safe_load((tmp_path / "t.yaml").read_text())
-    assert message["joint_names"] == ["a", "b"] and len(message["points"]) == 4
-    last = message["points"][-1]
-    assert last["positions"] == curve.position[-1].tolist() and last["velocities"] == curve.velocity[-1].tolist()
-    stamp = last["time_from_start"]
-    assert stamp["sec"] + stamp["nanosec"] * 1e-9 == pytest.approx(curve.duration, abs=1e-9)
-    assert 0 <= stamp["nanosec"] < 10**9
 
 
 def swing(name: str, seconds: float = 1.5) -> Trajectory:
@@ -181,13 +132,28 @@ def test_turning_gravity_and_robot_together_changes_nothing(name: str) -> None:
     assert Scorer(robot, model).energy(turned).total == pytest.approx(upright.total, rel=1e-12)
 
 
-def test_rows_carry_torque_and_power(tmp_path: Path) -> None:
-    robot, motion = load_robot("z1"), swing("z1")
-    filled = Scorer(robot, source_method_2("z1")).filled(motion)
-    filled.write_csv(tmp_path / "t.csv")
-    header = (tmp_path / "t.csv").read_text().splitlines()[0].split(",")
-    kinds = ("position", "velocity", "acceleration", "effort")
-    assert header == ["time", *(f"{joint}.{kind}" for kind in kinds for joint in robot.joints), "power"]
-    np.testing.assert_allclose(
-        filled.effort, robot.body.torque(motion.position, motion.velocity, motion.acceleration), rtol=1e-12
-    )
+def test_the_dense_grid_is_the_curve_itself():
+    """What is sampled for all rows at once is what is sampled place by place; its integral is Gauss'."""
+    motion, robot = swing("panda"), load_robot("panda")
+    scorer = Scorer(robot, source_method_2())
+    for factor in (2, 10):
+        dense, time = scorer.dense(motion, factor), motion.denser(factor)
+        for here, there in zip((dense.q, dense.v, dense.a, dense.jerk), motion.sample(time), strict=True):
+            assert np.abs(here - there).max() <= 1e-9 * (1 + np.abs(there).max())
+        tau, power, _ = scorer.drive(*motion.sample(time)[:3], time - time[0])
+        assert np.allclose(dense.effort, tau, atol=1e-9) and np.allclose(dense.power, power, atol=1e-7)
+    x, w = np.polynomial.legendre.leggauss(4)
+    step = np.diff(motion.time)
+    time = (motion.time[:-1, None] + step[:, None] * (x + 1) / 2).ravel()
+    power = scorer.drive(*motion.sample(time)[:3], time - time[0])[1]
+    assert scorer.energy(motion).total == pytest.approx((step[:, None] * w / 2).ravel() @ power, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_inverse_dynamics_of_many_states_is_that_of_each(name):
+    body, rng = load_robot(name).body, np.random.default_rng(1)
+    q, v, a = rng.normal(size=(3, 200, body.n))
+    load = PointMass(1.5, np.array([0.0, 0.02, 0.1]))
+    for payload, gravity in ((None, None), (load, np.array([1.0, 0.0, -9.0]))):
+        each = np.vstack([body.torque(*state, payload, gravity) for state in zip(q, v, a, strict=True)])
+        assert np.array_equal(body.torque(q, v, a, payload, gravity), each)

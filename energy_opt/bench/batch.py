@@ -34,6 +34,7 @@ def run_batch(
     *,
     jobs: int = 1,
     resume: bool = False,
+    force: bool = False,
     scheduler: str | None = None,
     quiet: bool = True,
     solve: Solver = solve_task,
@@ -45,17 +46,19 @@ def run_batch(
     Args:
         jobs: processes on this machine; ignored with `scheduler`.
         resume: go on from what an earlier run left in `out`.
+        force: overwrite the finished results of another suite.
         scheduler: address of a Dask cluster that computes instead.
         solve: what workers do with a task; must be importable there.
 
     Raises:
-        BadInput: `out` holds an unfinished batch and `resume` is False, or the scheduler does not answer.
+        BadInput: `out` holds an unfinished batch and `resume` is False, or another suite's results and `force` is
+            False, or the scheduler does not answer.
     """
     from energy_opt.bench.report import write_report
 
     wanted = {task.key: task for task in suite.tasks}
     header = {"suite": suite.name, "digest": suite.digest}
-    with Journal(out, header, resume=resume) as journal:
+    with Journal(out, header, resume=resume, force=force) as journal:
         records: dict[str, Record] = {}
         for record in journal.records:
             if record["key"] in wanted:

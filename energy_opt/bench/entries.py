@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from energy_opt.bench.task import MODES, OBJECTIVES, RobotSource, Timing
 from energy_opt.errors import BadInput
-from energy_opt.files import read_text
+from energy_opt.files import inside, read_text
 from energy_opt.power import PowerModel, load_model, source_method_1, source_method_2
 from energy_opt.robot import Robot, known_robots
 
@@ -66,7 +66,20 @@ class Group:
     settings: tuple[tuple[str, Any], ...]
 
 
-def read_group(table: Mapping[str, Any], folder: Path, faults: Faults) -> Group:
+@dataclass(frozen=True)
+class Files:
+    """Where a suite's files may lie: in its folder, or anywhere where that was allowed or an option named the file."""
+
+    folder: Path
+    allow_outside: bool = False
+    options: frozenset[str] = frozenset()
+
+    def path(self, name: str, key: str) -> Path:
+        """The path of a file that the entry `key` names."""
+        return inside(self.folder, name, self.allow_outside or key in self.options)
+
+
+def read_group(table: Mapping[str, Any], files: Files, faults: Faults) -> Group:
     """Check a table; what is faulty is named in `faults` and left out."""
     values = {key: _as_list(table.get(key, default)) for key, default in LISTS.items()}
     if "robots" not in table:
@@ -74,16 +87,16 @@ def read_group(table: Mapping[str, Any], folder: Path, faults: Faults) -> Group:
     for key, value in values.items():
         if key in table and not value:
             faults.add(key, "is empty")
-    limits = _file(table["limits"], "limits", folder, faults) if "limits" in table else None
+    limits = _file(table["limits"], "limits", files, faults) if "limits" in table else None
     lock = _lock(table.get("lock", {}), faults)
     return Group(
-        robots=[r for item in values["robots"] if (r := _robot(item, limits, lock, folder, faults))],
+        robots=[r for item in values["robots"] if (r := _robot(item, limits, lock, files, faults))],
         moves=_moves(table.get("moves", []), faults),
         random=_random(table.get("random", []), faults),
         modes=[mode for mode in MODES if mode in _words(values["modes"], "modes", MODES, faults)],
         timings=_timings(values["durations"], "durations", faults),
         payloads=[p for item in values["payloads"] if (p := _payload(item, faults)) is not None] or [()],
-        models=[m for item in values["models"] if (m := _model(item, folder, faults))],
+        models=[m for item in values["models"] if (m := _model(item, files, faults))],
         objectives=_words(values["objectives"], "objectives", OBJECTIVES, faults),
         settings=_settings(table.get("settings", {}), faults),
     )
@@ -93,11 +106,14 @@ def _as_list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def _file(name: Any, key: str, folder: Path, faults: Faults) -> Path | None:
-    if not isinstance(name, str) or not (folder / name).is_file():
-        faults.add(key, f"{name!r} is not a file beside the suite")
+def _file(name: Any, key: str, files: Files, faults: Faults) -> Path | None:
+    try:
+        if not isinstance(name, str) or not files.path(name, key).is_file():
+            raise BadInput(f"{name!r} is not a file beside the suite")
+        return files.path(name, key)
+    except BadInput as error:
+        faults.add(key, str(error))
         return None
-    return folder / name
 
 
 def _words(values: list[Any], key: str, known: tuple[str, ...], faults: Faults) -> list[str]:
@@ -118,14 +134,14 @@ def _timings(values: list[Any], key: str, faults: Faults) -> list[Timing]:
 
 
 def _robot(
-    name: Any, limits: Path | None, lock: tuple[tuple[str, float], ...], folder: Path, faults: Faults
+    name: Any, limits: Path | None, lock: tuple[tuple[str, float], ...], files: Files, faults: Faults
 ) -> tuple[RobotSource, Robot] | None:
     try:
         text = None if limits is None else read_text(limits)
         if name in known_robots():
             source = RobotSource(name, None, text, lock)
-        elif isinstance(name, str) and (folder / name).is_file():
-            source = RobotSource(Path(name).stem, read_text(folder / name), text, lock)
+        elif isinstance(name, str) and files.path(name, "robots").is_file():
+            source = RobotSource(Path(name).stem, read_text(files.path(name, "robots")), text, lock)
         else:
             raise BadInput(f"{name!r} is neither a file beside the suite nor one of {', '.join(known_robots())}")
         return source, source.load()
@@ -158,12 +174,12 @@ def _payload(value: Any, faults: Faults) -> tuple[float, ...] | None:
     return numbers if len(numbers) == 4 else (numbers[0], 0.0, 0.0, 0.0)
 
 
-def _model(name: Any, folder: Path, faults: Faults) -> tuple[str, PowerModel] | None:
+def _model(name: Any, files: Files, faults: Faults) -> tuple[str, PowerModel] | None:
     try:
         if isinstance(name, str) and name in SOURCE_MODELS:
             return name, SOURCE_MODELS[name]()
-        if isinstance(name, str) and (folder / name).is_file():
-            return Path(name).name if Path(name).is_absolute() else name, load_model(folder / name)
+        if isinstance(name, str) and files.path(name, "models").is_file():
+            return Path(name).name if Path(name).is_absolute() else name, load_model(files.path(name, "models"))
         raise BadInput(f"{name!r} is neither a model file beside the suite nor one of {', '.join(SOURCE_MODELS)}")
     except BadInput as error:
         faults.add("models", str(error))

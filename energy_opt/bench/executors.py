@@ -14,7 +14,8 @@ from multiprocessing.connection import wait
 
 from energy_opt.errors import BadInput, EnergyOptError
 
-_SINGLE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+# For workers: one thread for linear algebra, and no code from the current folder (a `selectors.py` that lies there).
+_FOR_WORKERS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "PYTHONSAFEPATH")
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def _follow_parent() -> None:
 @contextmanager
 def local(jobs: int) -> Iterator[Place]:
     """`jobs` processes of this machine, each with one thread for linear algebra; killed when left by an exception."""
-    before = {name: os.environ.get(name) for name in _SINGLE}
+    before = {name: os.environ.get(name) for name in _FOR_WORKERS}
     others = set(multiprocessing.active_children())
     os.environ.update({name: value or "1" for name, value in before.items()})
     context = multiprocessing.get_context("spawn")

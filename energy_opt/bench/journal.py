@@ -55,11 +55,12 @@ def finished(folder: Path) -> bool:
 class Journal:
     """An open journal; only one process can hold it."""
 
-    def __init__(self, folder: Path, header: Mapping[str, Any], *, resume: bool) -> None:
+    def __init__(self, folder: Path, header: Mapping[str, Any], *, resume: bool, force: bool = False) -> None:
         """Open `folder`/results.jsonl; a new one unless `resume`.
 
         Raises:
-            BadInput: another process writes there, or an unfinished batch lies there and `resume` is False.
+            BadInput: another process writes there, or an unfinished batch lies there and `resume` is False, or the
+                results of another suite and `force` is False.
         """
         self.path = Path(folder) / NAME
         try:
@@ -73,13 +74,18 @@ class Journal:
             self._stream.close()
             raise BadInput(f"{self.path}: another batch is writing there; choose another --out") from None
         try:
-            self.records = self._kept(header, resume)
+            self.records = self._kept(header, resume, force)
         except BaseException:
             self._stream.close()
             raise
 
-    def _kept(self, header: Mapping[str, Any], resume: bool) -> list[Record]:
+    def _kept(self, header: Mapping[str, Any], resume: bool, force: bool) -> list[Record]:
         old, records, whole = read_journal(self.path)
+        if records and not force and old.get("suite") != header.get("suite"):
+            raise BadInput(
+                f"{self.path}: holds {len(records)} results of the suite {old.get('suite')!r}; "
+                "choose another --out, or add --force to overwrite them"
+            )
         if records and not resume and not finished(self.path.parent):
             raise BadInput(
                 f"{self.path}: holds {len(records)} results of an unfinished batch; "

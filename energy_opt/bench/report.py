@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.bench.rows import IDENTITY, Row
 from energy_opt.bench.summary import grouped
-from energy_opt.reports import plots
+from energy_opt.reports.charts import Chart
 from energy_opt.reports.page import Report
 
 NAMED = IDENTITY[1:]  # the suite stands in the title
@@ -77,14 +77,15 @@ def _savings(report: Report, savings: Sequence[dict[str, Any]], rows: Sequence[R
             for row in savings
         ],
     )
-    panels: dict[str, dict[str, np.ndarray]] = {}
+    charts = []
     for label, column in (("loss saved [%]", "saving_loss_percent"), ("solve time [s]", "solve_seconds")):
+        spread = {}
         for key, group in grouped(rows, ("robot", "mode", "objective")).items():
             data = np.array([row[column] for row in group if row[column] is not None])
             if data.size:
-                panels.setdefault(label, {})[" ".join(key)] = data
-    if panels:
-        report.picture(plots.png(plots.plot_spread(panels)), "Each point is a move; the bar marks the median.")
+                spread[" ".join(key)] = data
+        charts.append(Chart(f"{label.capitalize()}: each point is a move", label, "", spread=spread))
+    report.charts(*charts)
 
 
 def _certificates(report: Report, certificates: dict[str, Any]) -> None:

@@ -26,20 +26,23 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.bench.entries import NAMES, Faults, Group, read_group
+from energy_opt.bench.entries import NAMES, Faults, Files, Group, read_group
 from energy_opt.bench.moves import NamedMove, joint_values, random_moves
 from energy_opt.bench.task import Task, Timing
+from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput
 from energy_opt.files import read_toml, to_json
 from energy_opt.robot import Robot
 
 FORMAT = "energy-opt/suite/1"
+NAME = re.compile(r"[^\W_][\w .+-]*")  # it becomes a folder's name
 COMPILE_FROM = 20  # tasks on one built problem from which a compiler pays for itself
 
 
@@ -58,19 +61,25 @@ class Suite:
 
 
 def load_suite(
-    path: Path, *, overrides: Mapping[str, Any] | None = None, seed: int | None = None, compile: str = "auto"
+    path: Path,
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    compile: str = "auto",
+    allow_outside: bool = False,
 ) -> Suite:
     """Read a suite and resolve robots, models and moves.
 
     Args:
-        overrides: entries that take the place of every table's own (file names relative to the suite, or absolute).
+        overrides: entries that take the place of every table's own; their files may lie anywhere.
+        allow_outside: the suite's own files may lie outside its folder.
         seed: takes the place of the seeds of random moves and of the solver's starts.
         compile: "always", "never", or "auto": compiled where enough moves share a built problem and a compiler exists.
 
     Raises:
         BadInput: names every fault of the file, one a line.
     """
-    suite, faults = _read(Path(path), overrides or {}, seed)
+    suite, faults = _read(Path(path), overrides or {}, seed, allow_outside)
     if faults:
         raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
     return replace(suite, tasks=tuple(_with_compile(suite.tasks, compile)))
@@ -79,19 +88,19 @@ def load_suite(
 def check_suite(path: Path) -> list[str]:
     """Every fault of a suite file, one line each; empty where it is usable."""
     try:
-        return [f"{path}: {fault}" for fault in _read(Path(path), {}, None)[1]]
+        return [f"{path}: {fault}" for fault in _read(Path(path), {}, None, False)[1]]
     except BadInput as error:
         return str(error).splitlines()
 
 
-def _read(path: Path, overrides: Mapping[str, Any], seed: int | None) -> tuple[Suite, list[str]]:
+def _read(path: Path, overrides: Mapping[str, Any], seed: int | None, allow_outside: bool) -> tuple[Suite, list[str]]:
     document = read_toml(path)
     faults = Faults()
     if document.get("format") != FORMAT:
         faults.add("format", f"{document.get('format')!r}; expected {FORMAT!r}")
     name = document.get("name", path.stem)
-    if not isinstance(name, str) or not name:
-        faults.add("name", f"{name!r} is not a name")
+    if not isinstance(name, str) or not NAME.fullmatch(name) or len(name) > 100:
+        faults.add("name", f"{name!r}; expected letters, digits, spaces and . _ + - (it names a folder)")
     top = {key: value for key, value in document.items() if key not in ("format", "name", "groups")}
     _unknown(top, "", faults)
     groups = document.get("groups", [])
@@ -104,7 +113,7 @@ def _read(path: Path, overrides: Mapping[str, Any], seed: int | None) -> tuple[S
     tasks: list[Task] = []
     for where, table in tables:
         table = _seeded({**table, **overrides}, seed)
-        group = read_group(table, path.parent, faults.within(where))
+        group = read_group(table, Files(path.parent, allow_outside, frozenset(overrides)), faults.within(where))
         tasks += _product(str(name), group, len(tasks), faults.within(where))
     if not faults and not tasks:
         faults.add("moves", "none; give [[moves]] with start and goal, or random = { count, seed, range }")
@@ -168,6 +177,7 @@ def _product(suite: str, group: Group, at: int, faults: Faults) -> Iterator[Task
                                     content,
                                     objective,
                                     group.settings,
+                                    loaded_sources(),
                                 )
                                 at += 1
 

@@ -23,6 +23,7 @@ SIZES: Mapping[Kind, tuple[str, ...]] = {
     "plane": (),
     "mesh": (),
 }
+TOOL = "<tool>"  # stands for the tool's frame, where a link is named
 FLOOR = "floor"  # the name of the object that stands for `Scene.floor`
 ON_PLANE = 1e-6  # [m] a base nearer to a plane than this stands on it
 
@@ -53,8 +54,8 @@ class SceneObject:
 
     Attributes:
         pose: (4, 4) in the scene's frame, or in the frame of the link `frame`.
-        attached_to: the link that carries it; None where it stands in the cell.
-        frame: the link in whose frame `pose` stands; None for the scene's.
+        attached_to: the link that carries it, or `TOOL`; None where it stands in the cell.
+        frame: the link in whose frame `pose` stands, or `TOOL`; None for the scene's.
         touch_links: links that may touch it, beside the one that carries it.
     """
 

@@ -19,6 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="where results go (default: bench_<suite>)")
     parser.add_argument("--jobs", type=int, metavar="N", help="processes on this machine (default: one per free core)")
     parser.add_argument("--resume", action="store_true", help="do what an earlier run into --out left")
+    parser.add_argument("--force", action="store_true", help="results of another suite in DIR are overwritten")
+    parser.add_argument("--allow-outside", action="store_true", help="the suite's files may lie outside its folder")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on a Dask cluster, e.g. tcp://host:8786")
     parser.add_argument(
         "--compare", nargs=2, type=Path, metavar=("OLD", "NEW"), help="two results: what got better or worse"
@@ -63,15 +65,21 @@ def _batch(args: argparse.Namespace) -> int:
         raise BadInput(f"--jobs {jobs}: expected a whole number above 0")
     if args.seed is not None and args.seed < 0:
         raise BadInput(f"--seed {args.seed}: expected a whole number, 0 or above")
-    suite = load_suite(args.suite, overrides=_overrides(args), seed=args.seed, compile=args.compile)
+    suite = load_suite(
+        args.suite, overrides=_overrides(args), seed=args.seed, compile=args.compile, allow_outside=args.allow_outside
+    )
     out = args.out or Path(f"bench_{suite.name}")
-    batch = run_batch(suite, out, jobs=jobs, resume=args.resume, scheduler=args.scheduler, quiet=args.quiet)
+    batch = run_batch(
+        suite, out, jobs=jobs, resume=args.resume, force=args.force, scheduler=args.scheduler, quiet=args.quiet
+    )
     if batch.left_out and not args.quiet:
         print(f"{batch.left_out} earlier results belong to another version of the suite; left out", file=sys.stderr)
     sys.stdout.write(to_json(batch.summary) if args.json else _text(batch.summary, out))
     if batch.interrupted and not args.quiet:
         print(f"interrupted; what is done is in {out}, --resume does what is left", file=sys.stderr)
-    return 130 if batch.interrupted else 0
+    if batch.interrupted:
+        return 130
+    return 0 if batch.summary["status"].get("solved") else 4
 
 
 def _overrides(args: argparse.Namespace) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from energy_opt.cli.common import add_prefix, say
 from energy_opt.errors import BadInput, EnergyOptError
 
 
@@ -15,6 +16,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot whose joints and limits are meant")
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="model for the torque of a trajectory")
+    add_prefix(parser)
+    parser.add_argument(
+        "--allow-outside", action="store_true", help="files that a scene or set names may lie outside its folder"
+    )
+    parser.add_argument("--allow-large", action="store_true", help="larger files and meshes are read too")
     parser.add_argument("--json", action="store_true", help="faults as one JSON document on stdout")
     parser.add_argument("--quiet", action="store_true", help="say nothing where nothing is wrong")
 
@@ -24,45 +30,75 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import to_json
 
     faults: dict[str, list[str]] = {}
+    notes: dict[str, list[str]] = {}
     for file in args.files:
+        notes[str(file)] = []
         try:
-            faults[str(file)] = _faults(file, args)
+            faults[str(file)] = _faults(file, args, notes[str(file)])
         except EnergyOptError as error:
             faults[str(file)] = str(error).splitlines()
     bad = any(faults.values())
     if args.json:
-        rows = [{"file": name, "usable": not found, "faults": found} for name, found in faults.items()]
+        rows = [
+            {"file": name, "usable": not found, "faults": found, "remarks": notes[name]}
+            for name, found in faults.items()
+        ]
         sys.stdout.write(to_json({"usable": not bad, "files": rows}))
     for name, found in faults.items():
         for fault in found:
             print(f"energy-opt: {fault}", file=sys.stderr)
+        for note in notes[name]:
+            say(args, f"note: {note}")
         if not found and not args.quiet and not args.json:
             print(f"{name}: usable")
     return 2 if bad else 0
 
 
-def _faults(file: Path, args: argparse.Namespace) -> list[str]:
+def _faults(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
+    """Faults of a file or folder; what else its reader should know goes to `notes`."""
+    if file.is_dir() and (file / "metadata.yaml").is_file():
+        return _trajectory(file, args)
     if file.is_dir() or file.name == "log.toml":
-        from energy_opt.measured import check_set
-
-        return check_set(file if file.is_dir() else file.parent)
+        return _set(file, args, notes)
     if not file.is_file():
         return [f"{file}: no such file or folder"]
     if file.suffix == ".toml":
-        return _toml(file, args)
-    if file.suffix in (".yaml", ".yml"):
-        return _limits(file, args)
+        return _toml(file, args, notes)
+    if file.suffix in (".yaml", ".yml", ".json", ".scene"):
+        return _document(file, args)
     if file.suffix in (".urdf", ".xml"):
         from energy_opt.robot import load_robot
 
         load_robot(str(file))
         return []
-    if file.suffix == ".csv":
+    return _trajectory(file, args)
+
+
+def _document(file: Path, args: argparse.Namespace) -> list[str]:
+    """A scene, a message with a planned trajectory, or joint limits."""
+    from energy_opt.cell.scene_files import check_scene, is_scene
+    from energy_opt.files import read_json, read_yaml_documents
+    from energy_opt.formats.messages import trajectories
+
+    if file.suffix == ".scene":
+        return check_scene(file, allow_outside=args.allow_outside, allow_large=args.allow_large)
+    documents = [read_json(file)] if file.suffix == ".json" else read_yaml_documents(file)
+    if any(True for document in documents for _ in trajectories(document)):
         return _trajectory(file, args)
-    return [f"{file}: unknown kind of file; expected a set's folder, .toml, .csv, .yaml or .urdf"]
+    if any(map(is_scene, documents)):
+        return check_scene(file, allow_outside=args.allow_outside, allow_large=args.allow_large)
+    return _trajectory(file, args) if file.suffix == ".json" else _limits(file, args)
 
 
-def _toml(file: Path, args: argparse.Namespace) -> list[str]:
+def _set(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
+    from energy_opt.measured import inspect_set
+
+    faults, remarks = inspect_set(file, args.allow_outside)
+    notes += remarks
+    return faults
+
+
+def _toml(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
     from energy_opt.files import read_toml
 
     document = read_toml(file)
@@ -80,9 +116,7 @@ def _toml(file: Path, args: argparse.Namespace) -> list[str]:
                 return [f"{file}: {error}"]
         return []
     if kind.startswith("energy-opt/log/"):
-        from energy_opt.measured import check_set
-
-        return check_set(file.parent)
+        return _set(file, args, notes)
     from energy_opt.bench.suite import check_suite
 
     return check_suite(file)
@@ -103,30 +137,28 @@ def _limits(file: Path, args: argparse.Namespace) -> list[str]:
 
 def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
-    from energy_opt.cli.common import say
-    from energy_opt.files import read_table
-    from energy_opt.motion import read_trajectory
+    from energy_opt.formats import read
     from energy_opt.motion.judge.certificate import certify
     from energy_opt.motion.judge.energy import Scorer
-    from energy_opt.motion.path import read_path
     from energy_opt.power import load_model, source_method_2
     from energy_opt.robot import known_robots, load_robot
 
-    table = read_table(file)
-    columns = [name for name in table if "." in name]
-    joints = {name.rsplit(".", 1)[0] for name in columns if name.endswith(".position")}
+    rows = read(file)
+    for note in rows.notes:
+        say(args, note)
     if args.robot is None:
+        joints = {name.removeprefix(args.joint_prefix) for name in rows.joints}
         matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
         if not matching:
-            return [f"{file}: row 1: columns {', '.join(table)} fit no robot by name; say which with --robot"]
+            return [f"{file}: joints {', '.join(rows.joints)} are those of no robot by name; say which with --robot"]
         robot = load_robot(matching[0], limits=args.limits)
         say(args, f"{file}: taken for a {robot.name} (say --robot to change it)")
     else:
         robot = load_robot(args.robot, limits=args.limits)
-    if "time" not in table:
-        read_path(file, robot.joints)
+    rows = rows.of(robot.joints, args.joint_prefix)
+    if rows.time is None:
         return []
-    trajectory = read_trajectory(file, robot.joints)
+    trajectory = rows.trajectory()
     model = load_model(args.model) if args.model else source_method_2(robot.name)
     certificate = certify(trajectory, Scorer(robot, model), robot.limits)
     worst = certificate.worst

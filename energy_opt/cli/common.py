@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 from energy_opt.files import finite_number
 
 if TYPE_CHECKING:
@@ -46,9 +46,12 @@ def add_output(parser: argparse.ArgumentParser, out: str) -> None:
 def add_move(parser: argparse.ArgumentParser) -> None:
     """Options that say which move, shared by optimize and tradeoff."""
     group = parser.add_argument_group("move")
-    group.add_argument("--start", metavar="Q", help="comma-separated joint positions [rad], or name=value pairs")
+    group.add_argument(
+        "--start", metavar="Q", help="comma-separated joint positions [rad], name=value pairs, or a pose of the SRDF"
+    )
     group.add_argument("--goal", metavar="Q", help="the same, for the end")
-    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints or a trajectory (CSV) instead")
+    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints or a trajectory instead (CSV, messages)")
+    add_prefix(group)
     group.add_argument("--via", action="append", default=[], metavar="Q", help="a point to pass (reshape; repeatable)")
     group.add_argument("--mode", default="reshape", metavar="MODE", help="reshape (default) or retime")
     group = parser.add_argument_group("solving")
@@ -86,6 +89,13 @@ def add_cell(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--allow-outside", action="store_true", help="named files may lie outside the folder of theirs")
     group.add_argument("--allow-large", action="store_true", help="larger files and meshes are read too")
+
+
+def add_prefix(group: argparse._ActionsContainer) -> None:
+    """How joints are called in files that others wrote."""
+    group.add_argument(
+        "--joint-prefix", default="", metavar="PREFIX", help="what stands before the joints' names in files"
+    )
 
 
 def say(args: argparse.Namespace, text: str) -> None:
@@ -164,6 +174,19 @@ def _numbers(text: str, count: int, option: str, expected: str) -> tuple[float, 
     return numbers
 
 
+def pose_from(text: str, robot: Robot, option: str, srdf: Path | None = None) -> np.ndarray:
+    """Joint positions (n,) as `joint_vector` takes them, or the name of a pose of the robot's SRDF."""
+    word = text.strip()
+    if not word or any(c in word for c in ",=") or word.replace(".", "").lstrip("+-").isdigit():
+        return joint_vector(text, robot.joints, option)
+    from energy_opt.robot.srdf import semantics
+
+    try:
+        return semantics(robot, srdf).pose(word, robot.joints)
+    except BadInput as error:
+        raise BadInput(f"{option} {word}: {error}") from None
+
+
 def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
     """Joint positions (n,) from `0.1,0.2,…` or `name=value,…` in any order."""
     import numpy as np
@@ -174,7 +197,8 @@ def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
         for part in parts:
             name, _, value = part.partition("=")
             if name.strip() not in joints:
-                raise BadInput(f"{option}: unknown joint {name.strip()!r}; joints are {', '.join(joints)}")
+                hint = near(name.strip(), joints)
+                raise BadInput(f"{option}: unknown joint {name.strip()!r}{hint}; joints are {', '.join(joints)}")
             if name.strip() in given:
                 raise BadInput(f"{option}: joint {name.strip()} stands there twice")
             given[name.strip()] = finite_number(value, f"{option} {part}", "name=value")
@@ -191,21 +215,25 @@ def move_of(
     args: argparse.Namespace, robot: Robot, duration: float | None = None, longest: float | None = None
 ) -> Move:
     """The move that --start, --goal, --path, --via and --mode describe."""
+    from energy_opt.formats import read
     from energy_opt.motion import Move
-    from energy_opt.motion.path import read_path
 
     path = None
     if args.path is not None:
         if args.start is not None or args.goal is not None:
             raise BadInput("--path says where the move begins and ends; give it, or --start and --goal")
-        path = read_path(args.path, robot.joints)
+        rows = read(args.path)
+        for note in rows.notes:
+            say(args, note)
+        path = rows.of(robot.joints, args.joint_prefix).path()
         start, goal = path.start, path.goal
     else:
         for option in ("start", "goal"):
             if getattr(args, option) is None:
                 raise BadInput(f"--{option} is missing; give --start and --goal, or --path")
-        start = joint_vector(args.start, robot.joints, "--start")
-        goal = joint_vector(args.goal, robot.joints, "--goal")
+        srdf = getattr(args, "srdf", None)
+        start = pose_from(args.start, robot, "--start", srdf)
+        goal = pose_from(args.goal, robot, "--goal", srdf)
     via = tuple(joint_vector(word, robot.joints, "--via") for word in args.via)
     move = Move(start, goal, args.mode, duration, longest, path, via)
     if path is not None and path.source is not None:

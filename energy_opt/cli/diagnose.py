@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="known payload [kg, m], put into the declared model"
     )
+    parser.add_argument("--allow-outside", action="store_true", help="the set's files may lie outside its folder")
     add_output(parser, "diagnosis")
 
 
@@ -43,9 +44,11 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.power import load_model
     from energy_opt.robot import load_robot
 
-    log = read_log(args.set)
+    log = read_log(args.set, args.allow_outside)
     robot = load_robot(args.robot, limits=args.limits) if args.robot else robot_of(log, args.limits)
-    measured = read_set(args.set, robot)
+    measured = read_set(args.set, robot, allow_outside=args.allow_outside)
+    for remark in measured.remarks:
+        say(args, f"note: {remark}")
     declared = load_model(args.model) if args.model else _level(measured, args.seed)
     if args.payload:
         declared = declared.replaced(payload_from(args.payload))
@@ -77,6 +80,7 @@ def _level(measured: MeasuredSet, seed: int) -> PowerModel:
 
 def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
     from energy_opt.errors import Infeasible
+    from energy_opt.formats import table
     from energy_opt.next_motion import propose, rivals_of
 
     robot, remarks = result.measured.robot, result.document["remarks"]
@@ -89,7 +93,7 @@ def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
         remarks.append("No motion tells the alternatives apart: they are the same at the meter.")
         return
     name = "next_motion.csv"
-    motion.trajectory.write_csv(out / name)
+    table.write(motion.trajectory, out / name)
     result.document["next_motion"] = name
     remarks.append(f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms.")
 

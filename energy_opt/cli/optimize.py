@@ -38,23 +38,13 @@ def run(args: argparse.Namespace) -> int:
         try:
             result = planner.solve(move)
         except Infeasible as error:
-            document = {
-                "status": "infeasible",
+            error.about = {
                 "robot": robot.name,
                 "joints": list(robot.joints),
                 "mode": move.mode,
                 "duration": move.duration,
-                "message": str(error),
-                "joint": error.joint,
-                "limit": error.limit,
-                "time": error.time,
-                "position": error.position,
-                "excess": error.excess,
-                "shortest_duration": error.shortest_duration,
             }
-            write_json(args.out / "result.json", document)
-            if args.json:
-                sys.stdout.write(to_json(document))
+            write_json(args.out / "result.json", error.document())
             raise
         write(result, robot, args.out)
     for warning in result.warnings:
@@ -72,10 +62,11 @@ def run(args: argparse.Namespace) -> int:
 
 def write(result: Result, robot: Robot, out: Path) -> None:
     """Write result.json, trajectory.csv, trajectory.yaml, plot.png and report.html; result.json last."""
+    from energy_opt import formats
     from energy_opt.files import write_json
 
-    result.trajectory.write_csv(out / "trajectory.csv")
-    result.trajectory.write_yaml(out / "trajectory.yaml", result.trajectory.effort)
+    formats.table.write(result.trajectory, out / "trajectory.csv")
+    formats.messages.write_yaml(result.trajectory, out / "trajectory.yaml")
     _picture_and_report(result, robot, out)
     write_json(out / "result.json", result.document())
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_output, payload_from, say
+from energy_opt.cli.common import add_output, add_prefix, payload_from, say
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
@@ -21,8 +21,9 @@ HELP = "play trajectories on a virtual arm and write a measured set"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     parser.add_argument(
-        "trajectories", nargs="+", type=Path, metavar="TRAJECTORY", help="trajectory.csv files, in order"
+        "trajectories", nargs="+", type=Path, metavar="TRAJECTORY", help="files of trajectories, in order"
     )
+    add_prefix(parser)
     parser.add_argument(
         "--plant", type=Path, required=True, metavar="MODEL.toml", help="what the arm truly is: a model file"
     )
@@ -99,11 +100,15 @@ def run(args: argparse.Namespace) -> int:
 
 def _references(args: argparse.Namespace, robot: Robot) -> tuple[list[Reference], list[str]]:
     """What to play, in order, named run01, run02, ..., and the file that each comes from."""
-    from energy_opt.virtual_arm import pose, read_reference
+    from energy_opt.formats import read_trajectory
+    from energy_opt.virtual_arm import pose, reference_of
 
     if args.static < 0:
         raise BadInput(f"--static {args.static}: expected seconds, 0 or more")
-    read = [(read_reference(path, robot.joints), str(path)) for path in args.trajectories]
+    read = [
+        (reference_of(read_trajectory(path, robot.joints, args.joint_prefix), path.stem), str(path))
+        for path in args.trajectories
+    ]
     out: list[Reference] = []
     sources: list[str] = []
     for reference, source in read * args.repeat:

@@ -18,7 +18,6 @@ from energy_opt.diagnose.evidence import DRAWS, blocks, left_out_loss
 from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.screen import basis, candidates, single_springs
 from energy_opt.diagnose.search import Search, key_of
-from energy_opt.diagnose.terms import SPRING
 
 RATE = 0.01  # stated rate of false positives per set
 
@@ -55,7 +54,7 @@ def _family(found: Search, less: Fit) -> Iterator[tuple[np.ndarray, float]]:
     """Columns (N, c) and price of every candidate that the search may add to `less`."""
     weight = found.samples.weight[:, None]
     for candidate in candidates(less, found.declared, found.samples):
-        sprung = candidate.term.name == SPRING and not candidate.term.declared
+        sprung = not candidate.term.kind.same_on_all_joints and not candidate.term.declared
         for c in single_springs(candidate, found.samples.n) if sprung else (candidate,):
             yield c.columns * weight, found.price(len(c.origin), (c.term,), 0)
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 
 from energy_opt.diagnose.samples import Samples
-from energy_opt.effects import BaseTilt, Payload, Signals
-from energy_opt.effects.meter import METER_EFFECTS
+from energy_opt.effects import MeterEffect, RigidEffect, Signals, of_form
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
 
@@ -30,88 +28,78 @@ class Prediction:
 
 
 @lru_cache(maxsize=256)
-def _drive(structure: tuple[tuple[str, ...], ...], n: int) -> ca.Function:
-    """The law of a structure: ((q, v, a, tau, t), p) -> (power, dP/dtau, dP/dp) as one dense column."""
-    from energy_opt.effects import BY_NAME
+def _drive(structure: tuple[tuple[str, ...], ...], n: int, warmth: bool) -> ca.Function:
+    """The law of a structure: ((q, v, a, tau, t), p) -> (power, dP/dtau, dP/dp) as one dense column.
 
-    effects = []
-    for name, *options in structure:
-        effect = BY_NAME[name].neutral(n)
-        effect.choices.update(dict(option.split("=") for option in options))
-        effects.append(effect)
-    model = PowerModel("", tuple(effects))
-    q, v, a, tau = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau"))
-    x = Signals(q, v, a, tau, ca.SX.sym("t"))
+    With `warmth` the joints' measured temperatures follow the time.
+    """
+    model = PowerModel("", tuple(of_form(form, n) for form in structure))
+    q, v, a, tau, temperature = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau", "temperature"))
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), temperature if warmth else None)
     p = model.symbols(n)
     power = drive_terms(model, x, p).power
     by_p, by_tau = ca.gradient(power, p), ca.gradient(power, x.tau)
     out = ca.densify(ca.vertcat(power, by_tau, by_p))
-    return ca.Function("law", [ca.vertcat(x.q, x.v, x.a, x.tau, x.t), p], [out])
+    state = ca.vertcat(x.q, x.v, x.a, x.tau, x.t, *([temperature] if warmth else []))
+    return ca.Function("law", [state, p], [out])
 
 
 @lru_cache(maxsize=64)
-def _batch(structure: tuple[tuple[str, ...], ...], n: int, count: int) -> Batch:
-    """The same over `count` samples."""
-    return Batch(_drive(structure, n), count)
+def _rigid_map(structure: tuple[tuple[str, ...], ...], n: int) -> ca.Function:
+    """(gravity, p) of the rigid effects of a structure -> inertial parameters (10,) added to the last link, gravity
+    (3,), and both one's Jacobians by p."""
+    model = PowerModel("", tuple(of_form(form, n) for form in structure))
+    p, given = model.symbols(n), ca.SX.sym("g", 3)
+    gravity, phi = given, ca.SX.zeros(10)
+    for effect, where in zip(model.effects, model.slices(n), strict=True):
+        if isinstance(effect, RigidEffect):
+            values = effect.named(p[where], n)
+            gravity, point = effect.gravity(gravity, values), effect.point_mass(values)
+            phi = phi if point is None else phi + _inertial(*point)
+    slopes = [ca.densify(ca.jacobian(x, p)) for x in (phi, gravity)]
+    return ca.Function("rigid", [given, p], [ca.densify(phi), ca.densify(gravity), *slopes])
 
 
-@lru_cache(maxsize=2)
-def _rigid_maps() -> tuple[ca.Function, ca.Function]:
-    """(mass, com) -> the ten inertial parameters, (gravity, roll, pitch) -> gravity; each with its Jacobian."""
-    p = ca.SX.sym("p", 4)
-    m, h, s = Payload.inertia(SimpleNamespace(mass=p[0], com=p[1:]))
-    inertia = ca.trace(s) * ca.SX.eye(3) - s
-    phi = ca.vertcat(
-        m, h, inertia[0, 0], inertia[0, 1], inertia[1, 1], inertia[0, 2], inertia[1, 2], inertia[2, 2]
-    )  # in Pinocchio's order
-    g, angles = ca.SX.sym("g", 3), ca.SX.sym("r", 2)
-    turned = BaseTilt.gravity(g, SimpleNamespace(roll=angles[0], pitch=angles[1]))
-    return (
-        ca.Function("payload", [p], [phi, ca.densify(ca.jacobian(phi, p))]),
-        ca.Function("tilt", [g, angles], [turned, ca.densify(ca.jacobian(turned, angles))]),
-    )
+def _inertial(mass: ca.SX, place: ca.SX) -> ca.SX:
+    """A point mass as inertial parameters (10,) in Pinocchio's order: m, m c, and the inertia about the origin."""
+    second = mass * place @ place.T
+    i = ca.trace(second) * ca.SX.eye(3) - second
+    return ca.vertcat(mass, mass * place, i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2])
 
 
-def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Rigid torque (N, n), its derivatives by payload (N, n, 4) and base tilt (N, n, 2) where the model has them."""
-    payload_map, tilt_map = _rigid_maps()
-    payload, tilt = model.get(Payload.name), model.get(BaseTilt.name)
-    gravity, by_angle = s.body.gravity, None
-    if tilt is not None:
-        turned, by_angle = (np.array(x) for x in tilt_map(gravity, tilt.full(s.n)))
-        gravity = turned.ravel()
-    tau = s.free_torque + s.gravity_torque @ gravity
-    by_payload = by_tilt = None
-    slope = s.gravity_torque
-    if payload is not None:
-        phi, by_value = (np.array(x) for x in payload_map(payload.full(s.n)))
-        regressor = s.free_regressor + s.gravity_regressor @ gravity
+def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Rigid torque (N, n), and its derivatives (N, n, R) by the values of the model's rigid effects, in their order."""
+    rigid = PowerModel("", tuple(e for e in model.effects if e.stage == "rigid"))
+    if not rigid.effects:
+        return s.free_torque + s.gravity_torque @ s.body.gravity, np.zeros((*s.q.shape, 0))
+    out = _rigid_map(rigid.structure, s.n)(s.body.gravity, rigid.values(s.n))
+    phi, gravity, by_phi, by_gravity = (np.array(x) for x in out)
+    tau, slope = s.free_torque + s.gravity_torque @ gravity.ravel(), np.zeros((*s.q.shape, len(rigid.values(s.n))))
+    by_g = s.gravity_torque
+    if by_phi.any() or phi.any():
+        regressor = s.free_regressor + s.gravity_regressor @ gravity.ravel()
         tau = tau + regressor @ phi.ravel()
-        by_payload = regressor @ by_value
-        if tilt is not None:
-            slope = slope + np.einsum("njpk,p->njk", s.gravity_regressor, phi.ravel())
-    if by_angle is not None:
-        by_tilt = slope @ by_angle
-    return tau, by_payload, by_tilt
+        slope += regressor @ by_phi
+        by_g = by_g + np.einsum("njpk,p->njk", s.gravity_regressor, phi.ravel())
+    return tau, slope + by_g @ by_gravity
 
 
 def predict(model: PowerModel, s: Samples) -> Prediction:
     """The reading of the meter under `model` at the samples, and its derivatives by `model.values(n)`."""
-    tau, by_payload, by_tilt = rigid_torque(model, s)
-    state = np.column_stack([s.q, s.v, s.a, tau, s.t])
-    (out,) = _batch(model.structure, s.n, len(state))(state, model.values(s.n))
+    tau, by_rigid = rigid_torque(model, s)
+    warmth = bool(np.isfinite(s.temperature).all())
+    state = np.column_stack([s.q, s.v, s.a, tau, s.t, *([s.temperature] if warmth else [])])
+    (out,) = Batch(_drive(model.structure, s.n, warmth), len(state))(state, model.values(s.n))
     power, by_tau, jacobian = out[:, 0].copy(), out[:, 1 : 1 + s.n].copy(), out[:, 1 + s.n :].copy()
     where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
-    if by_payload is not None:
-        jacobian[:, where[Payload.name]] = np.einsum("nj,njp->np", by_tau, by_payload)
-    if by_tilt is not None:
-        jacobian[:, where[BaseTilt.name]] = np.einsum("nj,njp->np", by_tau, by_tilt)
+    rigid = [
+        np.arange(x.start, x.stop) for e, x in zip(model.effects, where.values(), strict=True) if e.stage == "rigid"
+    ]
+    if rigid:
+        jacobian[:, np.concatenate(rigid)] += np.einsum("nj,njp->np", by_tau, by_rigid)
     reading = power.copy()
-    for effect in METER_EFFECTS:
-        held = model.get(effect.name)
-        if held is None:
-            continue
-        value = float(held.full(s.n)[0])
+    for effect in sorted((e for e in model.effects if isinstance(e, MeterEffect)), key=lambda e: e.turn):
+        value = float(effect.full(s.n)[0])
         before, reading = reading, np.empty_like(reading)
         for rows in s.slices:
             time = s.t[rows]

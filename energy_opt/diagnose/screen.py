@@ -10,16 +10,15 @@ import numpy as np
 from energy_opt.diagnose.fit import Fit, bounded_least_squares
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples
-from energy_opt.diagnose.terms import Term, chart
-from energy_opt.effects import ALL_EFFECTS, Effect
-from energy_opt.effects.meter import METER_EFFECTS, MeterDelay, MeterEffect, MeterGain
+from energy_opt.diagnose.terms import Chart, Term, chart
+from energy_opt.effects import Effect, MeterEffect, known_effects
 from energy_opt.power import PowerModel
 
-LAGS = (0.02, 0.06, 0.15, 0.4)  # [s] at which delays and lags of the meter are tried
-SPEEDS = (0.03, 0.1, 0.3)  # [rad/s] Stribeck velocities tried
+NOT_SOUGHT = (
+    "friction_curve", "asymmetric_friction", "power_law_friction", "thermal_viscous", "psu_loss", "iron_loss",
+    "dc_link", "idle_hold", "run_offset", "link_inertia",
+)  # fmt: skip
 SOAKED = 0.1  # of what is left that a further joint's spring must take away
-TIMES = (12.0, 30.0, 120.0, 500.0)  # [s] time constants tried
-SHAPES = {"stribeck_friction": SPEEDS, "winding_temperature": TIMES, "standby_drift": TIMES}  # of the last parameter
 
 
 @dataclass(frozen=True)
@@ -44,24 +43,23 @@ def candidates(current: Fit, declared: PowerModel, samples: Samples) -> Iterator
     taken, model = set(current.names), current.model
     now = predict(model, samples)
     absent = []
-    for kind in ALL_EFFECTS:
-        if kind.name in taken:
+    for kind in known_effects().values():
+        if kind.name in taken or kind.name in NOT_SOUGHT:
             continue
         held = declared.get(kind.name)
         if held is not None:
             yield from _declared(kind, held, now.jacobian, model, declared, samples)
-        elif kind in METER_EFFECTS:
+        elif issubclass(kind, MeterEffect):
             yield from _meter(kind, now.reading, samples)
-        elif kind.name != "winding_temperature" or model.get("copper_loss") is not None:
+        elif all(model.get(name) is not None for name in kind.needs):
             absent.append(kind)
     yield from _absent(absent, model, declared, samples)
 
 
 def _modes(kind: type[Effect]) -> tuple[str, ...]:
-    per_joint = any(p.size == "joint" for p in kind.parameters)
-    if kind.name == "gravity_spring":
-        return ("joint",)
-    return ("shared", "joint") if per_joint else ("number",)
+    if not any(p.per_joint for p in kind.parameters):
+        return ("number",)
+    return ("shared", "joint") if kind.same_on_all_joints else ("joint",)
 
 
 def _declared(
@@ -70,36 +68,37 @@ def _declared(
     where = dict(zip((e.name for e in model.effects), model.slices(samples.n), strict=True))
     own = jacobian[:, where[kind.name]]
     options = tuple(f"{k}={v}" for k, v in sorted(held.choices.items()))
-    per_joint = any(q.size == "joint" for q in kind.parameters)
+    per_joint = any(q.per_joint for q in kind.parameters)
     zero = not np.any(held.full(samples.n))
     modes = (("shared", "joint") if zero else ("scale", "joint")) if per_joint else ("number",)
-    if kind.name == "payload" and float(held.values["mass"][0]) == 0.0:
-        return
     for mode in modes:
         term = Term(kind.name, mode, options, declared=True)
         c = chart(term, declared, samples.n)
-        z0 = _numbers(c.matrix, c.base, held.full(samples.n), kind.name, samples.n)
-        yield Candidate(term, own @ c.slope(z0), c.lower - z0, c.upper - z0, z0)
+        z0 = _numbers(c, held)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = c.slope(z0)
+        if np.isfinite(slope).all():  # it has none where nothing is there, as at a payload of no mass
+            yield Candidate(term, own @ slope, c.lower - z0, c.upper - z0, z0)
 
 
-def _numbers(matrix: np.ndarray, base: np.ndarray, values: np.ndarray, name: str, n: int) -> np.ndarray:
-    from energy_opt.diagnose.terms import to_chart
-
-    return np.linalg.lstsq(matrix, to_chart(name, values, n) - base, rcond=None)[0]
+def _numbers(c: Chart, effect: Effect) -> np.ndarray:
+    """The numbers z at which a chart is nearest to an effect's values."""
+    return np.linalg.lstsq(c.matrix, c.term.kind.to_chart(effect.full(c.n), c.n) - c.base, rcond=None)[0]
 
 
 def _meter(kind: type[MeterEffect], now: np.ndarray, samples: Samples) -> Iterator[Candidate]:
-    """Delays and lags tried at several sizes, as what they would make of the reading `now` (N,)."""
-    term = Term(kind.name, "number")
-    if kind is MeterGain:
-        yield Candidate(term, now[:, None], np.array([-0.9]), np.array([9.0]), np.array([1.0]))
-        return
-    for lag in LAGS:
-        for sign in (1.0, -1.0) if kind is MeterDelay else (1.0,):
-            changed = [kind.reading(samples.t[rows], now[rows], sign * lag) - now[rows] for rows in samples.slices]
-            column = np.concatenate(changed)[:, None] / (sign * lag)
-            low, high = (0.0, 3 * lag) if sign > 0 else (-3 * lag, 0.0)
-            yield Candidate(term, column, np.array([low]), np.array([high]), np.array([0.0]))
+    """By its slope, or tried at several sizes: what it would make of the reading `now` (N,)."""
+    term, p = Term(kind.name, "number"), kind.parameters[0]
+    neutral = np.array([p.neutral])
+    if not p.trials:
+        slopes = [kind.sensitivity(samples.t[rows], now[rows], p.neutral) for rows in samples.slices]
+        low, high = (np.array([bound - p.neutral]) for bound in p.bounds)
+        yield Candidate(term, np.concatenate(slopes)[:, None], low, high, neutral)
+    for trial in p.trials:
+        away = trial - p.neutral
+        changed = [kind.reading(samples.t[rows], now[rows], trial) - now[rows] for rows in samples.slices]
+        ends = sorted((0.0, 3 * away))
+        yield Candidate(term, np.concatenate(changed)[:, None] / away, np.array(ends[:1]), np.array(ends[1:]), neutral)
 
 
 def _absent(
@@ -108,7 +107,7 @@ def _absent(
     """Effects that the model lacks, all at once at values where they change nothing, for each trial of their shapes."""
     n = samples.n
     for option in range(2):
-        for trial in range(max(len(SPEEDS), len(TIMES))):
+        for trial in range(max((len(_trials(kind)) for kind in kinds), default=1)):
             chosen = [kind for kind in kinds if _has(kind, option, trial)]
             if not chosen:
                 continue
@@ -123,29 +122,32 @@ def _absent(
                 for mode in _modes(kind):
                     term = Term(kind.name, mode, options)
                     c = chart(term, declared, n)
-                    z0 = _numbers(c.matrix, c.base, effect.full(n), kind.name, n)
+                    z0 = _numbers(c, effect)
                     columns = jacobian[:, where[kind.name]] @ c.slope(z0)
-                    width = columns.shape[1] - (1 if kind.name in SHAPES else 0)
+                    width = columns.shape[1] - (1 if kind.parameters[-1].trials else 0)
                     yield Candidate(term, columns[:, :width], (c.lower - z0)[:width], (c.upper - z0)[:width], z0)
 
 
 def _has(kind: type[Effect], option: int, trial: int) -> bool:
     """True where an effect has a variant of this option and trial of shape."""
     words = max((len(choices) for choices in kind.options.values()), default=1)
-    return option < words and trial < len(SHAPES.get(kind.name, (0.0,)))
+    return option < words and trial < len(_trials(kind))
+
+
+def _trials(kind: type[Effect]) -> tuple[float, ...]:
+    """Values of the last parameter, which shapes an effect, at which it is tried."""
+    return kind.parameters[-1].trials or (kind.parameters[-1].neutral,)
 
 
 def _idle(kind: type[Effect], option: int, trial: int, n: int) -> Effect:
     """An effect that changes (next to) nothing, with its option and shape set."""
-    values = kind.neutral(n).full(n)
-    if kind.name in SHAPES:
-        values[-1] = SHAPES[kind.name][trial]
-    if kind.name == "payload":
-        values[0] = 1e-3
-    if kind.name == "gravity_spring":
-        values[:n] = 1e-9
-    choices = {key: words[option] for key, words in kind.options.items()}
-    return kind.from_full(values, n, **choices)
+    words = {key: choices[option] for key, choices in kind.options.items()}
+    effect = kind.idle(n, **words)
+    if not kind.parameters[-1].trials:
+        return effect
+    values = effect.full(n)
+    values[-1] = _trials(kind)[trial]
+    return kind.from_full(values, n, **words)
 
 
 def gain(current: Fit, candidate: Candidate, samples: Samples) -> tuple[float, np.ndarray]:

@@ -14,8 +14,9 @@ import numpy as np
 from energy_opt.diagnose.fit import Extra, Fit, fit
 from energy_opt.diagnose.samples import Samples
 from energy_opt.diagnose.screen import Candidate, best_of, candidates, gain, sprung_joints
-from energy_opt.diagnose.terms import RESOLVED_LAG, SPRING, Term, negligible
+from energy_opt.diagnose.terms import Term, negligible
 from energy_opt.diagnose.unlisted import exclusive, structures
+from energy_opt.effects.meter import RESOLVED_LAG
 from energy_opt.power import PowerModel
 
 BEAM = 3
@@ -114,7 +115,7 @@ class Search:
         if key not in self.looked:
             found = []
             for candidate in candidates(base, self.declared, self.samples):
-                if candidate.term.name == SPRING and not candidate.term.declared:
+                if not candidate.term.kind.same_on_all_joints and not candidate.term.declared:
                     candidate = sprung_joints(base, candidate, self.samples)
                 gained, weights = gain(base, candidate, self.samples)
                 numbers = len(candidate.origin)

@@ -7,7 +7,7 @@ A term maps its free numbers z to the effect's parameters p (laid out as `Effect
     joint    one number per joint
     scale    z times the declared values                 a declared list that is off by a common factor
 
-Payload is fitted as (m, m c) and a spring as (k, k * rest): in these both are (nearly) linear.
+Numbers are fitted in the effect's chart, in which it is (nearly) linear: a payload as (m, m c).
 """
 
 from __future__ import annotations
@@ -16,26 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.effects import BY_NAME, Effect
+from energy_opt.effects import Effect, effect_class, words_of
 from energy_opt.power import PowerModel
-
-# Bounds that a fit keeps to, tighter than what a model file may hold.
-TIGHTER: dict[tuple[str, str], tuple[float, float]] = {
-    ("payload", "mass"): (1e-4, 200.0),
-    ("base_tilt", "roll"): (-1.5, 1.5),
-    ("base_tilt", "pitch"): (-1.5, 1.5),
-    ("meter_delay", "delay"): (-0.5, 1.0),
-    ("meter_filter", "time_constant"): (0.0, 2.0),
-    ("stribeck_friction", "v_s"): (5e-3, 1.5),
-    ("winding_temperature", "time_constant"): (10.0, 2e3),
-    ("standby_drift", "time_constant"): (10.0, 2e3),
-    ("winding_temperature", "rate"): (-0.5, 3.0),
-    ("gear_efficiency", "eta"): (0.2, 1.0),
-    ("supply_efficiency", "eta"): (0.2, 1.0),
-}
-RESOLVED_LAG = 0.01  # [s] a smaller delay or lag of the meter is not told from smoothing
-SPRING, PAYLOAD = "gravity_spring", "payload"
-SMALL = 1e-9  # [N m/rad] a spring's stiffness is kept this far from 0 while its rest position is sought
 
 
 @dataclass(frozen=True)
@@ -53,16 +35,15 @@ class Term:
 
     @property
     def kind(self) -> type[Effect]:
-        return BY_NAME[self.name]
+        return effect_class(self.name)
 
     def effect(self, values: np.ndarray, n: int) -> Effect:
         """The effect with parameters p = values, kept inside its bounds."""
         lower, upper = bounds(self.kind, n)
-        choices = dict(option.split("=") for option in self.options)
-        if self.name == SPRING and self.joints is not None:
-            there = np.isin(np.arange(n), self.joints)
-            values = np.where(np.tile(there, 2), values, 0.0)
-        return self.kind.from_full(np.clip(values, lower, upper), n, **choices)
+        if not self.kind.same_on_all_joints and self.joints is not None:
+            joint = _per_joint(self.kind, n)
+            values = np.where(np.isin(joint, (-1, *self.joints)), values, 0.0)
+        return self.kind.from_full(np.clip(values, lower, upper), n, **words_of(self.options))
 
     def with_joints(self, joints: tuple[int, ...]) -> Term:
         """The same term with only some joints free; the others keep their declared or neutral values."""
@@ -71,19 +52,15 @@ class Term:
 
 def bounds(kind: type[Effect], n: int) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bounds of `Effect.full`."""
-    low, high = [], []
-    for p in kind.parameters:
-        a, b = TIGHTER.get((kind.name, p.name), (p.lower, p.upper))
-        low += [a] * p.count(n)
-        high += [b] * p.count(n)
-    return np.array(low), np.array(high)
+    rows = [p.bounds for p in kind.parameters for _ in range(p.count(n))]
+    return np.array([low for low, _ in rows]), np.array([high for _, high in rows])
 
 
 def _per_joint(kind: type[Effect], n: int) -> np.ndarray:
     """For each entry of `full`: its joint, or -1 where it belongs to none."""
     out: list[int] = []
     for p in kind.parameters:
-        out += list(range(n)) if p.size == "joint" else [-1] * p.count(n)
+        out += list(range(n)) if p.per_joint else [-1] * p.count(n)
     return np.array(out)
 
 
@@ -104,49 +81,11 @@ class Chart:
 
     def values(self, z: np.ndarray) -> np.ndarray:
         """Parameters p (P,) as `Effect.full`."""
-        return physical(self.term.name, self.inner(z), self.n)
+        return self.term.kind.from_chart(self.inner(z), self.n)
 
     def slope(self, z: np.ndarray) -> np.ndarray:
         """dp / dz (P, Z)."""
-        return physical_slope(self.term.name, self.inner(z), self.n) @ self.matrix
-
-
-def physical(name: str, x: np.ndarray, n: int) -> np.ndarray:
-    """Parameters from chart coordinates."""
-    out = x.copy()
-    if name == PAYLOAD:
-        out[1:] = x[1:] / x[0]
-    if name == SPRING:
-        k = _away(x[:n])
-        out[:n], out[n:] = k, x[n:] / k
-    return out
-
-
-def to_chart(name: str, p: np.ndarray, n: int) -> np.ndarray:
-    """Chart coordinates from parameters."""
-    out = np.array(p, dtype=float)
-    if name == PAYLOAD:
-        out[1:] *= out[0]
-    if name == SPRING:
-        out[n:] *= out[:n]
-    return out
-
-
-def physical_slope(name: str, x: np.ndarray, n: int) -> np.ndarray:
-    """Derivative of `physical` (P, P)."""
-    out = np.eye(len(x))
-    if name == PAYLOAD:
-        out[1:, 1:] = np.eye(3) / x[0]
-        out[1:, 0] = -x[1:] / x[0] ** 2
-    if name == SPRING:
-        k = _away(x[:n])
-        out[n:, n:] = np.diag(1 / k)
-        out[n:, :n] = np.diag(-x[n:] / k**2)
-    return out
-
-
-def _away(k: np.ndarray) -> np.ndarray:
-    return np.where(np.abs(k) < SMALL, SMALL, k)
+        return self.term.kind.chart_slope(self.inner(z), self.n) @ self.matrix
 
 
 def chart(term: Term, declared: PowerModel, n: int) -> Chart:
@@ -154,12 +93,8 @@ def chart(term: Term, declared: PowerModel, n: int) -> Chart:
     kind = term.kind
     held = declared.get(term.name)
     start = held.full(n) if held is not None and term.declared else kind.neutral(n).full(n)
-    x0 = to_chart(term.name, start, n)
-    lower, upper = bounds(kind, n)
-    if term.name == PAYLOAD:
-        lower[1:], upper[1:] = -100.0, 100.0
-    if term.name == SPRING:
-        lower, upper = np.full(2 * n, -1e4), np.full(2 * n, 1e4)
+    x0 = kind.to_chart(start, n)
+    lower, upper = kind.chart_bounds(n)
     joint = _per_joint(kind, n)
     free = set(range(n)) if term.joints is None else set(term.joints)
     columns: list[np.ndarray] = []
@@ -196,13 +131,12 @@ def _blocks(kind: type[Effect], n: int) -> list[list[int]]:
     out, at = [], 0
     for p in kind.parameters:
         rows = list(range(at, at + p.count(n)))
-        out += [rows] if p.size == "joint" else [[r] for r in rows]
+        out += [rows] if p.per_joint else [[r] for r in rows]
         at += p.count(n)
     return out
 
 
 def negligible(term: Term, values: np.ndarray) -> bool:
     """True where the values are below what readings can resolve, so that the effect must not be claimed."""
-    if term.name in ("meter_delay", "meter_filter"):
-        return bool(np.abs(values).max() < RESOLVED_LAG)
-    return False
+    least = [p.resolved for p in term.kind.parameters for _ in range(p.count(len(values)))]
+    return bool(np.any(least) and np.all(np.abs(values) < least))

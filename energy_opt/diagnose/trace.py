@@ -214,9 +214,9 @@ def _settled(f: Fit, samples: Samples) -> Fit:
 
 def _spread(f: Fit, index: int, n: int) -> np.ndarray:
     """The numbers of a shared term, one per joint."""
-    from energy_opt.diagnose.terms import chart, to_chart
+    from energy_opt.diagnose.terms import chart
 
     term, own = f.terms[index], f.charts[index]
     joint = chart(replace(term, mode="joint"), f.model.without(term.name), n)
-    x = to_chart(term.name, own.values(f.numbers[index]), n)
+    x = term.kind.to_chart(own.values(f.numbers[index]), n)
     return np.linalg.lstsq(joint.matrix, x, rcond=None)[0]

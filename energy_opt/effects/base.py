@@ -4,144 +4,91 @@ The power of an arm is built in stages, and every effect belongs to exactly one 
 
     rigid      changes the rigid body itself            tau = RNEA(q, v, a; payload, gravity)
     torque     adds to the motor's torque               tau_m = tau + sum of torque effects
-    copper     heat in a joint's winding                c_j = r_j * tau_m,j^2 (times a factor that grows as it warms)
+    heat       heat of a joint's drive                  c_j = sum of heat effects, as r_j * tau_m,j^2
+    winding    multiplies the heat that it needs        c_j * factor
     drive      what becomes of negative drive power     d_j = tau_m,j * v_j + c_j  ->  p
     power      adds to the power of the whole arm       p + ...
     supply     between the drives and the meter         p / eta
     meter      what the meter makes of the true power   reading(t), never part of an energy
 
-Kinks (sign, abs, clamp) are written through `Kinks`, so that one expression serves both the exact law (`EXACT`) and
-the smooth one that a solver needs (`Smooth`).
+What others must know of an effect (is it overhead, does it store energy, does it depend on time, ...) is said by its
+class: no code outside names one. The stages' base classes are in `stages`.
 """
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
+from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput
 
-Stage = Literal["rigid", "torque", "copper", "drive", "power", "supply", "meter"]
-Size = Literal["scalar", "joint"] | int
-
-MOVING_SPEED = 1e-3  # [rad/s] a joint that is faster than this moves
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A named number (or one per joint, or a fixed-size vector) of an effect.
-
-    Attributes:
-        unit: SI unit as text.
-        neutral: the value at which the effect changes nothing (for a parameter that only shapes the effect, such as a
-            time constant, any sensible value).
-        lower, upper: physical bounds.
-        size: "scalar", "joint" (one number for all joints or one per joint) or the length of a vector.
-        shapes: True where the parameter only shapes the effect and cannot switch it off by itself.
-    """
-
-    name: str
-    unit: str
-    neutral: float
-    lower: float
-    upper: float
-    size: Size = "scalar"
-    shapes: bool = False
-
-    def count(self, joints: int) -> int:
-        """How many numbers it has on an arm of `joints` joints."""
-        if self.size == "joint":
-            return joints
-        return 1 if self.size == "scalar" else int(self.size)
-
-
-class Kinks(Protocol):
-    """How sign, abs and clamp are written; `width` is the half-width of the rounding, in the unit of x."""
-
-    def sign(self, x: ca.SX, width: float) -> ca.SX: ...
-    def magnitude(self, x: ca.SX, width: float) -> ca.SX: ...
-    def positive(self, x: ca.SX, width: float) -> ca.SX: ...
-    def moving(self, v: ca.SX) -> ca.SX: ...
-
-
-class Exact:
-    """The laws as they are."""
-
-    def sign(self, x: ca.SX, width: float) -> ca.SX:
-        return ca.sign(x)
-
-    def magnitude(self, x: ca.SX, width: float) -> ca.SX:
-        return ca.fabs(x)
-
-    def positive(self, x: ca.SX, width: float) -> ca.SX:
-        return ca.fmax(x, 0)
-
-    def moving(self, v: ca.SX) -> ca.SX:
-        return ca.if_else(ca.mmax(ca.fabs(v)) > MOVING_SPEED, 1, 0)
-
-
-@dataclass(frozen=True)
-class Smooth:
-    """Twice differentiable stand-ins; `scale` multiplies every width (1 = as stated at each law, smaller = sharper).
-
-    sign(x) = x / sqrt(x^2 + w^2), |x| = sqrt(x^2 + w^2) - w, max(x, 0) = (x + sqrt(x^2 + w^2)) / 2 - w / 2.
-    All three vanish at 0, and differ from the exact law by at most w (sign: by less than (w/x)^2 / 2).
-    """
-
-    scale: float | ca.SX = 1.0
-
-    def sign(self, x: ca.SX, width: float) -> ca.SX:
-        w = width * self.scale
-        return x / ca.sqrt(x * x + w * w)
-
-    def magnitude(self, x: ca.SX, width: float) -> ca.SX:
-        w = width * self.scale
-        return ca.sqrt(x * x + w * w) - w
-
-    def positive(self, x: ca.SX, width: float) -> ca.SX:
-        return (x + self.magnitude(x, width)) / 2
-
-    def moving(self, v: ca.SX) -> ca.SX:
-        w = 10 * MOVING_SPEED * self.scale
-        return 1 - ca.exp(-ca.dot(v, v) / (w * w))
-
-
-EXACT = Exact()
+Stage = Literal["rigid", "torque", "heat", "winding", "drive", "power", "supply", "meter"]
 
 
 @dataclass(frozen=True)
 class Signals:
-    """The state at one instant, as CasADi columns: q [rad], v [rad/s], a [rad/s^2], tau [N m] (rigid body), t [s]."""
+    """The state at one instant, as CasADi columns: q [rad], v [rad/s], a [rad/s^2], tau [N m] (rigid body), t [s].
+
+    What the past or the recording adds is None where it is unknown, as in planning: `temperature` (n, 1) [degC] of each
+    joint; `warmth` (n, 1) how far that has come from the set's first to its highest, 0 to 1; `idle` [s] the time since
+    the last motion ended (negative while moving and before any motion); `returned` [W] what a store gives back at this
+    instant; `run` the index of the run.
+    """
 
     q: ca.SX
     v: ca.SX
     a: ca.SX
     tau: ca.SX
     t: ca.SX
+    temperature: ca.SX | None = None
+    warmth: ca.SX | None = None
+    idle: ca.SX | None = None
+    returned: ca.SX | None = None
+    run: ca.SX | None = None
 
 
 class Effect:
     """Base of all effects; an instance holds its parameters' values.
 
     Subclasses set `name`, `stage`, `parameters` and write their law; `p` in a law holds the parameters by name, as
-    CasADi columns of full length (a per-joint parameter always has one entry per joint there).
+    CasADi columns of full length (a per-joint parameter always has one entry per joint there, a table is given row by
+    row), the words of `options` and the lengths of free dimensions.
     """
 
     name: ClassVar[str]
     stage: ClassVar[Stage]
     parameters: ClassVar[tuple[Parameter, ...]]
-    convex_in_retiming: ClassVar[bool] = True  # does retiming stay convex with it (see FIELD of each effect)?
-    dissipates: ClassVar[bool] = False  # is its share of the energy never negative?
     options: ClassVar[Mapping[str, tuple[str, ...]]] = {}  # words beside numbers, the first is the default
+    extents_by_default: ClassVar[Mapping[str, int]] = {}  # lengths of free dimensions where no values are given
+
+    # What others must know of it.
+    overhead: ClassVar[bool] = False  # is drawn whether the arm moves or not: counted as standby
+    stores: ClassVar[bool] = False  # its work is the change of `stored` between the ends, whatever the way
+    drifts: ClassVar[bool] = False  # depends on time itself
+    dissipates: ClassVar[bool] = False  # is its share of the energy never negative?
+    convex_in_retiming: ClassVar[bool] = True  # does retiming stay convex with it?
+    follows: ClassVar[tuple[str, ...]] = ()  # the signals of the past or the recording that its law follows
+    bakes: ClassVar[bool] = False  # are its values numbers, not parameters, of the inverse dynamics?
+    needs: ClassVar[tuple[str, ...]] = ()  # effects without which it has no meaning
+    same_on_all_joints: ClassVar[bool] = True  # may one number stand for all joints where data are fitted?
+    version: ClassVar[int] = 0  # counts how often a class of this name was registered anew
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        if "parameters" in cls.__dict__:
+            cls.__signature__ = _signature(cls)  # type: ignore[attr-defined]
 
     def __init__(self, **values: Any) -> None:
         self.values: dict[str, np.ndarray] = {}
         self.choices: dict[str, str] = {}
+        self.extents: dict[str, int] = {}
         known = {p.name: p for p in self.parameters}
         for key in values:
             if key not in known and key not in self.options:
@@ -150,91 +97,157 @@ class Effect:
         for key, p in known.items():
             if key not in values:
                 raise BadInput(f"effect {self.name}: parameter {key!r} is missing [{p.unit}]")
-            self.values[key] = self._checked(p, values[key])
+            self.values[key] = p.checked(self.name, values[key], self.extents)
         for key, words in self.options.items():
             word = values.get(key, words[0])
             if word not in words:
                 raise BadInput(f"effect {self.name}: {key} = {word!r}; expected one of {', '.join(words)}")
             self.choices[key] = word
 
-    def _checked(self, p: Parameter, value: Any) -> np.ndarray:
-        try:
-            number = np.atleast_1d(np.asarray(value, dtype=float))
-        except (TypeError, ValueError):
-            raise BadInput(f"effect {self.name}: {p.name} = {value!r} is not a number [{p.unit}]") from None
-        if isinstance(value, bool) or number.ndim != 1 or not np.isfinite(number).all():
-            raise BadInput(f"effect {self.name}: {p.name} = {value!r} is not a finite number or list [{p.unit}]")
-        if p.size != "joint" and number.size != p.count(1):
-            raise BadInput(f"effect {self.name}: {p.name} has {number.size} values; expected {p.count(1)}")
-        if (number < p.lower).any() or (number > p.upper).any():
-            raise BadInput(f"effect {self.name}: {p.name} = {value!r} is outside [{p.lower:g}, {p.upper:g}] {p.unit}")
-        return number
+    @property
+    def form(self) -> tuple[str, ...]:
+        """What a built problem depends on: name, options and lengths, not values; see `registry.of_form`."""
+        words = {**self.choices, **self.extents}
+        mark = (f"@{self.version}",) if self.version else ()
+        return (self.name, *(f"{key}={word}" for key, word in sorted(words.items())), *mark)
 
     def full(self, joints: int) -> np.ndarray:
         """All parameters as one vector, per-joint ones expanded; shape (sum of counts,)."""
-        parts = []
-        for p in self.parameters:
-            value = self.values[p.name]
-            if p.size == "joint" and value.size not in (1, joints):
-                raise BadInput(
-                    f"effect {self.name}: {p.name} has {value.size} values; the robot has {joints} joints "
-                    f"(give one number or {joints})"
-                )
-            parts.append(np.broadcast_to(value, (p.count(joints),)) if p.size == "joint" else value)
+        parts = [p.full(self.name, self.values[p.name], joints, self.extents) for p in self.parameters]
         return np.concatenate(parts) if parts else np.zeros(0)
 
-    @classmethod
-    def size(cls, joints: int) -> int:
-        """Length of `full`."""
-        return sum(p.count(joints) for p in cls.parameters)
+    def named(self, vector: ca.SX, joints: int) -> SimpleNamespace:
+        """What a law is given as `p`: `split` of a column laid out as `full`, options and lengths of dimensions."""
+        out = self.split(vector, joints, self.extents)
+        out.__dict__.update(self.choices)
+        return out
 
     @classmethod
-    def split(cls, vector: ca.SX, joints: int) -> SimpleNamespace:
+    def size(cls, joints: int, extents: Mapping[str, int] | None = None) -> int:
+        """Length of `full`."""
+        return sum(p.count(joints, cls._extents(extents)) for p in cls.parameters)
+
+    @classmethod
+    def split(cls, vector: ca.SX, joints: int, extents: Mapping[str, int] | None = None) -> SimpleNamespace:
         """The parameters by name, cut out of a column laid out as `full`."""
-        out, at = SimpleNamespace(), 0
+        known = cls._extents(extents)
+        out, at = SimpleNamespace(**known), 0
         for p in cls.parameters:
-            count = p.count(joints)
+            count = p.count(joints, known)
             setattr(out, p.name, vector[at : at + count])
             at += count
         return out
 
     @classmethod
-    def from_full(cls, vector: Sequence[float] | np.ndarray, joints: int, **choices: str) -> Effect:
-        """The effect with the values of `vector`, laid out as `full`."""
+    def from_full(cls, vector: Sequence[float] | np.ndarray, joints: int, **words: str | int) -> Effect:
+        """The effect with the values of `vector`, laid out as `full`; `words` are options and lengths of dimensions."""
+        known = cls._extents({key: int(word) for key, word in words.items() if key not in cls.options})
         values, at = {}, 0
         for p in cls.parameters:
-            count = p.count(joints)
-            values[p.name] = np.asarray(vector[at : at + count], dtype=float)
+            count = p.count(joints, known)
+            values[p.name] = np.reshape(np.asarray(vector[at : at + count], float), p.shape(joints, known) or (1,))
             at += count
-        return cls(**values, **choices)
+        return cls(**values, **{key: word for key, word in words.items() if key in cls.options})
 
     @classmethod
-    def neutral(cls, joints: int) -> Effect:
+    def neutral(cls, joints: int, **words: str | int) -> Effect:
         """The effect at its neutral value: it changes nothing."""
-        return cls(**{p.name: np.full(p.count(joints), p.neutral) for p in cls.parameters})
+        known = cls._extents({key: int(word) for key, word in words.items() if key not in cls.options})
+        full = [np.full(p.count(joints, known), p.neutral) for p in cls.parameters]
+        return cls.from_full(np.concatenate(full) if full else np.zeros(0), joints, **words)
+
+    @classmethod
+    def _extents(cls, given: Mapping[str, int] | None) -> dict[str, int]:
+        return {**cls.extents_by_default, **(given or {})}
+
+    @classmethod
+    def stored(cls, q: ca.SX, v: ca.SX, p: SimpleNamespace) -> ca.SX:
+        """Energy [J] held at position q and velocity v (n, 1), of an effect that `stores`."""
+        raise NotImplementedError
+
+    @classmethod
+    def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+        """Of mechanical power that is stored and given back, the factor at which it reaches the meter past it."""
+        return 1.0
+
+    @classmethod
+    def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """Parameter values (`full`) away from neutral and inside the bounds, for checks."""
+        out: list[float] = []
+        for p in cls.parameters:
+            for _ in range(p.count(joints, cls._extents(None))):
+                size = 0.1 if p.neutral == 0 else 0.15 * abs(p.neutral)
+                away = size * rng.uniform(0.6, 1.4)
+                value = p.neutral + away if p.neutral + away <= p.upper else p.neutral - away
+                out.append(float(np.clip(value, p.lower, p.upper)))
+        return np.array(out)
+
+    # What a fit works with: numbers x in which the effect is (nearly) linear, instead of `full`.
+
+    @classmethod
+    def idle(cls, joints: int, **words: str | int) -> Effect:
+        """The effect where it changes next to nothing but its derivatives say what it would do."""
+        return cls.neutral(joints, **words)
+
+    @classmethod
+    def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
+        """x from `full`."""
+        return np.array(full, dtype=float)
+
+    @classmethod
+    def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        """`full` from x."""
+        return x.copy()
+
+    @classmethod
+    def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        """d full / d x, square."""
+        return np.eye(len(x))
+
+    @classmethod
+    def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of x."""
+        rows = [p.bounds for p in cls.parameters for _ in range(p.count(joints, cls.extents_by_default))]
+        return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Effect) or type(other) is not type(self) or other.choices != self.choices:
+            return False
+        return all(np.array_equal(value, other.values[key]) for key, value in self.values.items())
+
+    def __hash__(self) -> int:
+        return hash((type(self), *(value.tobytes() for value in self.values.values())))
 
     def __repr__(self) -> str:
-        given = {**{k: v.tolist() for k, v in self.values.items()}, **self.choices}
+        given = {**{k: _short(v) for k, v in self.values.items()}, **{k: repr(w) for k, w in self.choices.items()}}
         return f"{type(self).__name__}({', '.join(f'{k}={v}' for k, v in given.items())})"
 
 
-class TorqueEffect(Effect):
-    """Adds to the motor's torque at the joint side."""
+def _signature(cls: type[Effect]) -> inspect.Signature:
+    """Parameters as keywords, annotated with unit and size; options with their default."""
+    numbers = [
+        inspect.Parameter(p.name, inspect.Parameter.KEYWORD_ONLY, annotation=described(p)) for p in cls.parameters
+    ]
+    words = [
+        inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=choice[0], annotation=Literal[choice])
+        for key, choice in cls.options.items()
+    ]
+    return inspect.Signature([*numbers, *words])
 
-    stage = "torque"
 
-    @classmethod
-    def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
-        """Added torque, N m, shape (n, 1)."""
-        raise NotImplementedError
+def described(p: Parameter) -> str:
+    """Unit and size of a parameter in words, as "N m, a number or one per joint"."""
+    if p.size == "scalar":
+        return p.unit
+    if p.size == "joint":
+        return f"{p.unit}, a number or one per joint"
+    sizes = [f"{d} numbers" if isinstance(d, int) else f"one per {d.rstrip('s')}" for d in p.dimensions]
+    return f"{p.unit}, {', '.join(sizes)}"
 
 
-class PowerEffect(Effect):
-    """Adds to the power of the whole arm."""
-
-    stage = "power"
-
-    @classmethod
-    def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
-        """Added power, W, a scalar."""
-        raise NotImplementedError
+def _short(value: np.ndarray) -> str:
+    if value.size == 1:
+        return f"{value.item():.6g}"
+    if value.ndim > 1:
+        return f"<{' x '.join(str(n) for n in value.shape)} numbers>"
+    return f"[{', '.join(f'{x:.6g}' for x in value)}]"

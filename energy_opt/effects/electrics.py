@@ -6,9 +6,12 @@ from types import SimpleNamespace
 
 import casadi as ca
 
-from energy_opt.effects.base import Effect, Kinks, Parameter, PowerEffect, Signals
+from energy_opt.effects.base import Signals
+from energy_opt.effects.friction import SIGN_WIDTH, SOAKING, SOAKING_TRIALS, TORQUE_WIDTH
+from energy_opt.effects.kinks import Kinks
+from energy_opt.effects.parameter import Parameter
+from energy_opt.effects.stages import DriveEffect, HeatEffect, PowerEffect, SupplyEffect, WindingEffect
 
-TORQUE_WIDTH = 0.05  # [N m]
 POWER_WIDTH = 0.5  # [W]
 
 
@@ -17,9 +20,14 @@ class Standby(PowerEffect):
 
     name = "standby"
     parameters = (Parameter("power", "W", 0.0, 0.0, 1e6),)
+    overhead = True
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return p.power
+
+    @classmethod
+    def constant(cls, p: SimpleNamespace) -> ca.SX | float:
         return p.power
 
 
@@ -29,9 +37,11 @@ class StandbyDrift(PowerEffect):
     name = "standby_drift"
     parameters = (
         Parameter("power", "W", 0.0, -1e4, 1e4),
-        Parameter("time_constant", "s", 60.0, 1e-1, 1e5, shapes=True),
+        Parameter("time_constant", "s", 60.0, 1e-1, 1e5, shapes=True, fit=SOAKING, trials=SOAKING_TRIALS),
     )
-    convex_in_retiming = False  # depends on time itself
+    overhead = True
+    drifts = True
+    convex_in_retiming = False
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
@@ -70,64 +80,105 @@ class InverterLoss(PowerEffect):
         return p.c * ca.sum1(k.magnitude(tau_m, TORQUE_WIDTH))
 
 
-class CopperLoss(Effect):
+class CopperLoss(HeatEffect):
     """r_over_kt2 * tau_m^2 in every joint: Joule heat of the current that makes the torque (R / Kt^2)."""
 
     name = "copper_loss"
-    stage = "copper"
     parameters = (Parameter("r_over_kt2", "W/(N m)^2", 0.0, 0.0, 1e3, "joint"),)
     dissipates = True
 
     @classmethod
-    def heat(cls, tau_m: ca.SX, p: SimpleNamespace) -> ca.SX:
-        """Power per joint, W, shape (n, 1)."""
+    def heat(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
         return p.r_over_kt2 * tau_m**2
 
 
-class WindingTemperature(Effect):
+class WindingTemperature(WindingEffect):
     """Copper loss grows by 1 + rate * (1 - exp(-t / time_constant)), t since the set's first sample."""
 
     name = "winding_temperature"
-    stage = "copper"
     parameters = (
-        Parameter("rate", "1", 0.0, -0.5, 10.0),
-        Parameter("time_constant", "s", 60.0, 1e-1, 1e5, shapes=True),
+        Parameter("rate", "1", 0.0, -0.5, 10.0, fit=(-0.5, 3.0)),
+        Parameter("time_constant", "s", 60.0, 1e-1, 1e5, shapes=True, fit=SOAKING, trials=SOAKING_TRIALS),
     )
-    convex_in_retiming = False  # depends on time itself
+    drifts = True
+    needs = ("copper_loss",)
+    convex_in_retiming = False
 
     @classmethod
-    def factor(cls, t: ca.SX, p: SimpleNamespace) -> ca.SX:
-        """What copper loss is multiplied by."""
-        return 1 + p.rate * (1 - ca.exp(-t / p.time_constant))
+    def factor(cls, x: Signals, p: SimpleNamespace) -> ca.SX:
+        return 1 + p.rate * (1 - ca.exp(-x.t / p.time_constant))
 
 
-class Regeneration(Effect):
+class Regeneration(DriveEffect):
     """The share `efficiency` of negative drive power is used again (1 = all, 0 = none).
 
     Drive power of a joint is tau_m * v + copper loss. `level` = "joint" clamps each joint's drive power, "bus" the sum.
     """
 
     name = "regeneration"
-    stage = "drive"
     parameters = (Parameter("efficiency", "1", 1.0, 0.0, 1.0),)
     options = {"level": ("bus", "joint")}
     dissipates = True
 
     @classmethod
-    def power(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks, level: str) -> ca.SX:
-        """Power drawn by the drives, W, from their drive power (n, 1): e x + (1 - e) max(x, 0)."""
-        x = ca.sum1(drive) if level == "bus" else drive
+    def drawn(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """e x + (1 - e) max(x, 0), x the drive power of each joint or their sum."""
+        x = ca.sum1(drive) if p.level == "bus" else drive
         return ca.sum1(p.efficiency * x + (1 - p.efficiency) * k.positive(x, POWER_WIDTH))
 
+    @classmethod
+    def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+        return p.efficiency
 
-class SupplyEfficiency(Effect):
+
+class SupplyEfficiency(SupplyEffect):
     """Power at the meter = power behind the supply / eta, standby included."""
 
     name = "supply_efficiency"
-    stage = "supply"
-    parameters = (Parameter("eta", "1", 1.0, 0.05, 1.0),)
+    parameters = (Parameter("eta", "1", 1.0, 0.05, 1.0, fit=(0.2, 1.0)),)
 
     @classmethod
-    def power(cls, power: ca.SX, p: SimpleNamespace) -> ca.SX:
-        """Power at the meter, W."""
+    def at_meter(cls, power: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
         return power / p.eta
+
+    @classmethod
+    def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+        return 1 / p.eta
+
+
+class PsuLoss(SupplyEffect):
+    """P + affine * |P| + quadratic * P^2 at the meter, P the power behind the supply, standby included.
+
+    Convex in retiming where P is: an increasing convex function of it, as long as P stays above 0.
+    """
+
+    name = "psu_loss"
+    parameters = (
+        Parameter("affine", "1", 0.0, 0.0, 10.0),
+        Parameter("quadratic", "1/W", 0.0, 0.0, 1.0),
+    )
+    convex_in_retiming = False
+    dissipates = True
+
+    @classmethod
+    def at_meter(cls, power: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return power + p.affine * k.magnitude(power, POWER_WIDTH) + p.quadratic * power**2
+
+
+class IronLoss(PowerEffect):
+    """sum of hysteresis * |v| + eddy * v^2: losses of the motors' iron, drawn as power and not felt as torque.
+
+    Retiming loses its convexity by the eddy currents: their energy grows with the root of squared path speed.
+    """
+
+    name = "iron_loss"
+    parameters = (
+        Parameter("hysteresis", "W s/rad", 0.0, 0.0, 1e4, "joint"),
+        Parameter("eddy", "W s^2/rad^2", 0.0, 0.0, 1e4, "joint"),
+    )
+    convex_in_retiming = False
+    dissipates = True
+
+    @classmethod
+    def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return ca.dot(p.hysteresis, k.magnitude(x.v, SIGN_WIDTH)) + ca.dot(p.eddy, x.v**2)

@@ -5,8 +5,14 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import casadi as ca
+import numpy as np
 
-from energy_opt.effects.base import Kinks, Parameter, Signals, TorqueEffect
+from energy_opt.effects.base import Effect, Signals
+from energy_opt.effects.kinks import Kinks
+from energy_opt.effects.parameter import Parameter
+from energy_opt.effects.stages import TorqueEffect
+
+SMALL = 1e-9  # [N m/rad] a spring's stiffness is kept this far from 0 while its rest position is sought
 
 
 class Armature(TorqueEffect):
@@ -14,6 +20,7 @@ class Armature(TorqueEffect):
 
     name = "armature"
     parameters = (Parameter("inertia", "kg m^2", 0.0, 0.0, 1e3, "joint"),)
+    stores = True
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
@@ -33,6 +40,8 @@ class GravitySpring(TorqueEffect):
         Parameter("stiffness", "N m/rad", 0.0, -1e5, 1e5, "joint"),
         Parameter("rest", "rad", 0.0, -100.0, 100.0, "joint", shapes=True),
     )
+    stores = True
+    same_on_all_joints = False
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
@@ -42,3 +51,32 @@ class GravitySpring(TorqueEffect):
     def stored(cls, q: ca.SX, v: ca.SX, p: SimpleNamespace) -> ca.SX:
         """What the motor must put in to bring the joints from rest to q, J (negative where the spring helps)."""
         return -ca.dot(p.stiffness * (q - p.rest), q - p.rest) / 2
+
+    @classmethod
+    def idle(cls, joints: int, **words: str | int) -> Effect:
+        return cls(stiffness=np.full(joints, SMALL), rest=np.zeros(joints))
+
+    @classmethod
+    def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
+        """(k, k * rest): the torque is linear in these."""
+        return np.concatenate([full[:joints], full[joints:] * full[:joints]])
+
+    @classmethod
+    def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        k = _away(x[:joints])
+        return np.concatenate([k, x[joints:] / k])
+
+    @classmethod
+    def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        k, out = _away(x[:joints]), np.eye(len(x))
+        out[joints:, joints:] = np.diag(1 / k)
+        out[joints:, :joints] = np.diag(-x[joints:] / k**2)
+        return out
+
+    @classmethod
+    def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(2 * joints, -1e4), np.full(2 * joints, 1e4)
+
+
+def _away(k: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(k) < SMALL, SMALL, k)

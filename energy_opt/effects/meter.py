@@ -8,22 +8,27 @@ Before a run's first sample the power is taken to have been what it was at that 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from energy_opt.effects.base import Effect, Parameter
+from energy_opt.effects.base import Effect
+from energy_opt.effects.parameter import Parameter
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 SHORTEST_LAG = 1e-4  # [s] a lag below this is none
+RESOLVED_LAG = 0.01  # [s] a smaller delay or lag of the meter is not told from smoothing
+LAGS = (0.02, 0.06, 0.15, 0.4)  # [s] at which lags are tried
+DELAYS = tuple(sign * lag for lag in LAGS for sign in (1.0, -1.0))  # [s] a meter may be stamped late
 
 
 class MeterEffect(Effect):
-    """Acts on the power of one run over time."""
+    """Acts on the power of one run over time; those of a model act in the order of `turn`."""
 
     stage = "meter"
+    turn: ClassVar[int] = 9
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
@@ -40,7 +45,8 @@ class MeterDelay(MeterEffect):
     """The meter shows at time t the power of time t - delay."""
 
     name = "meter_delay"
-    parameters = (Parameter("delay", "s", 0.0, -5.0, 5.0),)
+    parameters = (Parameter("delay", "s", 0.0, -5.0, 5.0, fit=(-0.5, 1.0), trials=DELAYS, resolved=RESOLVED_LAG),)
+    turn = 1
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
@@ -64,7 +70,8 @@ class MeterFilter(MeterEffect):
     """
 
     name = "meter_filter"
-    parameters = (Parameter("time_constant", "s", 0.0, 0.0, 10.0),)
+    parameters = (Parameter("time_constant", "s", 0.0, 0.0, 10.0, fit=(0.0, 2.0), trials=LAGS, resolved=RESOLVED_LAG),)
+    turn = 2
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
@@ -96,6 +103,7 @@ class MeterGain(MeterEffect):
 
     name = "meter_gain"
     parameters = (Parameter("gain", "1", 1.0, 0.1, 10.0),)
+    turn = 3
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
@@ -104,9 +112,6 @@ class MeterGain(MeterEffect):
     @classmethod
     def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
         return power.copy()
-
-
-METER_EFFECTS: tuple[type[MeterEffect], ...] = (MeterDelay, MeterFilter, MeterGain)  # in the order in which they act
 
 
 def _spline(time: np.ndarray, power: np.ndarray) -> CubicSpline:

@@ -5,17 +5,19 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import casadi as ca
+import numpy as np
 
-from energy_opt.effects.base import Effect, Parameter
+from energy_opt.effects.base import Effect
+from energy_opt.effects.parameter import Parameter
+from energy_opt.effects.stages import RigidEffect
 
 
-class Payload(Effect):
+class Payload(RigidEffect):
     """A point mass at `com` in the last joint's frame."""
 
     name = "payload"
-    stage = "rigid"
     parameters = (
-        Parameter("mass", "kg", 0.0, 0.0, 1e3),
+        Parameter("mass", "kg", 0.0, 0.0, 1e3, fit=(1e-4, 200.0)),
         Parameter("com", "m", 0.0, -10.0, 10.0, 3, shapes=True),
     )
 
@@ -24,15 +26,43 @@ class Payload(Effect):
         """Mass m, first moment h = m c (3, 1) and second moment S = m c c^T (3, 3) about the last joint's origin."""
         return p.mass, p.mass * p.com, p.mass * (p.com @ p.com.T)
 
+    @classmethod
+    def point_mass(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX] | None:
+        return p.mass, p.com
 
-class BaseTilt(Effect):
+    @classmethod
+    def idle(cls, joints: int, **words: str | int) -> Effect:
+        return cls(mass=1e-3, com=np.zeros(3))
+
+    @classmethod
+    def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
+        """(m, m c): the torque is linear in these but for the second moment."""
+        return np.concatenate([full[:1], full[1:] * full[0]])
+
+    @classmethod
+    def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        return np.concatenate([x[:1], x[1:] / x[0]])
+
+    @classmethod
+    def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        out = np.eye(4)
+        out[1:, 1:] = np.eye(3) / x[0]
+        out[1:, 0] = -x[1:] / x[0] ** 2
+        return out
+
+    @classmethod
+    def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = super().chart_bounds(joints)
+        return np.append(lower[:1], [-100.0] * 3), np.append(upper[:1], [100.0] * 3)  # [kg], [kg m]
+
+
+class BaseTilt(RigidEffect):
     """The base is turned by `roll` about x, then by `pitch` about y; gravity in the base frame turns the other way."""
 
     name = "base_tilt"
-    stage = "rigid"
     parameters = (
-        Parameter("roll", "rad", 0.0, -3.2, 3.2),
-        Parameter("pitch", "rad", 0.0, -3.2, 3.2),
+        Parameter("roll", "rad", 0.0, -3.2, 3.2, fit=(-1.5, 1.5)),
+        Parameter("pitch", "rad", 0.0, -3.2, 3.2, fit=(-1.5, 1.5)),
     )
 
     @classmethod

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.measured.units import UNITS, known_unit
@@ -79,13 +79,9 @@ def only(table: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
     Raises:
         BadInput: names the first unknown key.
     """
-    import difflib
-
     for key in table:
         if key not in keys:
-            near = difflib.get_close_matches(key, keys, 1, 0.6)
-            meant = f"; did you mean {near[0]!r}?" if near else ""
-            raise BadInput(f"{where}: unknown key {key!r}; expected {', '.join(keys)}{meant}")
+            raise BadInput(f"{where}: unknown key {key!r}; expected {', '.join(keys)}{near(key, keys)}")
 
 
 def plain_rules(joints: Sequence[str]) -> dict[str, Rule]:

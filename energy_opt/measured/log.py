@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_toml
+from energy_opt.files import inside, read_toml
 from energy_opt.measured.columns import Rule, only, rule_from
 from energy_opt.measured.layout import Csv, layout_of
 from energy_opt.measured.presets import PRESETS
@@ -65,13 +65,10 @@ class LogFile:
         Raises:
             BadInput: it lies outside the set's folder, which has to be allowed.
         """
-        folder = self.path.parent
-        path = folder / name
-        if not self.allow_outside and not path.resolve().is_relative_to(folder.resolve()):
-            raise BadInput(
-                f"{self.path}: file {name!r} lies outside the set's folder; copy it there, or say --allow-outside"
-            )
-        return path
+        try:
+            return inside(self.path.parent, name, self.allow_outside)
+        except BadInput as error:
+            raise BadInput(f"{self.path}: file {error}") from None
 
 
 def read_log(folder: Path, allow_outside: bool = False) -> LogFile:

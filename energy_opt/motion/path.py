@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from energy_opt.errors import BadInput
-from energy_opt.files import read_table
-from energy_opt.motion.trajectory import Trajectory, columns_of, read_trajectory
+from energy_opt.motion.trajectory import Trajectory
 
 NO_LENGTH = 1e-12  # [rad] shorter than this is no move at all
 TRAJECTORY_PIECES = 200  # cubic pieces of the curve through a trajectory
@@ -114,21 +111,6 @@ def of_trajectory(trajectory: Trajectory, pieces: int = TRAJECTORY_PIECES) -> Jo
     path = _spline(s, points, ends[0], ends[1])
     rates = np.where(resting, 0.0, speed / total)
     return replace(path, start_speed=float(rates[0]), end_speed=float(rates[1]), source=trajectory)
-
-
-def read_path(path: Path, joints: Sequence[str]) -> JointPath:
-    """A path from a CSV file: a trajectory where it has a column `time`, else waypoints `<joint>.position`.
-
-    Raises:
-        BadInput: the file is not readable, or a joint's position is missing; names file, row and column.
-    """
-    table = read_table(path)
-    if "time" in table:
-        return of_trajectory(read_trajectory(path, joints))
-    points = columns_of(table, joints, "position", str(path))
-    if points is None:
-        raise BadInput(f"{path}: row 1: no column {joints[0]}.position; joints are {', '.join(joints)}")
-    return through(points)
 
 
 def _spline(

@@ -6,14 +6,10 @@ three are continuous and everything that is judged can be recomputed from the fi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import lru_cache
 
 import numpy as np
-
-from energy_opt.errors import BadInput
-from energy_opt.files import read_table, write_table
 
 # Quintic on x in [0, 1] from (q0, q1, h v0, h v1, h^2 a0, h^2 a1); rows: coefficients of x^0 ... x^5.
 _HERMITE = np.array(
@@ -26,6 +22,20 @@ _HERMITE = np.array(
         [-6, 6, -3, -3, -0.5, 0.5],
     ]
 )
+
+
+def _powers(x: np.ndarray, order: int) -> np.ndarray:
+    """Derivative of `order` of the powers 0 ... 5 at x (M,), (M, 6)."""
+    degree = np.arange(6)
+    factor = np.prod([degree - k for k in range(order)], axis=0)
+    return factor * x[:, None] ** np.maximum(degree - order, 0)
+
+
+@lru_cache(maxsize=8)
+def _places(factor: int) -> np.ndarray:
+    """From a quintic's data to its derivatives 0 ... 3 at `factor` even places between two rows, (4, factor, 6)."""
+    x = np.arange(factor) / factor
+    return np.stack([_powers(x, order) @ _HERMITE for order in range(4)])
 
 
 @dataclass(frozen=True)
@@ -78,6 +88,28 @@ class Trajectory:
         out[0] = out[0] + start
         return out[0], out[1], out[2], out[3]
 
+    def sample_denser(self, factor: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What `sample` gives at the times of `denser(factor)`, many times faster: places between rows recur."""
+        step = np.diff(self.time)[:, None]
+        rows = self.position, self.velocity, self.acceleration
+        data = np.stack([x for row in rows for x in (row[:-1], row[1:])])  # (6, N - 1, n)
+        data[1] -= data[0]
+        data[0] = 0.0
+        data[2:4] *= step
+        data[4:] *= step**2
+        out = []
+        for order in range(4):
+            between = np.tensordot(_places(factor)[order], data, axes=1)  # (factor, N - 1, n)
+            if order == 0:
+                between += self.position[:-1]
+            else:
+                between /= step**order
+            out.append(np.concatenate([between.transpose(1, 0, 2).reshape(-1, len(self.joints)), between[-1:, -1]]))
+        end = np.tensordot(_powers(np.ones(1), 3) @ _HERMITE, data[:, -1], axes=1) / step[-1] ** 3
+        for values, last in zip(out, (*(row[-1:] for row in rows), end), strict=True):
+            values[-1] = last
+        return out[0], out[1], out[2], out[3]
+
     def denser(self, factor: int) -> np.ndarray:
         """Times of a grid `factor` times denser than the rows, rows included; shape ((N - 1) * factor + 1,)."""
         steps = np.arange(factor) / factor
@@ -89,81 +121,3 @@ class Trajectory:
         k = duration / self.duration
         time = self.time[0] + (self.time - self.time[0]) * k
         return Trajectory(self.joints, time, self.position, self.velocity / k, self.acceleration / k**2)
-
-    def write_csv(self, path: Path) -> None:
-        """Write time, <joint>.position, .velocity, .acceleration, and .effort and power where known."""
-        header, columns = ["time"], [self.time]
-        blocks = [("position", self.position), ("velocity", self.velocity), ("acceleration", self.acceleration)]
-        if self.effort is not None:
-            blocks.append(("effort", self.effort))
-        for kind, block in blocks:
-            header += [f"{joint}.{kind}" for joint in self.joints]
-            columns += list(block.T)
-        if self.power is not None:
-            header.append("power")
-            columns.append(self.power)
-        write_table(path, header, columns)
-
-    def write_yaml(self, path: Path, effort: np.ndarray | None = None) -> None:
-        """Write the rows as a trajectory_msgs/JointTrajectory message."""
-        from energy_opt.files import write_text
-
-        def row(values: np.ndarray) -> str:
-            return "[" + ", ".join(repr(float(x)) for x in values) + "]"
-
-        lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", "joint_names:"]
-        lines += [f"- {joint}" for joint in self.joints]
-        lines.append("points:")
-        for k, t in enumerate(self.time - self.time[0]):
-            total = round(float(t) * 1e9)
-            lines.append(f"- positions: {row(self.position[k])}")
-            lines.append(f"  velocities: {row(self.velocity[k])}")
-            lines.append(f"  accelerations: {row(self.acceleration[k])}")
-            lines.append(f"  effort: {row(effort[k]) if effort is not None else '[]'}")
-            lines.append(f"  time_from_start: {{sec: {total // 10**9}, nanosec: {total % 10**9}}}")
-        write_text(path, "\n".join(lines) + "\n")
-
-
-def columns_of(table: dict[str, np.ndarray], joints: Sequence[str], kind: str, where: str) -> np.ndarray | None:
-    """The columns <joint>.<kind> in the order of `joints`, (N, n); None where no joint has one.
-
-    Raises:
-        BadInput: some joints have the column and others do not.
-    """
-    present = [joint for joint in joints if f"{joint}.{kind}" in table]
-    if not present:
-        return None
-    missing = [joint for joint in joints if joint not in present]
-    if missing:
-        raise BadInput(f"{where}: row 1: column {missing[0]}.{kind} is missing, though {present[0]}.{kind} is there")
-    return np.column_stack([table[f"{joint}.{kind}"] for joint in joints])
-
-
-def read_trajectory(path: Path, joints: Sequence[str]) -> Trajectory:
-    """Read a trajectory file; velocity and acceleration are taken from it, or from splines where they are missing.
-
-    Raises:
-        BadInput: a column is missing, or time does not rise from row to row.
-    """
-    from scipy.interpolate import CubicSpline
-
-    table = read_table(path)
-    if "time" not in table:
-        raise BadInput(f"{path}: row 1: no column time")
-    time = table["time"]
-    falls = np.flatnonzero(np.diff(time) <= 0)
-    if falls.size:
-        k = int(falls[0])
-        raise BadInput(f"{path}: row {k + 3}, column time: {time[k + 1]:g} does not come after {time[k]:g}")
-    if len(time) < 2:
-        raise BadInput(f"{path}: one row; a trajectory has at least two")
-    position = columns_of(table, joints, "position", str(path))
-    if position is None:
-        raise BadInput(f"{path}: row 1: no column {joints[0]}.position; joints are {', '.join(joints)}")
-    velocity = columns_of(table, joints, "velocity", str(path))
-    acceleration = columns_of(table, joints, "acceleration", str(path))
-    if velocity is None:
-        velocity = CubicSpline(time, position)(time, 1)
-    if acceleration is None:
-        acceleration = CubicSpline(time, velocity)(time, 1)
-    return Trajectory(tuple(joints), time, position, velocity, acceleration)

@@ -1,10 +1,12 @@
 """The power model: which effects an arm has, with what values, and the law that follows from them."""
 
 from energy_opt.power.law import DriveTerms, drive_function, drive_terms
+from energy_opt.power.mixture import Mixture
 from energy_opt.power.model import PowerModel, load_model, source_method_1, source_method_2
 
 __all__ = [
     "DriveTerms",
+    "Mixture",
     "PowerModel",
     "drive_function",
     "drive_terms",

@@ -1,22 +1,29 @@
 """The law of the drives: from motion and rigid-body torque to electrical power, split by effect.
 
 tau_m = tau + sum of torque effects
-d_j   = tau_m,j v_j + c_j               drive power of joint j, c_j its copper loss
-p     = regeneration(d) + sum of power effects
-P     = p / eta                         at the meter, meter effects aside
+d_j   = tau_m,j v_j + c_j               drive power of joint j, c_j its heat (copper loss, warmer windings)
+p     = drawn(d) + sum of power effects
+P     = supply(p)                       at the meter, meter effects aside
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import cast
 
 import casadi as ca
 
-from energy_opt.effects import EXACT, Effect, Kinks, Signals
-from energy_opt.effects.base import PowerEffect, TorqueEffect
-from energy_opt.effects.electrics import CopperLoss, Regeneration, SupplyEfficiency, WindingTemperature
+from energy_opt.effects import (
+    EXACT,
+    DriveEffect,
+    HeatEffect,
+    Kinks,
+    PowerEffect,
+    Signals,
+    StoreEffect,
+    SupplyEffect,
+    TorqueEffect,
+    WindingEffect,
+)
 from energy_opt.power.model import PowerModel
 
 
@@ -25,72 +32,106 @@ class DriveTerms:
     """Motor torque tau_m (n, 1) [N m], power [W] and its parts by effect [W]; the parts add up to the power.
 
     `parts` has an entry "mechanical" (tau^T v of the rigid body) and one for every effect of the stages torque,
-    copper, drive, power and supply.
+    heat, winding, drive, power and supply. `conservative` is the part [W] whose integral only the ends decide: the work
+    of the rigid body's torque, of rotors and of springs, times what drives and supply let pass of it. `bus` is the
+    joints' drive power [W].
     """
 
     tau_m: ca.SX
     power: ca.SX
     parts: dict[str, ca.SX]
+    conservative: ca.SX
+    bus: ca.SX
 
 
 def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT) -> DriveTerms:
-    """The law as expressions; `p` is laid out as `PowerModel.values`."""
+    """The law as expressions; `p` is laid out as `PowerModel.values`.
+
+    Of a mixture (see `mixture`): the weighted sums of its members', and the first one's motor torque.
+    """
+    members = [(w, _terms_of_one(model, x, part, kinks)) for w, model, part in model.shares(x.q.numel(), p)]
+    if len(members) == 1:
+        return members[0][1]
+    names = dict.fromkeys(name for _, terms in members for name in terms.parts)
+    return DriveTerms(
+        members[0][1].tau_m,
+        sum((w * terms.power for w, terms in members), ca.SX(0)),
+        {name: sum((w * terms.parts.get(name, 0) for w, terms in members), ca.SX(0)) for name in names},
+        sum((w * terms.conservative for w, terms in members), ca.SX(0)),
+        members[0][1].bus,
+    )
+
+
+def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks) -> DriveTerms:
     n = x.q.numel()
-    named: list[tuple[Effect, SimpleNamespace]] = [
-        (e, type(e).split(p[s], n)) for e, s in zip(model.effects, model.slices(n), strict=True)
-    ]
-    of = {e.name: (e, values) for e, values in named}
+    named = [(e, e.named(p[s], n)) for e, s in zip(model.effects, model.slices(n), strict=True)]
     parts: dict[str, ca.SX] = {"mechanical": ca.dot(x.tau, x.v)}
 
     tau_m = x.tau
     for effect, values in named:
-        if effect.stage == "torque":
-            added = cast(TorqueEffect, effect).torque(x, values, kinks)
+        if isinstance(effect, TorqueEffect):
+            added = effect.torque(x, values, kinks)
             parts[effect.name] = ca.dot(added, x.v)
             tau_m = tau_m + added
 
     drive = tau_m * x.v
-    if CopperLoss.name in of:
-        heat = CopperLoss.heat(tau_m, of[CopperLoss.name][1])
-        parts[CopperLoss.name] = ca.sum1(heat)
-        if WindingTemperature.name in of:
-            hot = (WindingTemperature.factor(x.t, of[WindingTemperature.name][1]) - 1) * heat
-            parts[WindingTemperature.name] = ca.sum1(hot)
-            heat = heat + hot
-        drive = drive + heat
+    heats: dict[str, ca.SX] = {}
+    for effect, values in named:
+        if isinstance(effect, HeatEffect):
+            heats[effect.name] = heat = effect.heat(x, tau_m, values, kinks)
+            parts[effect.name] = ca.sum1(heat)
+            drive = drive + heat
+    for effect, values in named:
+        if isinstance(effect, WindingEffect):
+            more = (effect.factor(x, values) - 1) * sum(heats[name] for name in effect.needs)
+            parts[effect.name] = ca.sum1(more)
+            drive = drive + more
 
-    power = ca.sum1(drive)
-    if Regeneration.name in of:
-        effect, values = of[Regeneration.name]
-        clamped = Regeneration.power(drive, values, kinks, effect.choices["level"])
-        parts[Regeneration.name] = clamped - power
-        power = clamped
+    power = bus = ca.sum1(drive)
+    for effect, values in named:
+        if isinstance(effect, DriveEffect):
+            clamped = effect.drawn(drive, values, kinks)
+            if isinstance(effect, StoreEffect) and x.returned is not None:
+                clamped = clamped - x.returned
+            parts[effect.name] = clamped - power
+            power = clamped
 
     for effect, values in named:
-        if effect.stage == "power":
-            parts[effect.name] = cast(PowerEffect, effect).power(x, tau_m, values, kinks)
+        if isinstance(effect, PowerEffect):
+            parts[effect.name] = effect.power(x, tau_m, values, kinks)
             power = power + parts[effect.name]
 
-    if SupplyEfficiency.name in of:
-        behind = power
-        power = SupplyEfficiency.power(behind, of[SupplyEfficiency.name][1])
-        parts[SupplyEfficiency.name] = power - behind
-    return DriveTerms(tau_m, power, parts)
+    for effect, values in named:
+        if isinstance(effect, SupplyEffect):
+            behind = power
+            power = effect.at_meter(behind, values, kinks)
+            parts[effect.name] = power - behind
+    passed = ca.SX(1)
+    for effect, values in named:
+        passed *= effect.passed(values)
+    stored = sum((parts[effect.name] for effect, _ in named if effect.stores), parts["mechanical"])
+    return DriveTerms(tau_m, power, parts, passed * stored, bus)
 
 
-def drive_function(model: PowerModel, joints: int, kinks: Kinks = EXACT) -> tuple[ca.Function, tuple[str, ...]]:
-    """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order."""
+def drive_function(
+    model: PowerModel, joints: int, kinks: Kinks = EXACT, past: bool = False
+) -> tuple[ca.Function, tuple[str, ...]]:
+    """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order.
+
+    With `past` it also takes idle and returned (see `Signals`), before p, and gives the power of the bus.
+    """
     q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
-    x = Signals(q, v, a, tau, ca.SX.sym("t"))
+    known = {name: ca.SX.sym(name) for name in ("idle", "returned")} if past else {}
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), **known)
     p = model.symbols(joints)
     terms = drive_terms(model, x, p, kinks)
-    inputs = [x.q, x.v, x.a, x.tau, x.t, p]
+    inputs = [x.q, x.v, x.a, x.tau, x.t, *known.values(), p]
     parts = ca.vertcat(*terms.parts.values())
     function = ca.Function(
         "drive",
         inputs,
-        [terms.tau_m, terms.power, parts],
-        ["q", "v", "a", "tau", "t", "p"],
-        ["tau_m", "power", "parts"],
+        [terms.tau_m, terms.power, parts, *([terms.bus] if past else [])],
+        ["q", "v", "a", "tau", "t", *known, "p"],
+        ["tau_m", "power", "parts", *(["bus"] if past else [])],
     )
     return function, tuple(terms.parts)

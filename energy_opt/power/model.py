@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import BY_NAME, Effect
+from energy_opt.effects import EXACT, CopperLoss, Effect, PowerEffect, Standby, SupplyEffect, effect_class
 from energy_opt.errors import BadInput
 from energy_opt.files import read_toml, write_toml
 
@@ -36,8 +36,13 @@ class PowerModel:
         for name in names:
             if names.count(name) > 1:
                 raise BadInput(f"model of {self.robot}: effect {name!r} stands there twice; merge them into one")
-        if "winding_temperature" in names and "copper_loss" not in names:
-            raise BadInput(f"model of {self.robot}: winding_temperature scales copper_loss, which the model lacks")
+        drives = [e.name for e in self.effects if e.stage == "drive"]
+        if len(drives) > 1:
+            raise BadInput(f"model of {self.robot}: {' and '.join(drives)} both say what becomes of negative power")
+        for effect in self.effects:
+            for need in effect.needs:
+                if need not in names:
+                    raise BadInput(f"model of {self.robot}: {effect.name} needs {need}, which the model lacks")
 
     def get(self, name: str) -> Effect | None:
         """The effect of that name, or None."""
@@ -56,8 +61,11 @@ class PowerModel:
 
     @property
     def structure(self) -> tuple[tuple[str, ...], ...]:
-        """What a built problem depends on: the effects present and their options, not their values."""
-        return tuple((e.name, *(f"{k}={v}" for k, v in sorted(e.choices.items()))) for e in self.effects)
+        """What a built problem depends on: the effects present and their options, not their values.
+
+        But for those that change links, whose values are numbers in the inverse dynamics.
+        """
+        return tuple(e.form if not e.bakes else (*e.form, f"@{hash(e):x}") for e in self.effects)
 
     def values(self, joints: int) -> np.ndarray:
         """All parameter values as one vector, effects in order, each laid out as `Effect.full`."""
@@ -67,21 +75,39 @@ class PowerModel:
         """Where each effect's parameters lie in `values`."""
         out, at = [], 0
         for e in self.effects:
-            out.append(slice(at, at + e.size(joints)))
-            at += e.size(joints)
+            size = e.size(joints, e.extents)
+            out.append(slice(at, at + size))
+            at += size
         return out
 
     def symbols(self, joints: int) -> ca.SX:
         """A symbolic column for `values`."""
-        return ca.SX.sym("p", sum(e.size(joints) for e in self.effects))
+        return ca.SX.sym("p", sum(e.size(joints, e.extents) for e in self.effects))
 
     def with_values(self, vector: Sequence[float] | np.ndarray, joints: int) -> PowerModel:
         """The same effects with other values, laid out as `values`."""
         effects = tuple(
-            type(e).from_full(np.asarray(vector)[s], joints, **e.choices)
+            type(e).from_full(np.asarray(vector)[s], joints, **e.choices, **e.extents)
             for e, s in zip(self.effects, self.slices(joints), strict=True)
         )
         return PowerModel(self.robot, effects, self.assumed)
+
+    def constant_power(self, joints: int) -> float:
+        """Power [W] at the meter of what is drawn at every instant, whatever the arm does."""
+        named = [(e, e.named(ca.DM(e.full(joints)), joints)) for e in self.effects]
+        power = sum(ca.DM(e.constant(p)) for e, p in named if isinstance(e, PowerEffect))
+        for effect, p in named:
+            if isinstance(effect, SupplyEffect):
+                power = effect.at_meter(power, p, EXACT)
+        return float(power)
+
+    def kept(self, wanted: Callable[[Effect], bool]) -> PowerModel:
+        """The model with only the effects for which `wanted` is true."""
+        return PowerModel(self.robot, tuple(e for e in self.effects if wanted(e)), self.assumed)
+
+    def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
+        """What the power is a weighted sum of: weight, model and its part of `p`; the model itself, here."""
+        return [(1.0, self, p)]
 
     def check(self, joints: int) -> None:
         """Raise BadInput where a per-joint list does not have one value for each of the robot's joints."""
@@ -119,10 +145,8 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
     effects = []
     for number, row in enumerate(rows, start=1):
         name = row.get("name")
-        if name not in BY_NAME:
-            raise BadInput(f"{where}: [[effect]] {number}: unknown name {name!r}; known: {', '.join(BY_NAME)}")
         try:
-            effects.append(BY_NAME[name](**{k: v for k, v in row.items() if k != "name"}))
+            effects.append(effect_class(name)(**{k: v for k, v in row.items() if k != "name"}))
         except BadInput as error:
             raise BadInput(f"{where}: [[effect]] {number}: {error}") from None
     try:
@@ -142,10 +166,10 @@ def load_model(path: Path) -> PowerModel:
 
 def source_method_1(robot: str = "panda") -> PowerModel:
     """Method 1 of Petrichenko et al. 2024 (arXiv 2411.03194): R = 0, the mean overhead of eight static poses."""
-    return PowerModel(robot, (BY_NAME["standby"](power=92.3),), robot != "panda")
+    return PowerModel(robot, (Standby(power=92.3),), robot != "panda")
 
 
 def source_method_2(robot: str = "panda") -> PowerModel:
     """Method 2 of the same paper: least squares of static power over |gravity torque|^2, Franka Panda."""
-    standby, copper = BY_NAME["standby"](power=88.04), BY_NAME["copper_loss"](r_over_kt2=0.0036)
+    standby, copper = Standby(power=88.04), CopperLoss(r_over_kt2=0.0036)
     return PowerModel(robot, (standby, copper), robot != "panda")

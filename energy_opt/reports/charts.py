@@ -42,6 +42,7 @@ class Chart:
         marks: single points (x, y) by name.
         bars: instead of lines, by group the value of each label.
         stacked: bars of one label stand on each other instead of side by side.
+        spread: instead of lines, by name the values (N,) whose spread is shown; each is a point.
     """
 
     title: str
@@ -53,6 +54,12 @@ class Chart:
     marks: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     bars: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     stacked: bool = False
+    spread: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def empty(self) -> bool:
+        """There is nothing to draw."""
+        return not (any(len(line.x) for line in self.lines) or any(self.bars.values()) or self.spread)
 
     def data(self) -> dict[str, Any]:
         """As the page's script takes it."""
@@ -67,6 +74,7 @@ class Chart:
             "bars": {
                 group: {label: rounded(value) for label, value in values.items()} for group, values in self.bars.items()
             },
+            "spread": {name: [rounded(value) for value in values] for name, values in self.spread.items()},
             "lines": [_line(line) for line in self.lines],
         }
 

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.reports.charts import rounded
 from energy_opt.robot import Robot
 
 FRAMES = 150  # of one motion; between them the player interpolates
 COLOURS = {"result": "#2f74c0", "scaled": "#e07b28"}
 OTHER = "#2e9a60"
+
+
+class Motion(Protocol):
+    """A sampled motion: time (N,) [s]; position, velocity, acceleration and effort (N, n), power (N,) [W], or None."""
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    effort: np.ndarray | None
+    power: np.ndarray | None
 
 
 @dataclass(frozen=True)
@@ -31,7 +41,7 @@ class Played:
     """A motion to play; a ghost is drawn half transparent."""
 
     name: str
-    trajectory: Trajectory
+    trajectory: Motion
     ghost: bool = False
     shown: bool = True
 
@@ -75,7 +85,7 @@ def _solid(body: Solid) -> dict[str, Any]:
 def _motion(robot: Robot, played: Played) -> dict[str, Any]:
     t = played.trajectory
     time = np.linspace(t.time[0], t.time[-1], FRAMES)
-    q = t.sample(time)[0]
+    q = np.column_stack([np.interp(time, t.time, column) for column in np.asarray(t.position).T])
     return {
         "name": played.name,
         "colour": COLOURS.get(played.name, OTHER),

@@ -100,7 +100,7 @@ class Report:
 
     def charts(self, *charts: Chart) -> Report:
         """Add plots, side by side where the page is wide enough; those without data are left out."""
-        drawn = [chart for chart in charts if chart.lines or chart.bars]
+        drawn = [chart for chart in charts if not chart.empty]
         places = []
         for chart in drawn:
             places.append(

@@ -169,24 +169,3 @@ def plot_tradeoff(
         axes.axvline(fastest, color=GREY, linestyle="--", linewidth=0.9, label="fastest")
     axes.legend(fontsize=8)
     return figure
-
-
-def plot_spread(panels: Mapping[str, Mapping[str, np.ndarray]], *, title: str = "") -> Figure:
-    """How values spread: a panel per quantity, in it a row of points per name with its median marked.
-
-    Args:
-        panels: by the quantity's label, values (N,) by name.
-    """
-    count = max((len(values) for values in panels.values()), default=1)
-    figure, axes = new_figure(1, max(len(panels), 1), height=1.2 + 0.35 * count)
-    for column, (label, values) in enumerate(panels.items()):
-        at = labelled(axes[0, column], label, "")
-        for k, data in enumerate(values.values()):
-            at.plot(data, np.full(len(data), k), "o", color=COLOURS[k % len(COLOURS)], alpha=0.45, markersize=4)
-            at.plot(np.median(data), k, "|", color="black", markersize=14)
-        at.set_yticks(np.arange(len(values)), list(values) if column == 0 else [""] * len(values))
-        at.set_ylim(len(values) - 0.5, -0.5)
-    if title:
-        figure.suptitle(title, fontsize=11)
-    figure.subplots_adjust(left=0.2, bottom=0.5 / figure.get_figheight() + 0.05, wspace=0.12)
-    return figure

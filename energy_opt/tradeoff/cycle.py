@@ -20,7 +20,6 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-_OVERHEAD = ("standby", "standby_drift")
 _X, _W = np.polynomial.legendre.leggauss(16)  # exact enough for the exponentials of drift and winding temperature
 
 
@@ -56,7 +55,8 @@ class Cycle:
         if idle_power is not None:
             if not 0 <= idle_power < np.inf:
                 raise BadInput(f"--idle-power {idle_power:g}: expected 0 W or more")
-            model = model.without("standby_drift").replaced(Standby(power=idle_power))
+            rest = tuple(e for e in model.effects if not e.overhead)
+            model = PowerModel(model.robot, (Standby(power=idle_power), *rest), model.assumed)
         self.length, self.idle_power = length, idle_power
         self._goal = np.atleast_2d(np.asarray(goal, dtype=float))
         self._scorer = Scorer(robot, model)
@@ -69,5 +69,6 @@ class Cycle:
         still = np.zeros_like(q)
         _, _, parts = self._scorer.drive(q, still, still, time)
         energies = span * _W / 2 @ parts
-        overhead = np.array([name in _OVERHEAD for name in self._scorer.parts], dtype=bool)
+        drawn = {e.name for e in self._scorer.model.effects if e.overhead}
+        overhead = np.array([name in drawn for name in self._scorer.parts], dtype=bool)
         return Waiting(float(energies[overhead].sum()), float(energies[~overhead].sum()))

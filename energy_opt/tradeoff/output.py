@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.files import write_json, write_text
+from energy_opt.formats import table as rows
 from energy_opt.tradeoff.cycle import Cycle
 from energy_opt.tradeoff.front import Front, Point
 
@@ -87,7 +88,7 @@ def write(out: Path, front: Front, found: dict[str, Any]) -> None:
     write_text(out / "tradeoff.csv", table(front))
     for name, point in (("minimum", front.minimum), ("cycle_minimum", front.cycle_minimum)):
         if point is not None and point.trajectory is not None:
-            point.trajectory.write_csv(out / f"trajectory_{name}.csv")
+            rows.write(point.trajectory, out / f"trajectory_{name}.csv")
     _plot(out / "plot.png", front)
     write_json(out / "tradeoff.json", found)
 

@@ -5,7 +5,7 @@ MuJoCo (extra `sim`) is imported when an arm is built, not before.
 """
 
 from energy_opt.virtual_arm.plant import Plant, load_plant
-from energy_opt.virtual_arm.reference import Reference, pose, read_reference
+from energy_opt.virtual_arm.reference import Reference, pose, reference_of
 from energy_opt.virtual_arm.simulate import Instruments, Run, play, simulate
 from energy_opt.virtual_arm.specials import SPECIALS, Backlash, Cogging, Fan, Special, SpeedRipple, StandbyStep
 
@@ -24,6 +24,6 @@ __all__ = [
     "load_plant",
     "play",
     "pose",
-    "read_reference",
+    "reference_of",
     "simulate",
 ]

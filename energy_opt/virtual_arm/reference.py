@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from energy_opt.errors import BadInput
-from energy_opt.files import read_table
+from energy_opt.motion.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -57,29 +54,6 @@ def pose(name: str, position: np.ndarray, duration: float) -> Reference:
     return Reference(name, np.array([0.0, duration]), two, np.zeros_like(two))
 
 
-def read_reference(path: Path, joints: Sequence[str]) -> Reference:
-    """A trajectory.csv: time, <joint>.position and, where given, <joint>.velocity.
-
-    Raises:
-        BadInput: a joint's position is missing, or time does not increase.
-    """
-    table = read_table(path)
-    for column in ["time", *(f"{joint}.position" for joint in joints)]:
-        if column not in table:
-            raise BadInput(f"{path}: row 1: column {column!r} is missing")
-    time = table["time"]
-    if len(time) < 2:
-        raise BadInput(f"{path}: row 2: a trajectory needs two rows or more")
-    late = np.flatnonzero(np.diff(time) <= 0)
-    if late.size:
-        raise BadInput(
-            f"{path}: row {late[0] + 3}, column time: {time[late[0] + 1]:g} does not follow {time[late[0]]:g}"
-        )
-    position = np.column_stack([table[f"{joint}.position"] for joint in joints])
-    names = [f"{joint}.velocity" for joint in joints]
-    if all(name in table for name in names):
-        velocity = np.column_stack([table[name] for name in names])
-    else:
-        velocity = np.gradient(position, time, axis=0)
-        velocity[[0, -1]] = 0.0
-    return Reference(path.stem, time, position, velocity)
+def reference_of(trajectory: Trajectory, name: str) -> Reference:
+    """What the arm is asked to do by a trajectory."""
+    return Reference(name, trajectory.time, trajectory.position, trajectory.velocity)

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.judge.energy import DENSER, Dense, Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits
 
 ALLOWED = 1e-6  # a violation beyond this share of the bound is one
-DENSER = 10
 
 KINDS = ("position", "velocity", "acceleration", "jerk", "effort")
 
@@ -48,9 +47,14 @@ def certify(
 ) -> Certificate:
     """Check `trajectory` against `limits` on a grid at least ten times denser than its rows, or of `samples` points."""
     factor = DENSER if samples is None else max(DENSER, -(-samples // (len(trajectory.time) - 1)))
-    time = trajectory.denser(1 if rows_only else factor)
-    q, v, a, jerk = trajectory.sample(time)
-    tau, _, _ = scorer.drive(q, v, a, time - trajectory.time[0])
+    return certificate_of(scorer.dense(trajectory, 1 if rows_only else factor), limits)
+
+
+def certificate_of(dense: Dense, limits: Limits) -> Certificate:
+    """The certificate of a trajectory that lies on a dense grid already."""
+    trajectory, time, q, v, a, jerk, tau = (
+        dense.trajectory, dense.time, dense.q, dense.v, dense.a, dense.jerk, dense.effort,
+    )  # fmt: skip
     span = limits.upper - limits.lower
     with np.errstate(invalid="ignore"):
         outside = np.maximum(q - limits.upper, limits.lower - q) / np.where(np.isfinite(span), span, 1.0)
@@ -69,7 +73,7 @@ def certify(
     worst = {
         "limit": worst_kind,
         "joint": trajectory.joints[j],
-        "time": float(time[k] - trajectory.time[0]),
+        "time": float(time[k]),
         "value": value,
         "bound": bound,
     }

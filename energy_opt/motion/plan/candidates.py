@@ -163,8 +163,7 @@ class Solve:
         v_start, v_goal = move.end_velocities
         via = np.array(move.via).reshape(len(move.via), self.robot.n)
         ends = Ends(np.asarray(move.start), np.asarray(move.goal), v_start, v_goal, via)
-        standby = self.p.model.get("standby")
-        offset = float(standby.values["power"][0]) if standby is not None and duration is not None else 0.0
+        offset = 0.0 if duration is None else self.p.model.constant_power(self.robot.n)
         return Task(ends, self.limits, self.p._values, durations, offset if self.objective == "energy" else 0.0)
 
     def _reference_time(self) -> float:

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import casadi as ca
 
 from energy_opt.dynamics import torque_function
-from energy_opt.effects import BaseTilt, Payload, Regeneration, Signals, Smooth, SupplyEfficiency
+from energy_opt.effects import RigidEffect, Signals, Smooth
 from energy_opt.errors import BadInput
-from energy_opt.power import DriveTerms, PowerModel, drive_terms
+from energy_opt.power import PowerModel, drive_terms
+from energy_opt.power.rigid import body_of
 from energy_opt.robot import RigidBody
 
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
@@ -73,32 +74,15 @@ class NodeSymbols:
 
 
 def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str) -> ca.SX:
-    """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`."""
+    """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`, its links as numbers."""
+    body = body_of(model, body)
     gravity, mass, com = ca.SX(ca.DM(body.gravity)), ca.SX(0), ca.SX.zeros(3)
     for effect, where in zip(model.effects, model.slices(body.n), strict=True):
-        if isinstance(effect, Payload):
-            values = Payload.split(p[where], body.n)
-            mass, com = values.mass, values.com
-        if isinstance(effect, BaseTilt):
-            gravity = BaseTilt.gravity(gravity, BaseTilt.split(p[where], body.n))
+        if isinstance(effect, RigidEffect):
+            values = effect.named(p[where], body.n)
+            gravity = effect.gravity(gravity, values)
+            mass, com = effect.point_mass(values) or (mass, com)
     return torque_function(body, dynamics)(q, v, a, gravity, mass, com)
-
-
-def conservative_power(model: PowerModel, terms: DriveTerms, p: ca.SX, joints: int) -> ca.SX:
-    """The part of the power whose integral depends on the ends only, W.
-
-    The work of the rigid body's torque, of rotors and of springs is the change of stored energy, whatever the path; it
-    reaches the meter times efficiency / eta. Left in the cost it would add nothing but a way for the solver to exploit
-    the quadrature of a term that changes sign; what remains of the cost is never negative.
-    """
-    share = ca.SX(1)
-    for effect, where in zip(model.effects, model.slices(joints), strict=True):
-        if isinstance(effect, Regeneration):
-            share *= Regeneration.split(p[where], joints).efficiency
-        if isinstance(effect, SupplyEfficiency):
-            share /= SupplyEfficiency.split(p[where], joints).eta
-    stored = (terms.parts[name] for name in ("mechanical", "armature", "gravity_spring") if name in terms.parts)
-    return share * sum(stored)
 
 
 def node_functions(
@@ -106,8 +90,9 @@ def node_functions(
 ) -> NodeFunctions:
     """Build the node functions of a model's structure on a robot; values enter as parameters.
 
-    Objectives: "energy" (J, less the work that only the ends decide), and what others minimise: "torque" (integral of
-    |tau_m|^2), "power_squared" (integral of sum (tau_m v)^2), "path_length" (integral of |q'|^2 over u), "time" (T).
+    Objectives: "energy" (J, less the work that only the ends decide: left in the cost it would add nothing but a way
+    for the solver to exploit the quadrature of a term that changes sign), and what others minimise: "torque" (integral
+    of |tau_m|^2), "power_squared" (integral of sum (tau_m v)^2), "path_length" (integral of |q'|^2 over u), "time" (T).
     """
     if objective not in OBJECTIVES:
         raise BadInput(f"objective {objective!r}; expected one of {', '.join(OBJECTIVES)}")
@@ -117,7 +102,7 @@ def node_functions(
     tau = symbolic_torque(model, body, x.q, v, a, p, dynamics)
     terms = drive_terms(model, Signals(x.q, v, a, tau, x.t), p, Smooth())
     rate = {
-        "energy": lambda: x.duration * (terms.power - conservative_power(model, terms, p, n)),
+        "energy": lambda: x.duration * (terms.power - terms.conservative),
         "torque": lambda: x.duration * ca.dot(terms.tau_m, terms.tau_m),
         "power_squared": lambda: x.duration * ca.sumsqr(terms.tau_m * v),
         "path_length": lambda: ca.dot(x.q1, x.q1),

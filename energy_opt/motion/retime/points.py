@@ -7,7 +7,6 @@ by column: (aa, ab, bb) or (aa, ab, bb, aw, bw, ww).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -56,12 +55,6 @@ class Monomials:
         return self.weight * u * bent
 
 
-@lru_cache(maxsize=8)
-def _batches(shared_by: SharedByStructure, n: int, count: int) -> tuple[Batch, Batch]:
-    terms = general_terms(shared_by, n)
-    return Batch(terms.value, count), Batch(terms.curvature, count)
-
-
 @dataclass(frozen=True)
 class AnyLaw:
     """Sum of weight / sqrt(b) (energy P + time) by the model's law, its kinks smoothed."""
@@ -75,7 +68,9 @@ class AnyLaw:
         """From the law's numbers `at` (6 n + 1, M), and the numbers (values + 4,) that all points share."""
         count = len(weight)
         numbers = np.ascontiguousarray(np.vstack([at, weight]).T)
-        return cls(_batches(shared_by, n, count), numbers, np.tile(shared, (count, 1)))
+        terms = general_terms(shared_by, n)
+        batches = Batch(terms.value, count), Batch(terms.curvature, count)
+        return cls(batches, numbers, np.tile(shared, (count, 1)))
 
     def value(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         cost, slope = self.batches[0](z.T, self.at, self.shared)
@@ -119,12 +114,6 @@ class Jerk:
         return multipliers[:, 0] / (2 * np.sqrt(z[1])) * np.stack([none, k[0], by_b, none, k[2], none])
 
 
-@lru_cache(maxsize=8)
-def _torques(shared_by: SharedByStructure, n: int, count: int) -> tuple[Batch, Batch]:
-    value, curvature = torque_terms(shared_by, n)
-    return Batch(value, count), Batch(curvature, count)
-
-
 @dataclass(frozen=True)
 class Torque:
     """Motor torque of every joint at each point by the model's law, times `scale`."""
@@ -139,7 +128,9 @@ class Torque:
         """From the law's numbers `at` (6 n + 1, K) and those (values + 2,) that all points share."""
         count, n = scale.shape
         numbers = np.ascontiguousarray(at.T)
-        return cls(_torques(shared_by, n, count), numbers, np.tile(shared, (count, 1)), scale)
+        value, curvature = torque_terms(shared_by, n)
+        batches = Batch(value, count), Batch(curvature, count)
+        return cls(batches, numbers, np.tile(shared, (count, 1)), scale)
 
     def value(self, z: np.ndarray) -> np.ndarray:
         return self.batches[0](z.T, self.at, self.shared)[0] * self.scale

@@ -19,6 +19,7 @@ from energy_opt.motion.retime.rows import Rows
 from energy_opt.motion.retime.terms import BLURS, exact_power
 from energy_opt.motion.timing.law import Timing, greville
 from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 
@@ -28,7 +29,6 @@ CREDIT = 0.99
 FAR_OFF = 5.0  # times the start's duration, or a share of it: the program is scaled anew
 ROOM = 1.1  # times a bound that follows from others: it must not bind beside them
 RESOLVED = 1e-6  # relative: where the grid's duration is farther from the true one, energy is integrated anew
-DRIFTING = ("standby_drift", "winding_temperature")  # effects that depend on time itself
 
 
 @dataclass
@@ -66,8 +66,8 @@ def _power(d: PathDynamics, a: np.ndarray, b: np.ndarray, time: np.ndarray) -> n
     """Power (M,) [W] by the exact laws, at path acceleration a, squared speed b and time (M,)."""
     a, b = a[:, None], b[:, None]
     columns = (d.q, d.q1 * np.sqrt(b), d.q1 * a + d.q2 * b, d.M * a + d.C * b + d.G, time[:, None])
-    law = exact_power(SharedByStructure(d.model), d.robot.n, len(d.s))
-    return law(*columns, d.model.values(d.robot.n))[0].ravel().copy()
+    law = Batch(exact_power(SharedByStructure(d.model), d.robot.n), len(d.s))
+    return law(*columns, d.model.values(d.robot.n))[0].ravel()
 
 
 class Retiming:
@@ -97,10 +97,7 @@ class Retiming:
 
     def convex_price(self) -> float:
         """The largest credit [W] for a second of the duration with which the cost is known to be convex."""
-        standby, supply = self.model.get("standby"), self.model.get("supply_efficiency")
-        least = 0.0 if standby is None else float(standby.values["power"][0])
-        if supply is not None:
-            least /= float(supply.values["eta"][0])
+        least = self.model.constant_power(self.robot.n)
         law = self.law(self.shortest)
         if law.coefficients is None:
             return least
@@ -128,7 +125,7 @@ class Retiming:
 
     def law(self, timing: Timing) -> PathLaw:
         """The law at the grid's points; where it drifts, at the times at which `timing` is there."""
-        drifts = any(self.model.get(name) is not None for name in DRIFTING)
+        drifts = any(effect.drifts for effect in self.model.effects)
         if self._law is None or drifts:
             at = timing.time_at(self.grid.s) if drifts else np.zeros(len(self.grid.s))
             self._law = PathLaw.of(self.model, self.dynamics, float(self.shortest.control.max()), at)
@@ -172,7 +169,7 @@ class Retiming:
         energy counts nothing. With `only_bound`, limits between the grid's points are left out and the solver stops
         early: the bound is no less valid for that.
         """
-        drifts = energy and any(self.model.get(name) is not None for name in DRIFTING)
+        drifts = energy and any(effect.drifts for effect in self.model.effects)
         found = self._optimise(start, price, longest, floor, exactly, energy, only_bound)
         # what drifts with time takes the time of the timing before, and the program is scaled by where it starts
         far = abs(np.log(found.timing.duration / start.duration)) > np.log(FAR_OFF)

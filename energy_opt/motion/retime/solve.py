@@ -223,8 +223,7 @@ def _best(
     found = work.optimise(start, price=price, longest=longest, floor=floor, exactly=exactly)
     if work.convex:
         return found
-    kept = tuple(effect for effect in work.model.effects if effect.convex_in_retiming)
-    simpler = work.with_model(PowerModel(work.model.robot, kept, work.model.assumed))
+    simpler = work.with_model(work.model.kept(lambda effect: effect.convex_in_retiming))
     second = simpler.optimise(start, price=simpler.convex_price() if exactly else price, longest=longest, floor=floor)
     if second.solved:
         again = work.optimise(second.timing, price=price, longest=longest, floor=floor, exactly=exactly)

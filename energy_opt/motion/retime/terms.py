@@ -17,7 +17,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import Signals
+from energy_opt.effects import EXACT, Signals
 from energy_opt.motion.timing.path_dynamics import SharedByStructure
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import drive_function, drive_terms
@@ -49,6 +49,12 @@ class AlongPath:
         d = width * self.blur / self.typical
         y = x / self.rate
         return self.rate * (y + ca.sqrt(y * y + d * d) - d) / 2
+
+    def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
+        return EXACT.power(x, exponent, width)  # its sign is fixed along the path
+
+    def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX:
+        return EXACT.below(x, bound, width)
 
     def moving(self, v: ca.SX) -> ca.SX:
         return ca.SX(1)
@@ -156,11 +162,11 @@ _RESIDUAL = np.eye(_PROBES.shape[1]) - np.stack(_monomials(*_PROBES), axis=1) @ 
 
 
 @lru_cache(maxsize=16)
-def _probed(shared_by: SharedByStructure, n: int, m: int) -> Batch:
-    """(at (m, 6 n + 1), shared) -> power at every probe, (m, 10)."""
+def _probed(shared_by: SharedByStructure, n: int) -> ca.Function:
+    """(at (6 n + 1, 1), shared) -> power at every probe, (10, 1)."""
     built, function = law(shared_by, n), law_function(shared_by, n)
     power = ca.vertcat(*(function(ca.DM(probe), built.at, built.shared)[0] for probe in _PROBES.T))
-    return Batch(ca.Function("probed", [built.at, built.shared], [power]), m)
+    return ca.Function("probed", [built.at, built.shared], [power])
 
 
 def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.ndarray) -> np.ndarray | None:
@@ -169,18 +175,18 @@ def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.
     Copper loss, viscous friction and all that is affine come down to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b.
     The coefficients are found from the law itself, evaluated at ten probes, one more than there are unknowns.
     """
-    power = _probed(shared_by, n, at.shape[1])(at.T, shared)[0].T
+    power = Batch(_probed(shared_by, n), at.shape[1])(at.T, shared)[0].T
     if np.abs(_RESIDUAL @ power).max() > 1e-9 * np.abs(power).max():
         return None
     return _INVERSE @ power
 
 
 @lru_cache(maxsize=16)
-def exact_power(shared_by: SharedByStructure, n: int, m: int) -> Batch:
-    """(q, v, a, tau, t, p), of m rows each -> power [W] by the exact laws."""
+def exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
+    """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
     function, _ = drive_function(shared_by.model, n)
     inputs = function.sx_in()
-    return Batch(ca.Function("exact_power", inputs, [function(*inputs)[1]]), m)
+    return ca.Function("exact_power", inputs, [function(*inputs)[1]])
 
 
 @lru_cache(maxsize=16)

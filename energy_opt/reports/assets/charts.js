@@ -41,11 +41,17 @@ function tracesOf(chart, roles) {
       marker: { color: colourOf(group, roles) },
     });
   }
+  for (const [name, values] of Object.entries(chart.spread)) {
+    traces.push({
+      type: "box", orientation: "h", name, x: values, boxpoints: "all", jitter: 0.4, pointpos: 0, fillcolor: "rgba(0,0,0,0)",
+      line: { width: 1 }, marker: { color: colourOf(name, roles), size: 5, opacity: 0.6 },
+    });
+  }
   return traces;
 }
 
 function layoutOf(chart) {
-  const ink = styleOf("--ink"), rule = styleOf("--rule"), bars = Object.keys(chart.bars).length > 0;
+  const ink = styleOf("--ink"), rule = styleOf("--rule"), bars = Object.keys(chart.bars).length + Object.keys(chart.spread).length > 0;
   const axis = (title) => ({ title: { text: title, standoff: 8 }, gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true });
   const shapes = [], annotations = [];
   for (const [name, value] of Object.entries(chart.levels)) {

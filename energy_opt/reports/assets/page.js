@@ -31,5 +31,5 @@ async function library(name) {
     }
   }
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.restyle());
-  document.body.dataset.ready = "yes";
+  document.body.dataset.ready = document.documentElement.scrollWidth > window.innerWidth ? "too wide" : "yes";
 })();

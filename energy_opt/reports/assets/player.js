@@ -13,7 +13,7 @@ class Player {
   build(place) {
     this.canvas = document.createElement("canvas");
     place.append(this.canvas);
-    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: true, preserveDrawingBuffer: true });
+    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: true });
     this.world = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(38, 2, 0.01, 100);
     this.camera.up.set(0, 0, 1);

@@ -1,0 +1,74 @@
+"""Scenes from files: MoveIt's PlanningScene as YAML or JSON, MoveIt's .scene text, and short YAML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from energy_opt.cell.scene import AllowedPairs, Scene
+from energy_opt.cell.scene_files import message, short
+from energy_opt.cell.scene_files.parts import Reading
+from energy_opt.cell.scene_files.text import read_text_scene
+from energy_opt.errors import BadInput
+from energy_opt.files import read_json, read_text, read_yaml_documents
+
+SUFFIXES = (".scene", ".yaml", ".yml", ".json")
+
+
+def read_scene(
+    path: Path, *, floor: float | None = None, allow_outside: bool = False, allow_large: bool = False
+) -> Scene:
+    """A scene from a file.
+
+    Args:
+        floor: everything below this height of the scene's frame is solid [m].
+        allow_outside: mesh files may lie outside of the scene's folder.
+        allow_large: no bound on sizes and counts.
+
+    Raises:
+        BadInput: names the file, the object and what is wrong with it, and how many more faults there are.
+    """
+    reading, allowed = _read(Path(path), allow_outside, allow_large)
+    if reading.faults:
+        more = len(reading.faults) - 1
+        tail = f" (and {more} more faults: energy-opt check {path})" if more else ""
+        raise BadInput(reading.faults[0] + tail)
+    return Scene(tuple(reading.objects.values()), allowed, str(path), floor, tuple(reading.warnings))
+
+
+def check_scene(path: Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:
+    """Every fault of a scene file, one line each; empty where it is usable."""
+    try:
+        return _read(Path(path), allow_outside, allow_large)[0].faults
+    except BadInput as error:
+        return [str(error)]
+
+
+def is_scene(document: Any) -> bool:
+    """Whether a YAML or JSON document is a scene: a PlanningScene message or the short form."""
+    return isinstance(document, Mapping) and ("objects" in document or any(key in document for key in message.KEYS))
+
+
+def _read(path: Path, allow_outside: bool, allow_large: bool) -> tuple[Reading, AllowedPairs]:
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise BadInput(f"{path}: not a scene by its name; expected {', '.join(SUFFIXES)}")
+    reading = Reading(path, allow_outside, allow_large)
+    if suffix == ".scene":
+        read_text_scene(reading, read_text(path))
+        return reading, AllowedPairs()
+    if suffix == ".json":
+        documents = [read_json(path)]
+    else:  # a message that a tool printed ends with a line ---
+        documents = read_yaml_documents(path)
+    if len(documents) > 1:
+        raise BadInput(f"{path}: {len(documents)} documents; expected one scene")
+    document = documents[0] if documents else None
+    if isinstance(document, Mapping) and isinstance(document.get("scene"), Mapping):
+        document = document["scene"]  # the answer of MoveIt's service get_planning_scene
+    if not isinstance(document, Mapping) or not is_scene(document):
+        raise BadInput(f"{path}: expected a PlanningScene (with world) or a short scene (with objects)")
+    if "objects" in document:
+        return reading, short.read_short(reading, document)
+    return reading, message.read_message(reading, document)

@@ -1,0 +1,190 @@
+"""Parts that every kind of scene file has: numbers, poses, sizes, names, shapes. Faults are collected, not raised."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from reprlib import repr as brief
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.scene import SIZES, Kind, SceneObject, Shape
+from energy_opt.errors import BadInput
+
+FARTHEST = 10_000.0  # [m] no size or position of a cell is larger: beyond it a length is a slip of the unit
+MOST_SHAPES = 100_000  # in a scene
+MOST_TRIANGLES = 1_000_000  # in all meshes of a scene
+ZERO_QUATERNION = 1e-3  # a quaternion shorter than this has no direction
+UNIT_QUATERNION = 0.01  # off unit length by more than this, a quaternion is worth a warning
+
+
+@dataclass
+class Reading:
+    """What has been read of a scene file so far, and what was wrong with it.
+
+    Attributes:
+        path: the file; meshes are looked for in its folder.
+        objects: by name, in the order of the file.
+    """
+
+    path: Path
+    allow_outside: bool = False
+    allow_large: bool = False
+    objects: dict[str, SceneObject] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    shapes: int = 0
+    triangles: int = 0
+
+    @contextmanager
+    def at(self, where: str) -> Iterator[None]:
+        """A part of the file: what is wrong in it becomes one fault, and reading goes on after it."""
+        try:
+            yield
+        except BadInput as error:
+            self.faults.append(f"{self.path}: {where}: {error}")
+
+    def warn(self, text: str) -> None:
+        """Note, once, something that is not used."""
+        line = f"{self.path}: {text}"
+        if line not in self.warnings:
+            self.warnings.append(line)
+
+    def add(self, thing: SceneObject) -> None:
+        """Take an object; BadInput where its name is taken or it has no shape."""
+        if thing.name in self.objects:
+            raise BadInput("stands there twice; give each object its own name")
+        if not thing.shapes:
+            raise BadInput("has no shape")
+        self.objects[thing.name] = thing
+
+    def shape(self, kind: Kind, size: Sequence[float], pose: np.ndarray) -> Shape:
+        """A primitive with its size checked."""
+        names = SIZES[kind]
+        if len(size) != len(names):
+            raise BadInput(f"{kind} with {len(size)} sizes; expected {', '.join(names) or 'none'}")
+        for name, value in zip(names, size, strict=True):
+            if not 0 < value <= FARTHEST:
+                raise BadInput(f"{name} of its {kind} is {value:g}; expected metres above 0, at most {FARTHEST:g}")
+        self._count()
+        return Shape(kind, tuple(size), pose)
+
+    def mesh(self, vertices: np.ndarray, triangles: np.ndarray, pose: np.ndarray) -> Shape:
+        """A mesh with its numbers checked: finite vertices (V, 3) [m], triangles (T, 3) of vertices there are."""
+        if not len(triangles):
+            raise BadInput("a mesh without triangles")
+        self._count(len(triangles))
+        if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
+            raise BadInput(f"vertices of its mesh are not all finite and within {FARTHEST:g} m")
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise BadInput(f"its mesh has {len(vertices)} vertices and a triangle that names another")
+        if np.ptp(vertices[triangles].reshape(-1, 3), axis=0).max() <= 0:
+            raise BadInput("its mesh has no extent")
+        return Shape("mesh", (), pose, np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64))
+
+    def _count(self, triangles: int = 0) -> None:
+        self.shapes += 1
+        self.triangles += triangles
+        if self.allow_large:
+            return
+        if self.shapes > MOST_SHAPES:
+            raise BadInput(f"more than {MOST_SHAPES:,} shapes in the scene (--allow-large takes them)")
+        if self.triangles > MOST_TRIANGLES:
+            raise BadInput(f"more than {MOST_TRIANGLES:,} triangles in the scene's meshes (--allow-large takes them)")
+
+
+def mapping(value: Any, what: str) -> Mapping[str, Any]:
+    """A table of keys."""
+    if not isinstance(value, Mapping):
+        raise BadInput(f"{what} is {brief(value)}; expected a table of keys")
+    return value
+
+
+def sequence(value: Any, what: str) -> Sequence[Any]:
+    """A list; None counts as an empty one."""
+    if value is None:
+        return ()
+    if not isinstance(value, (list, tuple)):
+        raise BadInput(f"{what} is {brief(value)}; expected a list")
+    return value
+
+
+def number(value: Any, what: str) -> float:
+    """A finite number; words such as 1e-3, which YAML leaves as text, are taken too."""
+    if isinstance(value, str):
+        with suppress(ValueError):
+            value = float(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise BadInput(f"{what} is {brief(value)}; expected a number")
+    if not math.isfinite(value):
+        raise BadInput(f"{what} is {value}; expected a finite number")
+    return float(value)
+
+
+def vector(value: Any, names: str, what: str) -> list[float]:
+    """As many numbers as `names` has letters, from a list in that order or a table with those keys."""
+    if isinstance(value, Mapping):
+        missing = [name for name in names if name not in value]
+        if missing:
+            raise BadInput(f"{what} has no {missing[0]}; expected {', '.join(names)}")
+        value = [value[name] for name in names]
+    value = sequence(value, what)
+    if len(value) != len(names):
+        raise BadInput(f"{what} has {len(value)} numbers; expected {', '.join(names)}")
+    return [number(item, f"{name} of its {what}") for name, item in zip(names, value, strict=True)]
+
+
+def pose(reading: Reading, position: Sequence[float], quaternion: Sequence[float]) -> np.ndarray:
+    """(4, 4) from a position [m] and a quaternion x, y, z, w, which need not be quite of unit length."""
+    if max(map(abs, position)) > FARTHEST:
+        raise BadInput(f"position {', '.join(f'{x:g}' for x in position)} is beyond {FARTHEST:g} m")
+    length = math.sqrt(sum(x * x for x in quaternion))
+    if length < ZERO_QUATERNION:
+        raise BadInput("its quaternion is zero; expected x, y, z, w of unit length")
+    if abs(length - 1) > UNIT_QUATERNION:
+        reading.warn(f"a quaternion has length {length:.3g}; taken as that direction")
+    x, y, z, w = (c / length for c in quaternion)
+    out = np.eye(4)
+    out[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    out[:3, 3] = position
+    return out
+
+
+def plane_pose(reading: Reading, coefficients: Sequence[float]) -> np.ndarray:
+    """Pose of the plane a x + b y + c z + d = 0: its normal is +z of the pose."""
+    a, b, c, d = coefficients
+    length = math.sqrt(a * a + b * b + c * c)
+    if length < ZERO_QUATERNION:
+        raise BadInput("the normal of its plane is zero")
+    normal = (a / length, b / length, c / length)
+    # The rotation that takes z to the normal by the shortest way: quaternion (z x n, 1 + z . n); half a turn about x
+    # where the normal is -z.
+    turn = (-normal[1], normal[0], 0.0, 1 + normal[2]) if normal[2] > -1 + 1e-12 else (1.0, 0.0, 0.0, 0.0)
+    unit = math.sqrt(sum(q * q for q in turn))
+    return pose(reading, [-d / length * n for n in normal], [q / unit for q in turn])
+
+
+def name_of(value: Any, key: str) -> str:
+    """The name of an object or link."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        value = str(value)
+    if not isinstance(value, str) or not value.strip():
+        raise BadInput(f"{key} is {brief(value)}; expected a name")
+    return value
+
+
+def unknown_key(key: Any, known: Iterable[str]) -> str:
+    """What to say of a key that nobody knows."""
+    known = list(known)
+    near = difflib.get_close_matches(str(key), known, 1)
+    hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+    return f"unknown key {brief(key)}; {hint}"

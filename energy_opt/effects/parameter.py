@@ -1,0 +1,118 @@
+"""A named number, list or table of an effect: its unit, its bounds, and what a fit of it needs to know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+
+Size = str | int | tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named number (or one per joint, or a fixed-size vector, or a table) of an effect.
+
+    Attributes:
+        unit: SI unit as text.
+        neutral: the value at which the effect changes nothing (for a parameter that only shapes the effect, such as a
+            time constant, any sensible value).
+        lower, upper: physical bounds.
+        size: "scalar", "joint" (one number for all joints or one per joint), the length of a vector, or several such
+            dimensions, as ("joint", 3); any other word is a dimension whose length the given values decide, the same
+            for all parameters of the effect that name it, as ("joint", "points").
+        shapes: True where the parameter only shapes the effect and cannot switch it off by itself.
+        fit: bounds that a fit keeps to, where they are tighter than the physical ones.
+        trials: values at which a search begins where the effect's size says nothing of this parameter.
+        steps: the law jumps with it, or it is a grid that is chosen: derivatives by it say nothing, so it is scanned or
+            given, never descended.
+        resolved: size below which logged data cannot tell it from nothing; such a value is never claimed.
+    """
+
+    name: str
+    unit: str
+    neutral: float
+    lower: float
+    upper: float
+    size: Size = "scalar"
+    shapes: bool = False
+    fit: tuple[float, float] | None = None
+    trials: tuple[float, ...] = ()
+    resolved: float = 0.0
+    steps: bool = False
+
+    @property
+    def dimensions(self) -> tuple[str | int, ...]:
+        """`size` as a tuple: () for a number, ("joint",) for one per joint."""
+        if isinstance(self.size, tuple):
+            return self.size
+        return () if self.size == "scalar" else (self.size,)
+
+    @property
+    def per_joint(self) -> bool:
+        """One entry (or row) per joint?"""
+        return "joint" in self.dimensions
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """The dimensions whose length the given values decide."""
+        return tuple(d for d in self.dimensions if isinstance(d, str) and d != "joint")
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """What a fit keeps to."""
+        return self.fit or (self.lower, self.upper)
+
+    def shape(self, joints: int, extents: Mapping[str, int] | None = None) -> tuple[int, ...]:
+        """Its shape on an arm of `joints` joints; `extents` are the lengths of the free dimensions."""
+        known = {"joint": joints, **(extents or {})}
+        return tuple(d if isinstance(d, int) else known[d] for d in self.dimensions)
+
+    def count(self, joints: int, extents: Mapping[str, int] | None = None) -> int:
+        """How many numbers it has on an arm of `joints` joints."""
+        return int(np.prod(self.shape(joints, extents), dtype=int))
+
+    def checked(self, effect: str, value: Any, extents: dict[str, int]) -> np.ndarray:
+        """`value` as an array of at least one dimension; lengths of free dimensions are entered into `extents`.
+
+        Raises:
+            BadInput: not finite numbers, outside the bounds, of another shape; says what would be right.
+        """
+        try:
+            number = np.atleast_1d(np.asarray(value, dtype=float))
+        except (TypeError, ValueError):
+            raise BadInput(f"effect {effect}: {self.name} = {value!r} is not a number [{self.unit}]") from None
+        most = max(1, len(self.dimensions))
+        if isinstance(value, bool) or number.ndim > most or not number.size or not np.isfinite(number).all():
+            raise BadInput(f"effect {effect}: {self.name} = {value!r} is not a finite number or list [{self.unit}]")
+        if not self.per_joint and not self.free and number.size != self.count(1):
+            raise BadInput(f"effect {effect}: {self.name} has {number.size} values; expected {self.count(1)}")
+        for back, dimension in enumerate(reversed(self.dimensions), start=1):
+            length = number.shape[-back] if back <= number.ndim else 1
+            wanted = extents.get(dimension) if isinstance(dimension, str) else dimension
+            if dimension in self.free and wanted is None:
+                extents[str(dimension)] = length
+            elif wanted is not None and dimension != "joint" and length != wanted:
+                what = f"{length} values along {dimension!r}" if isinstance(dimension, str) else f"{length} values"
+                raise BadInput(f"effect {effect}: {self.name} has {what}; expected {wanted}")
+        if (number < self.lower).any() or (number > self.upper).any():
+            bounds = f"[{self.lower:g}, {self.upper:g}] {self.unit}"
+            raise BadInput(f"effect {effect}: {self.name} = {value!r} is outside {bounds}")
+        return number
+
+    def full(self, effect: str, value: np.ndarray, joints: int, extents: Mapping[str, int]) -> np.ndarray:
+        """`value` with one entry (or row) per joint, as one vector, row by row."""
+        shape = self.shape(joints, extents)
+        if self.per_joint:
+            at = value.ndim - (len(shape) - self.dimensions.index("joint"))
+            given = value.shape[at] if at >= 0 else 1
+            if given not in (1, joints):
+                raise BadInput(
+                    f"effect {effect}: {self.name} has {given} values; the robot has {joints} joints "
+                    f"(give one number or {joints})"
+                )
+        return np.broadcast_to(value, shape or (1,)).ravel()

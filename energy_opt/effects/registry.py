@@ -1,0 +1,249 @@
+"""The effects known by name: the package's own, those of installed packages, and those that a user registers.
+
+An installed package names its effects under the entry point group `energy_opt.effects`; each entry is an effect's class
+or a module that holds some. `load_file` does the same for one file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Iterable
+from functools import lru_cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar
+
+from energy_opt.effects.base import Effect
+from energy_opt.effects.curve import FrictionCurve
+from energy_opt.effects.electrics import (
+    CopperLoss,
+    InverterLoss,
+    IronLoss,
+    MotionPower,
+    PsuLoss,
+    Regeneration,
+    Standby,
+    StandbyDrift,
+    SupplyEfficiency,
+    WindingTemperature,
+)
+from energy_opt.effects.friction import (
+    AsymmetricFriction,
+    CoulombFriction,
+    GearEfficiency,
+    LoadFriction,
+    PowerLawFriction,
+    StribeckFriction,
+    ThermalViscous,
+    ViscousFriction,
+)
+from energy_opt.effects.links import LinkInertia
+from energy_opt.effects.mechanics import Armature, GravitySpring
+from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain
+from energy_opt.effects.parameter import Parameter
+from energy_opt.effects.past import DcLink, IdleHold, RunOffset
+from energy_opt.effects.rigid import BaseTilt, Payload
+from energy_opt.effects.stages import (
+    DriveEffect,
+    HeatEffect,
+    PowerEffect,
+    RigidEffect,
+    SupplyEffect,
+    TorqueEffect,
+    WindingEffect,
+)
+from energy_opt.errors import BadInput, near
+
+GROUP = "energy_opt.effects"
+
+ALL_EFFECTS: tuple[type[Effect], ...] = (
+    Standby,
+    CopperLoss,
+    CoulombFriction,
+    ViscousFriction,
+    StribeckFriction,
+    LoadFriction,
+    Armature,
+    Payload,
+    BaseTilt,
+    GravitySpring,
+    Regeneration,
+    GearEfficiency,
+    InverterLoss,
+    SupplyEfficiency,
+    MotionPower,
+    WindingTemperature,
+    StandbyDrift,
+    MeterDelay,
+    MeterFilter,
+    MeterGain,
+    FrictionCurve,
+    AsymmetricFriction,
+    PowerLawFriction,
+    ThermalViscous,
+    PsuLoss,
+    IronLoss,
+    DcLink,
+    IdleHold,
+    RunOffset,
+    LinkInertia,
+)
+BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECTS}
+
+# The law that an effect of each stage must write, by the base class that asks for it.
+LAWS: dict[type[Effect], tuple[str, ...]] = {
+    RigidEffect: ("gravity", "point_mass", "links"),
+    TorqueEffect: ("torque",),
+    HeatEffect: ("heat",),
+    WindingEffect: ("factor",),
+    DriveEffect: ("drawn",),
+    PowerEffect: ("power",),
+    SupplyEffect: ("at_meter",),
+    MeterEffect: ("reading", "sensitivity"),
+}
+
+_added: dict[str, type[Effect]] = {}
+_sources: dict[str, tuple[str, str]] = {}  # digest of a file of effects -> its text and place
+
+Kind = TypeVar("Kind", bound=type[Effect])
+
+
+def register(kind: Kind) -> Kind:
+    """Make an effect of one's own usable by name, in model files and everywhere else; serves as a decorator.
+
+    An effect that was registered before from the same place is replaced.
+
+    Raises:
+        BadInput: it is not an effect, its name is taken, or it lacks something; says what.
+    """
+    _check(kind)
+    held = BY_NAME.get(kind.name) or _added.get(kind.name)
+    if held is not None and (held.__module__, held.__qualname__) != (kind.__module__, kind.__qualname__):
+        raise BadInput(
+            f"effect {kind.name!r} of {kind.__module__}: the name is taken by {held.__module__}.{held.__qualname__}"
+        )
+    if held is not kind:
+        kind.version = 0 if held is None else held.version + 1
+        _added[kind.name] = kind
+    return kind
+
+
+def unregister(name: str) -> None:
+    """Take an effect of one's own out again; the package's own stay."""
+    _added.pop(name, None)
+
+
+def known_effects() -> dict[str, type[Effect]]:
+    """Every effect by its name: the package's, those of installed packages, those registered."""
+    _installed()
+    return {**BY_NAME, **_added}
+
+
+def effect_class(name: str) -> type[Effect]:
+    """The effect of that name.
+
+    Raises:
+        BadInput: there is none; says which come near.
+    """
+    kinds = known_effects()
+    if name not in kinds:
+        raise BadInput(f"unknown name {name!r}{near(str(name), kinds)}; known: {', '.join(kinds)}")
+    return kinds[name]
+
+
+def of_form(form: tuple[str, ...], joints: int) -> Effect:
+    """An effect of the form that `Effect.form` describes, at its neutral value."""
+    name, *words = form
+    return effect_class(name).neutral(joints, **words_of(words))
+
+
+def words_of(words: Iterable[str]) -> dict[str, str]:
+    """Options and lengths from their `key=word` form; a version's mark is left out."""
+    return dict(word.split("=", 1) for word in words if not word.startswith("@"))
+
+
+def load_file(path: str | Path) -> list[type[Effect]]:
+    """Register every effect that a Python file defines; the same text is run once.
+
+    Raises:
+        BadInput: the file cannot be read or run, or holds no effect.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: not a file of effects that can be read: {error}") from None
+    return load_source(text, str(path))
+
+
+def load_source(text: str, where: str) -> list[type[Effect]]:
+    """The same for a file's text, as another process was sent it; `where` names it in messages."""
+    mark = hashlib.sha256(text.encode()).hexdigest()[:16]
+    name = f"energy_opt_effects_{mark}"
+    if mark in _sources:
+        return [register(kind) for kind in _in(sys.modules[name])]
+    module = ModuleType(name)
+    module.__file__ = where
+    sys.modules[name] = module  # so that its effects can be pickled
+    try:
+        exec(compile(text, where, "exec"), vars(module))
+        kinds = _in(module)
+        if not kinds:
+            raise BadInput(f"{where}: defines no effect: a class with a name, derived from one of energy_opt.effects'")
+        for kind in kinds:
+            register(kind)
+    except BadInput as error:
+        del sys.modules[name]
+        raise BadInput(f"{where}: {error}" if where not in str(error) else str(error)) from None
+    except Exception as error:
+        del sys.modules[name]
+        raise BadInput(f"{where}: {type(error).__name__}: {' '.join(str(error).split())}") from None
+    _sources[mark] = (text, where)
+    return kinds
+
+
+def loaded_sources() -> tuple[tuple[str, str], ...]:
+    """Text and place of every file of effects that was loaded: what another process needs to read the same models."""
+    return tuple(_sources.values())
+
+
+def _in(module: ModuleType) -> list[type[Effect]]:
+    """The effects that a module itself defines."""
+    return [
+        x for x in vars(module).values()
+        if isinstance(x, type) and issubclass(x, Effect) and x.__module__ == module.__name__ and "name" in vars(x)
+    ]  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def _installed() -> None:
+    """Register what installed packages offer."""
+    for entry in entry_points(group=GROUP):
+        try:
+            found: Any = entry.load()
+        except Exception as error:
+            raise BadInput(f"entry point {entry.name} = {entry.value} of {GROUP}: {error}") from error
+        for kind in _in(found) if isinstance(found, ModuleType) else [found]:
+            register(kind)
+
+
+def _check(kind: Any) -> None:
+    if not isinstance(kind, type) or not issubclass(kind, Effect):
+        raise BadInput(f"{kind!r} is not an effect: a class derived from one of energy_opt.effects'")
+    where = f"effect {kind.__qualname__}"
+    stages = [stage for stage in LAWS if issubclass(kind, stage)]
+    if not stages:
+        expected = ", ".join(stage.__name__ for stage in LAWS)
+        raise BadInput(f"{where}: derive it from one of {expected}")
+    name = getattr(kind, "name", None)
+    if not isinstance(name, str) or not name.isidentifier() or name != name.lower():
+        raise BadInput(f"{where}: name = {name!r}; expected lower-case words joined by _")
+    parameters = getattr(kind, "parameters", None)
+    if not isinstance(parameters, tuple) or not all(isinstance(p, Parameter) for p in parameters):
+        raise BadInput(f"{where}: parameters is not a tuple of Parameter")
+    laws = LAWS[stages[0]]
+    if all(getattr(kind, law).__func__ is getattr(stages[0], law).__func__ for law in laws):
+        raise BadInput(f"{where}: writes no law: {' or '.join(laws)}, as {stages[0].__name__} describes")
+    if kind.stores and kind.stored.__func__ is Effect.stored.__func__:  # type: ignore[attr-defined]
+        raise BadInput(f"{where}: stores energy, but does not say how much: stored(q, v, p)")

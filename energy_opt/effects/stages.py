@@ -1,0 +1,123 @@
+"""The base classes of the effects, one for each stage of the power law (see `base`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.effects.base import Effect, Signals
+from energy_opt.effects.kinks import Kinks
+
+# Mass [kg], centre of mass (3, 1) [m], inertia (3, 3) [kg m^2] about it: numbers or symbols.
+Link = tuple[Any, Any, Any]
+
+
+class RigidEffect(Effect):
+    """Changes the rigid body itself."""
+
+    stage = "rigid"
+
+    @classmethod
+    def gravity(cls, gravity: ca.SX, p: SimpleNamespace) -> ca.SX:
+        """Gravity (3, 1) [m/s^2] in the base frame, from what it is without the effect."""
+        return gravity
+
+    @classmethod
+    def links(cls, nominal: Sequence[Link], p: SimpleNamespace) -> list[Link] | None:
+        """The links as they are, in joint order, from what the URDF says; None for an effect that leaves them."""
+        return None
+
+    @classmethod
+    def point_mass(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX] | None:
+        """Mass [kg] and its place (3, 1) [m] in the last joint's frame; None for an effect that adds none."""
+        return None
+
+
+class TorqueEffect(Effect):
+    """Adds to the motor's torque at the joint side."""
+
+    stage = "torque"
+
+    @classmethod
+    def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """Added torque, N m, shape (n, 1)."""
+        raise NotImplementedError
+
+
+class HeatEffect(Effect):
+    """Heat of each joint's drive, part of its drive power."""
+
+    stage = "heat"
+
+    @classmethod
+    def heat(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """Power per joint, W, shape (n, 1)."""
+        raise NotImplementedError
+
+
+class WindingEffect(Effect):
+    """Multiplies the heat of the effects that it `needs`."""
+
+    stage = "winding"
+
+    @classmethod
+    def factor(cls, x: Signals, p: SimpleNamespace) -> ca.SX:
+        """What that heat is multiplied by, a scalar or (n, 1)."""
+        raise NotImplementedError
+
+
+class DriveEffect(Effect):
+    """What becomes of the joints' drive power on its way to the bus."""
+
+    stage = "drive"
+
+    @classmethod
+    def drawn(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """Power drawn by the drives, W, from their drive power (n, 1)."""
+        raise NotImplementedError
+
+
+class StoreEffect(DriveEffect):
+    """Keeps some of the drives' negative power and gives it back: its law runs over time.
+
+    `drawn` is what stands for it where the past is unknown: nothing comes back, so a plan's energy is never below the
+    truth. Where the motion is known in order, `supplied` is the law.
+    """
+
+    follows = ("returned",)
+
+    @classmethod
+    def supplied(cls, step: np.ndarray, bus: np.ndarray, value: float) -> np.ndarray:
+        """Power (N,) [W] that the supply gives, from the drives' power `bus` (N,) [W], each for `step` (N,) s."""
+        raise NotImplementedError
+
+
+class PowerEffect(Effect):
+    """Adds to the power of the whole arm."""
+
+    stage = "power"
+
+    @classmethod
+    def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """Added power, W, a scalar."""
+        raise NotImplementedError
+
+    @classmethod
+    def constant(cls, p: SimpleNamespace) -> ca.SX | float:
+        """Power, W, that it adds at every instant, whatever the arm does."""
+        return 0.0
+
+
+class SupplyEffect(Effect):
+    """Between the drives and the meter."""
+
+    stage = "supply"
+
+    @classmethod
+    def at_meter(cls, power: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """Power at the meter, W, from the power behind the supply."""
+        raise NotImplementedError

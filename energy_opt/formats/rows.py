@@ -1,0 +1,96 @@
+"""What a file of the field says of joints: rows of named joints' positions, with times where it has them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.motion.path import JointPath, of_trajectory, through
+from energy_opt.motion.trajectory import Trajectory
+
+KINDS = ("position", "velocity", "acceleration", "effort")
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Positions (N, n) of joints by name [rad or m], and what else a file gives of them.
+
+    Attributes:
+        where: the file, and the place in it where that is not plain, for messages.
+        joints: (n,) names, as the file has them.
+        time: (N,) s; None where the rows are waypoints, to be passed at any time.
+        velocity, acceleration, effort: (N, n), None where the file has none.
+        planned: a plan for a controller, which begins and ends at rest where nothing else is said; a recording may be
+            in motion at both ends.
+        notes: what a reader of the file must know, a line each.
+    """
+
+    where: str
+    joints: tuple[str, ...]
+    position: np.ndarray
+    time: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+    acceleration: np.ndarray | None = None
+    effort: np.ndarray | None = None
+    planned: bool = False
+    notes: tuple[str, ...] = ()
+
+    def of(self, joints: Sequence[str], prefix: str = "") -> Rows:
+        """The same rows for the robot's `joints`, in their order; in the file their names begin with `prefix`.
+
+        Joints of the file that the robot does not have are left out.
+
+        Raises:
+            BadInput: a joint of the robot is missing; says which prefix would find all of them, where one does.
+        """
+        wanted = [prefix + joint for joint in joints]
+        missing = [name for name in wanted if name not in self.joints]
+        if missing:
+            names = ", ".join(self.joints[:12]) + (", ..." if len(self.joints) > 12 else "")
+            other = fitting_prefix(self.joints, joints)
+            hint = "" if other is None else f"; they fit with --joint-prefix {other!r}"
+            raise BadInput(f"{self.where}: joint {missing[0]} is missing; the file has {names}{hint}")
+        index = [self.joints.index(name) for name in wanted]
+        columns = {kind: getattr(self, kind) for kind in KINDS}
+        chosen: dict[str, Any] = {kind: block if block is None else block[:, index] for kind, block in columns.items()}
+        return replace(self, joints=tuple(joints), **chosen)
+
+    def trajectory(self) -> Trajectory:
+        """The rows as a trajectory; velocity and acceleration by cubic splines where they are missing.
+
+        Raises:
+            BadInput: there are no times, or fewer than two rows.
+        """
+        from scipy.interpolate import CubicSpline
+
+        if self.time is None:
+            raise BadInput(f"{self.where}: waypoints without times; a trajectory has rising times")
+        if len(self.time) < 2:
+            raise BadInput(f"{self.where}: one row; a trajectory has at least two")
+        velocity, acceleration = self.velocity, self.acceleration
+        if velocity is None:
+            ends = "clamped" if self.planned else "not-a-knot"
+            velocity = CubicSpline(self.time, self.position, bc_type=ends)(self.time, 1)
+            if self.planned:
+                velocity[[0, -1]] = 0.0
+        if acceleration is None:
+            acceleration = CubicSpline(self.time, velocity)(self.time, 1)
+        return Trajectory(self.joints, self.time, self.position, velocity, acceleration, self.effort)
+
+    def path(self) -> JointPath:
+        """The rows as a path: that of the trajectory, which it keeps, or the spline through waypoints."""
+        return through(self.position) if self.time is None else of_trajectory(self.trajectory())
+
+
+def fitting_prefix(names: Sequence[str], joints: Sequence[str]) -> str | None:
+    """What stands before every one of `joints` in `names`; None where no one word does for all of them."""
+    for name in names:
+        if name.endswith(joints[0]):
+            prefix = name[: len(name) - len(joints[0])]
+            if all(prefix + joint in names for joint in joints):
+                return prefix
+    return None

@@ -1,0 +1,179 @@
+"""Compiled libraries on disk: a folder that is the user's alone, built aside, verified before anything is loaded.
+
+A library lies in the cache as <key>-<bytes>-<sha256>.so, put there by one rename. What does not have the size and the
+hash that its name says (cut off by a full disk, changed by anybody) is thrown away and built again. Nothing is written
+through links, and a folder or file that others own or may write to is not used at all.
+
+This file needs the standard library alone: a build in the background runs it as a script in an isolated interpreter,
+where neither the current folder nor $PYTHONPATH has a say in what is imported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import stat
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+
+FLAGS = ("-O1", "-march=native", "-fPIC", "-shared")
+PATIENCE = 600.0  # [s] after so long a build that has left nothing is taken for dead, and begun again
+CPU_LINES = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features", "isa")
+
+
+class Unusable(Exception):
+    """No cache, or no library in it; says why in one line."""
+
+
+@lru_cache(maxsize=1)
+def cpu() -> str:
+    """What the processor is, as far as -march=native goes: a library of another one may be illegal instructions."""
+    said = [platform.machine(), platform.processor()]
+    try:
+        first = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split("\n\n")[0]
+    except OSError:
+        return "\n".join(said)
+    return "\n".join(said + [line for line in first.splitlines() if line.split(":")[0].strip() in CPU_LINES])
+
+
+def folder() -> Path:
+    """Where compiled functions are kept: $ENERGY_OPT_CACHE, else energy_opt in the user's cache folder.
+
+    Raises:
+        Unusable: it cannot be made or written to, is a link, belongs to somebody else, or others may write to it.
+    """
+    try:
+        named = os.environ.get("ENERGY_OPT_CACHE")
+        root = os.environ.get("XDG_CACHE_HOME")
+        out = (Path(named) if named else (Path(root) if root else Path.home() / ".cache") / "energy_opt").absolute()
+        out.mkdir(parents=True, exist_ok=True, mode=0o700)
+        found = os.lstat(out)
+    except (OSError, RuntimeError) as error:  # RuntimeError: there is no home
+        raise Unusable(f"no cache folder: {error}") from None
+    if not stat.S_ISDIR(found.st_mode):
+        raise Unusable(f"{out}: a link or file where the cache folder should be")
+    if hasattr(os, "geteuid") and found.st_uid != os.geteuid():
+        raise Unusable(f"{out}: the cache folder belongs to another user")
+    if found.st_mode & 0o022:
+        raise Unusable(f"{out}: others may write to the cache folder; chmod 700 makes it private")
+    if not os.access(out, os.W_OK | os.X_OK):
+        raise Unusable(f"{out}: the cache folder cannot be written to")
+    return out
+
+
+def key_of(*parts: str) -> str:
+    """The name under which a source, built by this compiler on this processor, is kept."""
+    return hashlib.sha256("\0".join([*parts, *FLAGS, cpu()]).encode()).hexdigest()[:32]
+
+
+def _digest(path: Path) -> str:
+    """`<bytes>-<sha256>` of a regular file of the user's own that nobody else may write to.
+
+    Raises:
+        OSError: it is no such file, or cannot be read.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+    with os.fdopen(handle, "rb") as stream:
+        found = os.fstat(stream.fileno())
+        if not stat.S_ISREG(found.st_mode) or found.st_mode & 0o022:
+            raise OSError(f"{path}: not a private file")
+        if hasattr(os, "geteuid") and found.st_uid != os.geteuid():
+            raise OSError(f"{path}: another user's")
+        content = stream.read()
+    return f"{len(content)}-{hashlib.sha256(content).hexdigest()[:32]}"
+
+
+def find(cache: Path, key: str) -> Path | None:
+    """The library of that key, verified; what does not bear verification is removed."""
+    for path in sorted(cache.glob(f"{key}-*.so")):
+        try:
+            if path.name == f"{key}-{_digest(path)}.so":
+                return path
+        except OSError:
+            pass
+        with suppress(OSError):  # another process may have removed it; a folder of that name is left alone
+            path.unlink()
+    return None
+
+
+def build(cache: Path, key: str, source: str, cc: str) -> Path:
+    """Compile `source` in a folder of its own and put the library into the cache.
+
+    Raises:
+        Unusable: the compiler fails, or the disk is full.
+    """
+    try:
+        with tempfile.TemporaryDirectory(prefix="build-", dir=cache) as aside:
+            code, built = Path(aside) / "nodes.c", Path(aside) / "nodes.so"
+            code.write_text(source, encoding="utf-8")
+            done = subprocess.run([cc, *FLAGS, str(code), "-o", str(built)], capture_output=True, text=True, cwd=aside)
+            if done.returncode:
+                last = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1]
+                raise Unusable(f"{cc} cannot build the node functions: {last}")
+            built.chmod(0o700)
+            library = cache / f"{key}-{_digest(built)}.so"
+            os.replace(built, library)
+            return library
+    except OSError as error:
+        raise Unusable(f"the node functions cannot be built: {error}") from None
+
+
+def mark(cache: Path, name: str, lifetime: float = float("inf")) -> bool:
+    """Leave an empty file of that name; False where it is there already, and younger than `lifetime` [s]."""
+    path = cache / name
+    try:
+        if time.time() - os.lstat(path).st_mtime > lifetime:
+            path.unlink()
+    except FileNotFoundError:
+        pass
+    try:
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+    except FileExistsError:
+        return False
+    return True
+
+
+def build_in_background(cache: Path, key: str, source: str, cc: str) -> None:
+    """Start a build that outlives this process; whoever wants the functions next finds them.
+
+    Nothing is started where somebody else builds the same.
+    """
+    if not mark(cache, f"{key}.building", PATIENCE):
+        return
+    handle, code = tempfile.mkstemp(prefix="source-", suffix=".c", dir=cache)
+    with os.fdopen(handle, "w", encoding="utf-8") as stream:
+        stream.write(source)
+    quiet = [(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_RDWR, 0) for fd in (0, 1, 2)]
+    words = [sys.executable, "-I", str(Path(__file__).resolve()), str(cache), key, code, cc]
+    os.posix_spawn(sys.executable, words, os.environ, file_actions=quiet, setpgroup=0)
+
+
+def sweep(cache: Path) -> None:
+    """Remove what builds that were killed have left behind."""
+    for path in [*cache.glob("build-*"), *cache.glob("source-*.c")]:
+        try:
+            if time.time() - os.lstat(path).st_mtime > PATIENCE:
+                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+        except OSError:  # somebody else was quicker
+            pass
+
+
+def main(cache: Path, key: str, code: Path, cc: str) -> None:
+    """Build a source that `build_in_background` left, and clear up."""
+    try:
+        build(cache, key, code.read_text(encoding="utf-8"), cc)
+    finally:
+        code.unlink(missing_ok=True)
+        (cache / f"{key}.building").unlink(missing_ok=True)
+        sweep(cache)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]), sys.argv[4])

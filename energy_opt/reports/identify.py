@@ -1,0 +1,37 @@
+"""The page of the source paper's two methods: static power against squared gravity torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.page import Report
+
+
+def page(document: Mapping[str, Any], load: Sequence[float], power: Sequence[float], robot: str) -> Report:
+    """The report of an identify.json.
+
+    Args:
+        load, power: of the poses, |gravity torque|^2 [(N m)^2] and mean power [W].
+    """
+    report = Report(f"{robot}: overhead and copper loss from {len(power)} static poses")
+    first, second = document["method1"], document.get("method2")
+    ends = np.array([0.0, 1.05 * max(load, default=1.0)])
+    lines = [
+        Line("poses", np.asarray(load), np.asarray(power), "points", "measured"),
+        Line("Method 1", ends, np.full(2, first["standby"]), "dash", "declared"),
+    ]
+    rows: list[list[object]] = [["Method 1", first["standby"], None, None, None, None]]
+    if second is not None:
+        r, p0, ci = second["r_over_kt2"], second["standby"], second["ci95"]
+        lines.append(Line("Method 2", ends, p0 + r * ends, "line", "calibrated"))
+        rows.append(["Method 2", p0, ci["standby"], r, ci["r_over_kt2"], second["r_squared"]])
+    report.charts(Chart("Static power", "squared gravity torque [(N m)^2]", "power [W]", lines))
+    report.table(
+        ["", "overhead [W]", "95 %", "R/Kt^2 [W/(N m)^2]", "95 %", "R^2 of the line"],
+        rows,
+    )
+    return report

@@ -1,0 +1,212 @@
+"""The page of one optimized move: what it saves, the arm in motion, limits, energies, certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.motion import Motion, Played, Solid, player
+from energy_opt.reports.page import Report, shown
+from energy_opt.robot import Robot
+
+BESIDE = "scaled"  # the baseline that savings are stated against
+
+
+def page(
+    document: Mapping[str, Any],
+    result: Motion,
+    baselines: Mapping[str, Motion],
+    robot: Robot,
+    bodies: Sequence[Solid] = (),
+    scene: Sequence[Solid] = (),
+) -> Report:
+    """The report of a result.json and the trajectories that belong to it.
+
+    Args:
+        document: the content of result.json.
+        baselines: trajectories by name; "scaled" is drawn beside the result.
+        bodies, scene: what the moving arm is drawn with.
+    """
+    report = Report(f"{document['robot']}: {document['mode']} in {document['duration']:.4g} s")
+    report.headline(headline(document)).numbers(_numbers(document))
+    for warning in document.get("warnings", ()):
+        report.warning(warning)
+    if document.get("message"):
+        report.warning(f"{document['status']}: {document['message']}")
+    beside = {name: motion for name, motion in baselines.items() if name == BESIDE}
+    motions = [Played("result", result), *(Played(name, motion, ghost=True) for name, motion in beside.items())]
+    report.player(player(robot, motions, bodies, scene, _closest(document)))
+    report.section("Motion").charts(*motion_charts(result, beside, robot))
+    _energy(report, document)
+    _models(report, document)
+    _certificate(report, document)
+    report.section("How it was found")
+    optimality, solver = document["optimality"], document["solver"]
+    report.facts({"taken from": document.get("chosen"), **_first_path(document), **_named(solver, "s", "seconds")})
+    report.facts(
+        {
+            "optimum": optimality["kind"],
+            "lower bound [J]": optimality["lower_bound"],
+            "gap to it [%]": optimality["gap_percent"],
+        }
+    )
+    if document.get("request", {}).get("command"):
+        report.section("The command that made this").code(document["request"]["command"])
+    return report
+
+
+def headline(document: Mapping[str, Any]) -> str:
+    """One sentence: what the move takes, what it saves, and whether it is clear."""
+    energy, saving = document["energy"], document["saving"]
+    text = f"{energy['total']:.4g} J in {document['duration']:.4g} s"
+    if saving is not None and saving["joules"] is not None:
+        share = "" if saving["loss_percent"] is None else f" ({saving['loss_percent']:.3g} % of its loss)"
+        text += f": {saving['joules']:.3g} J{share} less than the same move slowed evenly"
+    clearance = document["certificate"].get("clearance")
+    if clearance is None:
+        return f"{text}. Collisions were not checked."
+    if clearance["verdict"] == "proven":
+        return f"{text}. Proven to stay {1000 * clearance['lower_bound']:.3g} mm clear over the whole motion."
+    return f"{text}. Clearance: {clearance['verdict']}."
+
+
+def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
+    saving, out = document["saving"] or {}, {}
+    for name, key in (("of the loss saved", "loss_percent"), ("of the total saved", "total_percent")):
+        if saving.get(key) is not None:
+            out[name] = f"{saving[key]:.3g} %"
+    out["energy"] = f"{document['energy']['total']:.4g} J"
+    out["duration"] = f"{document['duration']:.4g} s"
+    if document.get("peak_power") is not None:
+        out["peak power"] = f"{document['peak_power']:.4g} W"
+    clearance = document["certificate"].get("clearance")
+    if clearance and clearance.get("min_distance") is not None:
+        out["nearest: " + " and ".join(clearance["pair"] or ())] = f"{1000 * clearance['min_distance']:.3g} mm"
+    return out
+
+
+def _closest(document: Mapping[str, Any]) -> tuple[str, float] | None:
+    clearance = document["certificate"].get("clearance")
+    if not clearance or clearance.get("time") is None or clearance.get("min_distance") is None:
+        return None
+    pair = " and ".join(clearance["pair"] or ())
+    return f"closest: {pair}, {1000 * clearance['min_distance']:.3g} mm", float(clearance["time"])
+
+
+def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) -> list[Chart]:
+    """Positions first, then what limits bound as shares of their bounds, then power."""
+    limits, t = robot.limits, result.time - result.time[0]
+    unit = _position_unit(robot)
+    charts = [Chart("Position", "time [s]", f"position [{unit}]", _joints(robot, t, result.position), timed=True)]
+    bounded: list[tuple[str, np.ndarray | None, np.ndarray]] = [
+        ("velocity", result.velocity, limits.velocity),
+        ("acceleration", result.acceleration, limits.acceleration),
+        ("torque", result.effort, limits.effort),
+    ]
+    for name, values, bound in bounded:
+        has = np.isfinite(bound)
+        if values is None or not has.any():
+            continue
+        charts.append(
+            Chart(
+                name.capitalize(),
+                "time [s]",
+                f"{name}, share of its limit [1]",
+                _joints(robot, t, np.where(has, values / np.where(has, bound, 1.0), np.nan)),
+                {"limit": 1.0, "-limit": -1.0},
+                timed=True,
+            )
+        )
+    power = [
+        Line(name, m.time - m.time[0], m.power)
+        for name, m in {**beside, "result": result}.items()
+        if m.power is not None
+    ]
+    charts.append(Chart("Electrical power", "time [s]", "power [W]", power, timed=True))
+    return charts
+
+
+def _joints(robot: Robot, t: np.ndarray, values: np.ndarray) -> list[Line]:
+    columns = enumerate(robot.joints)
+    return [Line(joint, t, values[:, j]) for j, joint in columns if np.isfinite(values[:, j]).any()]
+
+
+def _position_unit(robot: Robot) -> str:
+    kinds = {link.prismatic for link in robot.body.tree()}
+    return {frozenset({True}): "m", frozenset({False}): "rad"}.get(frozenset(kinds), "rad or m")
+
+
+def _energy(report: Report, document: Mapping[str, Any]) -> None:
+    columns = [("result", document["duration"], document["energy"], True)]
+    columns += [(b["name"], b["duration"], b["energy"], b.get("valid", True)) for b in document["baselines"]]
+    compared = {name: energy["by_effect"] for name, _, energy, _ in columns if name in ("result", BESIDE)}
+    bars = {name: {k: v for k, v in parts.items() if k != "standby"} for name, parts in compared.items()}
+    report.section("Energy")
+    report.charts(Chart("Energy by effect, standby left out", "energy [J]", "", bars=bars))
+    rows: list[list[object]] = [["duration [s]", *(duration for _, duration, _, _ in columns)]]
+    rows += [[f"{part} [J]", *(e[part] for _, _, e, _ in columns)] for part in ("total", "standby", "stored", "loss")]
+    for effect in document["energy"]["by_effect"]:
+        rows.append([f"of it {effect} [J]", *(e["by_effect"].get(effect) for _, _, e, _ in columns)])
+    rows.append(["within all limits, touches nothing", *(valid for _, _, _, valid in columns)])
+    report.table(["", *(name for name, _, _, _ in columns)], rows)
+
+
+def _models(report: Report, document: Mapping[str, Any]) -> None:
+    models = document.get("models") or []
+    if not models:
+        return
+    report.section("The same move under other models")
+    report.table(
+        ["model", "total [J]", "loss [J]", "loss saved [%]", "95 % interval [%]"],
+        [[m["name"], m["total"], m["loss"], m["saving_loss_percent"], m.get("saving_interval")] for m in models],
+    )
+
+
+def _certificate(report: Report, document: Mapping[str, Any]) -> None:
+    certificate = document["certificate"]
+    report.section("Certificate")
+    report.text(
+        f"Recomputed from trajectory.csv on {certificate['samples']} samples with Pinocchio's torque. A violation is a "
+        "share of the bound; at or below zero is inside."
+    )
+    report.facts(certificate["max_violation"])
+    worst = certificate["worst"]
+    if worst:
+        report.text(
+            f"Nearest to its bound: {worst['limit']} of {worst['joint']} at {shown(worst['time'])} s, "
+            f"{shown(worst['value'], 6)} of {shown(worst['bound'], 6)}."
+        )
+    if certificate.get("clearance"):
+        c = certificate["clearance"]
+        report.facts(
+            {
+                "clearance": c["verdict"],
+                "proven lower bound [m]": c["lower_bound"],
+                "least distance seen [m]": c["min_distance"],
+                "nearest pair": c["pair"],
+                "at [s]": c["time"],
+                "pairs checked": _count(c.get("pairs")),
+                "pairs left out": _count(c.get("disabled_pairs")),
+                "left out by": c.get("source"),
+            }
+        )
+
+
+def _count(value: Any) -> Any:
+    return len(value) if isinstance(value, (list, tuple)) else value
+
+
+def _first_path(document: Mapping[str, Any]) -> dict[str, Any]:
+    first = document.get("first_path")
+    return {} if not first else {"first path": first["source"], "found in [s]": first["seconds"]}
+
+
+def _named(values: Mapping[str, Any], unit: str, suffix: str) -> dict[str, Any]:
+    """build_seconds -> "build [s]"."""
+    return {
+        f"{name.removesuffix('_' + suffix)} [{unit}]" if name.endswith(suffix) else name: value
+        for name, value in values.items()
+    }

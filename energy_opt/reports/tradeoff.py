@@ -1,0 +1,75 @@
+"""The page of a front: energy against duration, its optima, and the arm at any of its points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.motion import Motion, Played, Solid, player
+from energy_opt.reports.page import Report
+from energy_opt.robot import Robot
+
+
+def page(
+    document: Mapping[str, Any],
+    motions: Mapping[float, Motion],
+    robot: Robot,
+    bodies: Sequence[Solid] = (),
+    scene: Sequence[Solid] = (),
+) -> Report:
+    """The report of a tradeoff.json.
+
+    Args:
+        motions: trajectories by duration [s].
+        bodies, scene: what the moving arm is drawn with.
+    """
+    report = Report(f"{document['robot']}: energy against duration, {document['mode']}")
+    best = document["minimum"]
+    if best is not None:
+        report.headline(f"Least energy: {best['energy_total']:.4g} J at {best['duration']:.4g} s.")
+    for warning in document.get("warnings", ()):
+        report.warning(warning)
+    points = [p for p in document["points"] if p.get("energy_total") is not None]
+    x = np.array([p["duration"] for p in points])
+    lines = [
+        Line(part, x, np.array([p[f"energy_{part}"] for p in points], dtype=float))
+        for part in ("total", "standby", "loss", "stored")
+    ]
+    marks = {} if best is None else {"least energy": (best["duration"], best["energy_total"])}
+    cycle = document.get("cycle")
+    charts = [Chart("Energy of the move", "duration [s]", "energy [J]", lines, marks=marks)]
+    charts.append(Chart("What can be changed: the loss", "duration [s]", "energy [J]", lines[2:3]))
+    if cycle is not None:
+        inside = [p for p in points if p.get("cycle")]
+        over = np.array([p["cycle"]["energy_total"] for p in inside], dtype=float)
+        at = np.array([p["duration"] for p in inside])
+        least = cycle["minimum"]
+        charts.append(
+            Chart(
+                f"Energy over the cycle of {cycle['length']:g} s, waiting included",
+                "duration of the move [s]",
+                "energy [J]",
+                [Line("cycle", at, over)],
+                marks={} if least is None else {"least over the cycle": (least["duration"], least["energy_total"])},
+            )
+        )
+    report.charts(*charts)
+    chosen = _nearest(motions, best["duration"]) if best is not None and motions else None
+    played = [Played(f"{d:.4g} s", motion, shown=d == chosen) for d, motion in sorted(motions.items())]
+    if played:
+        report.section("Any of its points, moving").player(player(robot, played, bodies, scene))
+    names = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
+    report.section("Points").table(
+        ["duration [s]", "total [J]", "standby [J]", "loss [J]", "status", "reason"],
+        [[*(p.get(name) for name in names), p.get("reason", "")] for p in document["points"]],
+    )
+    if document.get("request", {}).get("command"):
+        report.section("The command that made this").code(document["request"]["command"])
+    return report
+
+
+def _nearest(motions: Mapping[float, Motion], duration: float) -> float:
+    return min(motions, key=lambda d: abs(d - duration))

@@ -1,0 +1,80 @@
+"""Mixtures of models: the mean of what their members say, in the law, in retiming and in reshaping."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from energy_opt.effects import CopperLoss, CoulombFriction, Payload, Regeneration, Standby
+from energy_opt.errors import BadInput
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.path import straight
+from energy_opt.motion.reshape.nodes import node_functions
+from energy_opt.motion.retime.solve import retime
+from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
+from energy_opt.robot import Robot
+
+START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
+GOAL = np.array([0.8, 0.2, 0.3, -1.4, -0.4, 2.0, 0.0])
+
+
+def _careful(robot: Robot) -> PowerModel:
+    effects = (
+        Standby(power=88.04),
+        CopperLoss(r_over_kt2=0.0036),
+        CoulombFriction(tau_c=0.6),
+        Regeneration(efficiency=0),
+    )
+    return PowerModel(robot.name, effects)
+
+
+def test_the_law_is_the_weighted_mean(panda: Robot) -> None:
+    members = [source_method_2(), _careful(panda)]
+    mix = Mixture.of(members, [1, 3])
+    rng = np.random.default_rng(0)
+    state = [rng.normal(size=panda.n) for _ in range(4)]
+    mean, names = drive_function(mix, panda.n)
+    alone = [drive_function(m, panda.n)[0](*state, 0.3, m.values(panda.n)) for m in members]
+    tau, power, parts = mean(*state, 0.3, mix.values(panda.n))
+    assert float(power) == pytest.approx(0.25 * float(alone[0][1]) + 0.75 * float(alone[1][1]), rel=1e-12)
+    assert np.allclose(np.array(tau), np.array(alone[0][0]))
+    assert float(ca.sum1(parts)) == pytest.approx(float(power), rel=1e-12)
+    assert set(names) == {"mechanical", "standby", "copper_loss", "coulomb_friction", "regeneration"}
+
+
+def test_payload_is_shared_and_weights_build_nothing_again(panda: Robot) -> None:
+    mix = Mixture.of([source_method_2(), _careful(panda)]).replaced(Payload(mass=2.0, com=[0, 0, 0.1]))
+    assert all(member.get("payload") is not None for member in mix.members)
+    other = mix.weighted(np.array([0.9, 0.1]))
+    assert other.structure == mix.structure and not np.array_equal(other.values(7), mix.values(7))
+
+
+def test_nodes_of_a_mixture_are_the_mean_of_the_members_nodes(panda: Robot) -> None:
+    members = [source_method_2(), _careful(panda)]
+    z = np.concatenate([START, GOAL - START, np.ones(panda.n), [1.7]])
+    rates = [float(node_functions(m, panda.body).value(z, 0.4, m.values(panda.n))[0]) for m in members]
+    mix = Mixture.of(members)
+    assert float(node_functions(mix, panda.body).value(z, 0.4, mix.values(panda.n))[0]) == pytest.approx(
+        np.mean(rates), rel=1e-12
+    )
+
+
+def test_retiming_minimises_the_mean(panda: Robot) -> None:
+    """No timing that is best for one member is better in the mean."""
+    members = [source_method_2(), _careful(panda)]
+    path = straight(START, GOAL)
+    scorers = [Scorer(panda, m) for m in members]
+
+    def mean(model: PowerModel) -> float:
+        trajectory = retime(panda, model, path, duration=2.5).trajectory
+        return float(np.mean([s.energy(trajectory).total for s in scorers]))
+
+    best = mean(Mixture.of(members))
+    assert best <= min(mean(m) for m in members) + 1e-6
+
+
+def test_weights_that_make_no_mean_are_refused() -> None:
+    for weights in ([1.0], [0.0, 0.0], [1.0, -1.0]):
+        with pytest.raises(BadInput, match="weight"):
+            Mixture.of([source_method_2(), source_method_2()], weights)

@@ -1,0 +1,82 @@
+"""URDFs that are damaged in one place each: refused in one line that names it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from energy_opt.errors import BadInput
+from energy_opt.robot import known_robots, load_robot
+from energy_opt.robot.urdf import check_urdf
+
+GOOD = """<?xml version="1.0"?>
+<robot name="one">
+  <link name="base"/>
+  <link name="arm">
+    <inertial><origin xyz="0 0 0.1" rpy="0 0 0"/><mass value="2.0"/>
+      <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/></inertial>
+  </link>
+  <joint name="turn" type="revolute">
+    <origin xyz="0 0 0" rpy="0 0 0"/><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" velocity="2" effort="30"/>
+  </joint>
+</robot>
+"""
+
+DAMAGES = [
+    ('mass value="2.0"', 'mass value="3,0"', "link 'arm', mass: value='3,0'"),
+    ('mass value="2.0"', 'mass value="${m}"', "link 'arm', mass: value"),
+    ('mass value="2.0"', 'mass value="nan"', "link 'arm', mass: value='nan'"),
+    ('mass value="2.0"', 'mass value="-2"', "negative"),
+    ('<mass value="2.0"/>', "", "link 'arm', mass: value is missing"),
+    ('izz="0.01"', 'izz="0.05"', "link 'arm', inertia"),
+    ('ixx="0.02"', 'ixx="-0.02"', "negative"),
+    ('ixy="0"', 'ixy="zero"', "ixy='zero'"),
+    ('axis xyz="0 1 0"', 'axis xyz="0 0 0"', "joint 'turn', axis"),
+    ('axis xyz="0 1 0"', 'axis xyz="0 1"', "joint 'turn', axis"),
+    ('lower="-1"', 'lower="2"', "lower=2 is above"),
+    ('effort="30"', 'effort="-30"', "effort"),
+    ('child link="arm"', 'child link="leg"', "child link 'leg'"),
+    ('parent link="base"', 'parent link="arm"', "in a circle"),
+    ('type="revolute"', 'type="hinge"', "type='hinge'"),
+    ('<link name="base"/>', '<link name="base"/><link name="arm"/>', "twice"),
+    ('<link name="base"/>', '<link name="base"/><link name="loose"/>', "without a parent"),
+    (
+        "</robot>",
+        '<joint name="two" type="fixed"><parent link="base"/><child link="arm"/></joint></robot>',
+        "two parents",
+    ),
+    (
+        "<robot name",
+        '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arg name="a"/></robot><x name',
+        "not XML",
+    ),
+    ("</robot>", "", "not XML"),
+    ('<?xml version="1.0"?>', '<!DOCTYPE r [<!ENTITY a "b">]>', "document type"),
+]
+
+
+def test_the_undamaged_one_and_every_known_robot_pass(tmp_path: Path) -> None:
+    (tmp_path / "good.urdf").write_text(GOOD)
+    check_urdf(tmp_path / "good.urdf")
+    assert load_robot(str(tmp_path / "good.urdf")).n == 1
+    for name in known_robots():
+        check_urdf(load_robot(name).urdf)
+
+
+@pytest.mark.parametrize(("before", "after", "said"), DAMAGES)
+def test_a_damage_is_named(before: str, after: str, said: str, tmp_path: Path) -> None:
+    assert GOOD.count(before) == 1
+    path = tmp_path / "damaged.urdf"
+    path.write_text(GOOD.replace(before, after))
+    with pytest.raises(BadInput, match=said) as caught:
+        load_robot(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_xacro_says_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arg name="a"/></robot>')
+    with pytest.raises(BadInput, match="run xacro first"):
+        load_robot(str(path))

@@ -22,7 +22,7 @@ def check_set(folder: Path, allow_outside: bool = False) -> list[str]:
 
 
 def inspect_set(folder: Path, allow_outside: bool = False) -> tuple[list[str], list[str]]:
-    """All faults of a measured set, and remarks on what reading it takes: rows dropped, recordings cut, clocks found."""
+    """All faults of a measured set, and remarks on what reading took: rows dropped, recordings cut, clocks found."""
     try:
         log = read_log(folder, allow_outside)
         robot = robot_of(log)

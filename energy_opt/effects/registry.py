@@ -16,20 +16,34 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from energy_opt.effects.base import Effect
+from energy_opt.effects.curve import FrictionCurve
 from energy_opt.effects.electrics import (
     CopperLoss,
     InverterLoss,
+    IronLoss,
     MotionPower,
+    PsuLoss,
     Regeneration,
     Standby,
     StandbyDrift,
     SupplyEfficiency,
     WindingTemperature,
 )
-from energy_opt.effects.friction import CoulombFriction, GearEfficiency, LoadFriction, StribeckFriction, ViscousFriction
+from energy_opt.effects.friction import (
+    AsymmetricFriction,
+    CoulombFriction,
+    GearEfficiency,
+    LoadFriction,
+    PowerLawFriction,
+    StribeckFriction,
+    ThermalViscous,
+    ViscousFriction,
+)
+from energy_opt.effects.links import LinkInertia
 from energy_opt.effects.mechanics import Armature, GravitySpring
 from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain
 from energy_opt.effects.parameter import Parameter
+from energy_opt.effects.past import DcLink, IdleHold, RunOffset
 from energy_opt.effects.rigid import BaseTilt, Payload
 from energy_opt.effects.stages import (
     DriveEffect,
@@ -65,12 +79,22 @@ ALL_EFFECTS: tuple[type[Effect], ...] = (
     MeterDelay,
     MeterFilter,
     MeterGain,
+    FrictionCurve,
+    AsymmetricFriction,
+    PowerLawFriction,
+    ThermalViscous,
+    PsuLoss,
+    IronLoss,
+    DcLink,
+    IdleHold,
+    RunOffset,
+    LinkInertia,
 )
 BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECTS}
 
 # The law that an effect of each stage must write, by the base class that asks for it.
 LAWS: dict[type[Effect], tuple[str, ...]] = {
-    RigidEffect: ("gravity", "point_mass"),
+    RigidEffect: ("gravity", "point_mass", "links"),
     TorqueEffect: ("torque",),
     HeatEffect: ("heat",),
     WindingEffect: ("factor",),

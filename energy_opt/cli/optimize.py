@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from energy_opt.cli.common import add_common, add_move, load_model_of, load_robot_of, move_of, say, settings_of
+from energy_opt.cli.controllers import add_controllers, check_controllers, moves_of, write_controllers
 
 if TYPE_CHECKING:
     from energy_opt.motion import Result
@@ -21,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("duration (default: free)")
     group.add_argument("--duration", type=float, metavar="T", help="exactly T seconds")
     group.add_argument("--max-duration", type=float, metavar="T", help="at most T seconds")
+    add_controllers(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -30,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import to_json, write_json
     from energy_opt.motion import Planner
 
+    check_controllers(args)
     robot = load_robot_of(args)
     model = load_model_of(args, robot)
     move = move_of(args, robot, args.duration, args.max_duration)
@@ -37,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
         planner = Planner(robot, model, settings_of(args), stopped=stopped)
         try:
             result = planner.solve(move)
+            moves = moves_of(args, planner, move, result)
         except Infeasible as error:
             error.about = {
                 "robot": robot.name,
@@ -46,13 +50,20 @@ def run(args: argparse.Namespace) -> int:
             }
             write_json(args.out / "result.json", error.document())
             raise
-        write(result, robot, args.out)
+        document = result.document()
+        if moves is not None:
+            from energy_opt.profiles import as_result
+
+            result = as_result(result, moves)
+            document = {**result.document(), "moves": moves.document()}
+        write(result, robot, args.out, document)
+        write_controllers(args, planner, result, moves, args.out)
     for warning in result.warnings:
         say(args, f"warning: {warning}")
     if result.message:
         say(args, f"{result.status}: {result.message}")
     if args.json:
-        sys.stdout.write(to_json(result.document()))
+        sys.stdout.write(to_json(document))
     elif not args.quiet:
         print(table(result, args.out))
     if result.interrupted:
@@ -60,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     return 0 if result.status == "solved" else 4
 
 
-def write(result: Result, robot: Robot, out: Path) -> None:
+def write(result: Result, robot: Robot, out: Path, document: dict[str, Any]) -> None:
     """Write result.json, trajectory.csv, trajectory.yaml, plot.png and report.html; result.json last."""
     from energy_opt import formats
     from energy_opt.files import write_json
@@ -68,7 +79,7 @@ def write(result: Result, robot: Robot, out: Path) -> None:
     formats.table.write(result.trajectory, out / "trajectory.csv")
     formats.messages.write_yaml(result.trajectory, out / "trajectory.yaml")
     _picture_and_report(result, robot, out)
-    write_json(out / "result.json", result.document())
+    write_json(out / "result.json", document)
 
 
 def _picture_and_report(result: Result, robot: Robot, out: Path) -> None:

@@ -22,14 +22,19 @@ LEAST_STEP = 0.01  # a last step that is shorter than this share of the others i
 Judge = Callable[[Trajectory], Certificate]
 
 
+def check_rate(rate: float) -> None:
+    """Raise BadInput where a rate [Hz] is not above zero, or beyond 10 kHz."""
+    if not 0 < rate <= FASTEST:
+        raise BadInput(f"--rate {rate:g}: expected samples per second, above 0 and at most {FASTEST:g}")
+
+
 def resampled(trajectory: Trajectory, rate: float) -> Trajectory:
     """The curve at multiples of 1 / rate [s] from 0 on, and exactly at its end.
 
     Raises:
         BadInput: the rate is not above zero, or beyond 10 kHz.
     """
-    if not 0 < rate <= FASTEST:
-        raise BadInput(f"--rate {rate:g}: expected samples per second, above 0 and at most {FASTEST:g}")
+    check_rate(rate)
     duration = trajectory.duration
     count = max(0, int(np.ceil(duration * rate - LEAST_STEP)))
     time = np.append(np.arange(count) / rate, duration)

@@ -1,7 +1,7 @@
 """Standard moves as files: a neutral YAML, and a URScript program of `movej`.
 
-UR's `movej(q, a, v, t, r)` takes speed and acceleration of the leading axis, the one that has furthest to go, and r, how
-far from the target [m] of the tool the blend into the next move begins. Written for motion version 1, the only one
+UR's `movej(q, a, v, t, r)` takes speed and acceleration of the leading axis, the one that has furthest to go, and r,
+how far from the tool's target [m] the blend into the next move begins. Written for motion version 1, the only one
 before PolyScope 5.22: constant acceleration in both ramps. The controller shapes the blends itself; the r written is
 the smaller of the two distances at which this blend leaves the first line and joins the second, so that the
 controller's stays inside the corner that was judged.
@@ -68,9 +68,9 @@ def write_urscript(moves: StandardMoves, body: RigidBody, path: Path) -> None:
     radii = [*blend_radii(chain, body), 0.0]
     lines = [
         f"# {', '.join(moves.trajectory.joints)}",
-        f"# Planned for {chain.duration:.6f} s. For motion version 1 (constant acceleration in ramps); v and a are those",
-        "# of the leading axis, r is at the last joint's frame. Blends are the controller's own: run it slowly first,",
-        "# pace = 0.1 in the line below (blends then differ more).",
+        f"# Planned for {chain.duration:.6f} s, for motion version 1 (constant acceleration in ramps).",
+        "# v and a are those of the leading axis, r is at the last joint's frame. Blends are the controller's own:",
+        "# run it slowly first, pace = 0.1 in the line below (blends then differ more).",
         "def energy_opt_moves():",
         "  local pace = 1.0",
         *check_start(chain.corners[0]),
@@ -112,8 +112,8 @@ def write_yaml(moves: StandardMoves, body: RigidBody, path: Path) -> None:
     write_text(path, "\n".join([*lines, ""]))
 
 
-def write(moves: StandardMoves, body: RigidBody, out: Path, urscript: bool) -> list[str]:
-    """Write moves.yaml, and moves.script where the arm has six joints or a script is asked for; the files' names."""
+def write(moves: StandardMoves, body: RigidBody, out: Path) -> list[str]:
+    """Write moves.yaml, and moves.script where the arm has six joints; the files' names."""
     write_yaml(moves, body, out / "moves.yaml")
     names = ["moves.yaml"]
     if len(moves.chain.corners[0]) == JOINTS:

@@ -22,6 +22,7 @@ from energy_opt.formats import franka, output, read_trajectory, urscript, write
 from energy_opt.formats.resample import RATES, at_rate, resampled
 from energy_opt.motion.judge.certificate import certify
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.profiles import Chain
@@ -73,18 +74,18 @@ def test_a_rate_that_is_too_low_is_refused_with_one_that_does(bend: tuple[Trajec
     tight = limits.replace(acceleration=np.abs(curve.sample(curve.denser(10))[2]).max(axis=0) * 1.002)
 
     def judge(trajectory: Trajectory) -> Any:
-        return certify(trajectory, scorer, tight)
+        return certify(trajectory, scorer, joint_limits(tight))
 
     assert judge(curve).valid
     with pytest.raises(BadInput, match=r"10: with quintics between so few points .* Hz would do") as caught:
         at_rate(curve, 10, judge)
     rate = float(re.search(r"; ([\d.]+) Hz would do", str(caught.value))[1])  # type: ignore[index]
     assert rate in RATES and at_rate(curve, rate, judge).time[1] == 1 / rate
-    lower = max(r for r in RATES if 10 < r < rate)
+    lower = max(r for r in RATES if 10 <= r < rate)
     assert not judge(resampled(curve, lower)).valid
     impossible = limits.replace(velocity=np.abs(curve.velocity).max(axis=0) * 0.999)
     with pytest.raises(BadInput, match="no rate up to 4000 Hz holds it"):
-        at_rate(curve, 100, lambda trajectory: certify(trajectory, scorer, impossible))
+        at_rate(curve, 100, lambda trajectory: certify(trajectory, scorer, joint_limits(impossible)))
     for rate in (0, -1, np.inf, 1e9):
         with pytest.raises(BadInput, match="expected samples per second"):
             resampled(curve, rate)
@@ -95,7 +96,7 @@ def test_all_formats_at_a_rate(tmp_path: Path, bend: tuple[Trajectory, Scorer], 
     curve, scorer = bend
 
     def judge(trajectory: Trajectory) -> Any:
-        return certify(trajectory, scorer, panda.limits)
+        return certify(trajectory, scorer, joint_limits(panda.limits))
 
     names = ["csv", "yaml", "json", "mcap", "follow-joint-trajectory", "csv"]
     lines = output.write(curve, scorer, judge, output.wanted(names), tmp_path, 200.0, "left_")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energy_opt.cli.common import say
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
-    from energy_opt.motion import Move, Planner, Result
+    from energy_opt.motion import Move, Planner, Result, Trajectory
+    from energy_opt.motion.judge.certificate import Certificate
     from energy_opt.profiles import StandardMoves
 
 
@@ -43,24 +43,27 @@ def check_controllers(args: argparse.Namespace) -> None:
         raise BadInput("--vias are those of --as moves; give it too")
 
 
-def moves_of(args: argparse.Namespace, planner: Planner, move: Move, result: Result) -> StandardMoves | None:
-    """The standard moves that --as asks for, None where it does not."""
-    from energy_opt.profiles import MovesPlanner
+def moves_of(
+    args: argparse.Namespace, planner: Planner, move: Move, result: Result
+) -> tuple[Result, StandardMoves | None]:
+    """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none."""
+    from energy_opt.profiles import MovesPlanner, as_result
 
     if args.as_ is None or result.interrupted:
-        return None
-    return MovesPlanner(planner).solve(move, result, args.vias or 0)
+        return result, None
+    moves = MovesPlanner(planner).solve(move, result, args.vias or 0)
+    return as_result(result, moves), moves
 
 
 def write_controllers(
-    args: argparse.Namespace, planner: Planner, result: Result, moves: StandardMoves | None, out: Path
+    args: argparse.Namespace, planner: Planner, move: Move, result: Result, moves: StandardMoves | None
 ) -> None:
     """Write the files that --write and --as ask for, and say what they are."""
     from energy_opt.formats import FORMATS, output
     from energy_opt.motion.judge.energy import Scorer
     from energy_opt.profiles import movej
 
-    formats, lines = output.wanted(args.write), []
+    out, formats, lines = args.out, output.wanted(args.write), []
     if moves is not None:
         lines += [f"{out / name}: standard moves" for name in movej.write(moves, planner.robot.body, out)]
         if FORMATS["urscript"] in formats:
@@ -68,7 +71,11 @@ def write_controllers(
             movej.write_urscript(moves, planner.robot.body, out / "trajectory.script")
             lines.append(f"{out / 'trajectory.script'}: standard moves")
     scorer = Scorer(planner.robot, planner.model)
-    lines += output.write(result.trajectory, scorer, planner.certify, formats, out, args.rate, args.joint_prefix)
+
+    def judge(trajectory: Trajectory) -> Certificate:
+        return planner.certify(trajectory, move)
+
+    lines += output.write(result.trajectory, scorer, judge, formats, out, args.rate, args.joint_prefix)
     for line in lines:
         say(args, line)
     if moves is not None:

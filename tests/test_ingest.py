@@ -147,7 +147,9 @@ def test_missing_rows_are_counted_and_gaps_cut():
     t = np.delete(np.arange(1000) * 0.01, [*range(300, 303), *range(600, 700)])
     rows = clean(t, t[:, None])
     assert (
-        rows.gaps == (596,) and "3 rows missing in 1 places" in rows.remarks[0] and "1.01 s at 5.99" in rows.remarks[1]
+        rows.gaps == (596,)
+        and "3 rows missing in 1 places" in rows.remarks[0]
+        and "1.01 s after 5.99" in rows.remarks[1]
     )
 
 

@@ -29,12 +29,13 @@ EPOCH = 1e8  # [s] later stamps count from 1970 and hold for every file alike
 
 @dataclass(frozen=True)
 class Joints:
-    """Rows of the joints; `rows` says which of the table's are kept, `time` counts as the stamps do."""
+    """Rows of the joints: `index` in the table of those kept, `dropped` of repeated ones; `time` counts as stamps do."""
 
     time: np.ndarray
     signals: Mapping[str, np.ndarray]
     rows: Rows
     index: np.ndarray
+    dropped: np.ndarray
     dated: bool
 
 
@@ -109,9 +110,9 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         )
         return None
     rows = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
-    index = index[rows.kept]
+    dropped, index = np.delete(index, rows.kept), index[rows.kept]
     kept = {name: values[index] for name, values in signals.items() if np.isfinite(values[index]).all()}
-    found = Joints(rows.time, kept, rows, index, table.is_date(rules["time"].columns[0]))
+    found = Joints(rows.time, kept, rows, index, dropped, table.is_date(rules["time"].columns[0]))
     fault = _step_fault(found, kind, robot) or degrees_fault(kept["position"], robot)
     if fault is not None:
         row = table.row_number(int(index[fault[0]]))

@@ -29,7 +29,7 @@ EPOCH = 1e8  # [s] later stamps count from 1970 and hold for every file alike
 
 @dataclass(frozen=True)
 class Joints:
-    """Rows of the joints: `index` in the table of those kept, `dropped` of repeated ones; `time` counts as stamps do."""
+    """Rows of the joints: `index` in the table of those kept, `dropped` of repeats; `time` counts as stamps do."""
 
     time: np.ndarray
     signals: Mapping[str, np.ndarray]

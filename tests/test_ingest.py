@@ -387,6 +387,16 @@ def test_several_arms_have_such_columns(tmp_path):
         import_files([path], tmp_path / "set")
 
 
+def test_other_readers_refuse_degrees(tmp_path, capsys):
+    words = ["optimize", "--robot", "panda", "--out", str(tmp_path / "out")]
+    assert main([*words, "--start", "0,-45,0,-135,0,90,45", "--goal", "0,0,0,-90,0,90,0"]) == 2
+    assert "-45 rad for panda_joint2" in capsys.readouterr().err
+    header = "time," + ",".join(f"{joint}.position" for joint in PANDA.joints)
+    path = put(tmp_path / "move.csv", f"{header}\n0,0,-45,0,-135,0,90,45\n2,0,0,0,-90,0,90,0\n")
+    assert main([*words, "--path", str(path)]) == 2 and main(["check", str(path)]) == 2
+    assert capsys.readouterr().err.count("look like degrees") == 2
+
+
 # -- sets --------------------------------------------------------------------------------------------------------------
 
 

@@ -13,6 +13,7 @@ from energy_opt.measured.rows import Rows, backward, clean
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
+from energy_opt.robot.limits import look_like_degrees
 
 FEWEST = 8  # rows of a run
 # Beyond these a value is no measurement of an arm's: SI units, absolute values.
@@ -153,14 +154,11 @@ def _step_fault(joints: Joints, kind: str, robot: Robot) -> tuple[int, str, str]
 
 def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | None:
     """Row, joint and remedy where positions (N, n) lie so far outside the limits that they must be degrees."""
+    found = look_like_degrees(robot.limits, position, FAR)
+    if found is None:
+        return None
+    row, j = found
     lower, upper = robot.limits.lower, robot.limits.upper
-    far = (position < lower - FAR) | (position > upper + FAR) | (np.abs(position) > 50.0)
-    if not far.any():
-        return None
-    turned = np.radians(position)
-    if not ((turned >= lower - FAR) & (turned <= upper + FAR)).all():
-        return None
-    row, j = (int(x) for x in np.argwhere(far)[0])
     joint = robot.joints[j]
     return (
         row,

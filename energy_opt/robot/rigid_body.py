@@ -216,6 +216,25 @@ class RigidBody:
         bodies = [frame for frame in self._model.frames if frame.type == pin.FrameType.BODY]
         return {frame.name: (int(frame.parentJoint) - 1, frame.placement.homogeneous.copy()) for frame in bodies}
 
+    def frame_motion(
+        self, joint: int, pose: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """How a frame fixed to a joint's link moves, in the base frame, at q, v, a (N, n).
+
+        Returns: its poses (N, 4, 4), and velocity [m/s] and acceleration [m/s^2] of its origin, (N, 3) each.
+        """
+        data, placement = self._model.createData(), pin.SE3(np.asarray(pose, dtype=float))
+        poses, velocity, acceleration = np.empty((len(q), 4, 4)), np.empty((len(q), 3)), np.empty((len(q), 3))
+        for k, c in enumerate(self.configuration(q)):
+            pin.forwardKinematics(self._model, data, c, v[k], a[k])
+            here = data.oMi[joint + 1] * placement
+            twist, change = placement.actInv(data.v[joint + 1]), placement.actInv(data.a[joint + 1])
+            turn = here.rotation
+            poses[k] = here.homogeneous
+            velocity[k] = turn @ twist.linear
+            acceleration[k] = turn @ (change.linear + np.cross(twist.angular, twist.linear))
+        return poses, velocity, acceleration
+
     def tree(self) -> tuple[Link, ...]:
         """The moving links, parents before children, in the order of the joints."""
         return self._links

@@ -29,7 +29,7 @@ def add_common(parser: argparse.ArgumentParser, out: str) -> None:
     group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
     group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m]")
-    group.add_argument("--model", type=Path, metavar="MODEL.toml", help="power model (default: the source paper's)")
+    group.add_argument("--model", metavar="MODEL", help="power model: a file or a name (default: source-method-2)")
     group.add_argument("--dynamics", default="auto", metavar="SOURCE", help="auto, compact, templates or pinocchio")
     add_output(parser, out)
 
@@ -41,6 +41,7 @@ def add_output(parser: argparse.ArgumentParser, out: str) -> None:
     group.add_argument("--json", action="store_true", help="the result as one JSON document on stdout")
     group.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random choices (0)")
     group.add_argument("--quiet", action="store_true", help="no progress and no messages")
+    group.add_argument("--force", action="store_true", help="overwrite the result of another request")
 
 
 def add_move(parser: argparse.ArgumentParser) -> None:
@@ -121,9 +122,9 @@ def load_robot_of(args: argparse.Namespace) -> Robot:
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
     """The model that --model and --payload describe; the source paper's Method 2 by default."""
-    from energy_opt.power import load_model, source_method_2
+    from energy_opt.front.given import model_from
 
-    model = source_method_2(robot.name) if args.model is None else load_model(args.model)
+    model = model_from(args.model, robot)
     if model.robot not in ("", robot.name):
         say(args, f"warning: {args.model}: a model of {model.robot}, used for {robot.name}")
     if args.payload is not None:

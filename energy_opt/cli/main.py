@@ -88,6 +88,7 @@ def _run(words: list[str]) -> int:
     if unknown:
         options = [name for action in verbs[args.verb]._actions for name in action.option_strings]
         raise BadInput(f"unknown: {' '.join(unknown)}{near(unknown[0], options)} (see energy-opt {args.verb} --help)")
+    args.command = words
     if args.effects:
         from energy_opt.effects import load_file
 

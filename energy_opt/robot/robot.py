@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from energy_opt.robot.limits import Limits, overlay, with_assumptions
 from energy_opt.robot.rigid_body import Link, RigidBody
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Robot:
     """An arm that can be planned for.
 
@@ -33,6 +34,9 @@ class Robot:
     locked: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, {self.n} joints)"
+
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints that move, in the order of every vector."""
@@ -44,7 +48,12 @@ class Robot:
         return self.body.n
 
 
-def load_robot(name_or_urdf: str, *, limits: Path | None = None, lock: Mapping[str, float] | None = None) -> Robot:
+def load_robot(
+    name_or_urdf: str | PathLike[str],
+    *,
+    limits: str | PathLike[str] | None = None,
+    lock: Mapping[str, float] | None = None,
+) -> Robot:
     """A robot by name (`known_robots()`) or by the path of a URDF file.
 
     Args:
@@ -54,6 +63,7 @@ def load_robot(name_or_urdf: str, *, limits: Path | None = None, lock: Mapping[s
     Raises:
         BadInput: unknown name, unreadable file, unknown joint.
     """
+    name_or_urdf, limits = str(name_or_urdf), None if limits is None else Path(limits)
     entry = CATALOG.get(name_or_urdf)
     if entry is None:
         path = Path(name_or_urdf)

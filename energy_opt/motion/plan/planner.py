@@ -8,6 +8,7 @@ from collections.abc import Callable, Hashable, Sequence
 import numpy as np
 
 from energy_opt.dynamics import torque_function
+from energy_opt.effects import Payload
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.energy import Energy, Scorer
@@ -26,6 +27,10 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
+
+
+def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
+    return model.without(Payload.name).structure
 
 
 class Planner:
@@ -50,19 +55,21 @@ class Planner:
         self._reshapers: dict[Hashable, Reshaper] = {}
         self._compiled = False
         self._build_seconds = 0.0
-        self._structure = model.structure
+        self._structure = _but_payload(model)
         self.set_model(model)
         self.limits()  # what cannot be is told now, not when a move needs it
         if self.settings.dynamics != "auto":  # a source that is not there is told now, not when a move needs it
             torque_function(robot.body, self.settings.dynamics)
 
     def set_model(self, model: PowerModel) -> None:
-        """Other values of the same effects; nothing is built again.
+        """Other values of the same effects, with or without a payload; nothing is built again.
+
+        (But for the first payload where the planner was built for a model that has none: there it costs nothing.)
 
         Raises:
             BadInput: the model has other effects than the planner was built for.
         """
-        if model.structure != self._structure:
+        if _but_payload(model) != self._structure:
             raise BadInput("the planner was built for other effects; build a new one")
         model.check(self.robot.n)
         self.model = model
@@ -144,7 +151,7 @@ class Planner:
 
     def _reshaper(self, objective: str) -> Reshaper:
         limits = self.limits()
-        key = objective, tuple(limit.structure for limit in limits)
+        key = (objective, self.model.structure, tuple(limit.structure for limit in limits))
         if key not in self._reshapers:
             begin = time.perf_counter()
             nodes = node_functions(self.model, self.robot.body, limits, objective, self.settings.dynamics)

@@ -117,7 +117,7 @@ def load_robot_of(args: argparse.Namespace) -> Robot:
     for word in args.lock:
         name, _, value = word.partition("=")
         lock[name] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
-    return load_robot(args.robot, limits=args.limits, lock=lock)
+    return load_robot(args.robot, limits=args.limits, lock=lock, prefix=args.joint_prefix)
 
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:

@@ -6,6 +6,7 @@ import argparse
 import sys
 
 from energy_opt.cli.common import add_common, add_move, load_model_of, load_robot_of, move_of, say, settings_of
+from energy_opt.cli.controllers import add_controllers, check_controllers, moves_of, write_controllers
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,6 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("duration (default: free)")
     group.add_argument("--duration", type=float, metavar="T", help="exactly T seconds")
     group.add_argument("--max-duration", type=float, metavar="T", help="at most T seconds")
+    add_controllers(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -27,16 +29,19 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.front.request import guard, request_of_move
     from energy_opt.motion import Planner
 
+    check_controllers(args)
     robot = load_robot_of(args)
     model = load_model_of(args, robot)
     move = move_of(args, robot, args.duration, args.max_duration)
     named = {"path": args.path, "limits": args.limits, "scene": getattr(args, "scene", None)}
-    request = request_of_move(robot, model, move, args.seed, **named, command=args.command)
+    standard = None if args.as_ is None else {"as": args.as_, "vias": args.vias or 0}
+    request = request_of_move(robot, model, move, args.seed, **named, standard=standard, command=args.command)
     guard(args.out / "result.json", request, args.force)
     with stop_on_interrupt() as stopped:
         planner = Planner(robot, model, settings_of(args), stopped=stopped)
         try:
-            result = answer_of(planner.solve(move), robot, request)
+            found, moves = moves_of(args, planner, move, planner.solve(move))
+            result = answer_of(found, robot, request)
         except Infeasible as error:
             error.about = {
                 "robot": robot.name,
@@ -48,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
             write_json(args.out / "result.json", error.document())
             raise
         result.save(args.out)
+        write_controllers(args, planner, move, result, moves)
     for warning in result.warnings:
         say(args, f"warning: {warning}")
     if result.message:

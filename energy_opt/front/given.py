@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -12,7 +12,8 @@ from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, near
 from energy_opt.motion.path import Curve, JointPath, of_trajectory, through
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.power import PowerModel, load_model, source_method_1, source_method_2
+from energy_opt.power import PowerModel
+from energy_opt.power.named import is_named, model_of, named_model
 from energy_opt.robot import Robot, load_robot
 
 AnyRobot = Robot | str | PathLike[str]
@@ -22,11 +23,7 @@ Positions = Vector | Mapping[str, float]
 AnyPayload = float | Sequence[float] | Payload
 AnyPath = JointPath | Trajectory | Curve | Sequence[Vector] | np.ndarray | str | PathLike[str]
 
-# Power models by name; each is made for a robot's name. Underscores are taken for dashes.
-NAMED: dict[str, Callable[[str], PowerModel]] = {
-    "source-method-1": source_method_1,
-    "source-method-2": source_method_2,
-}
+DEFAULT = "source-method-2"
 SAMPLED = 401  # points at which a path that is any function is taken
 
 
@@ -47,15 +44,8 @@ def model_from(given: AnyModel, robot: Robot) -> PowerModel:
     """
     if isinstance(given, PowerModel):
         model = given
-    elif given is None:
-        model = source_method_2(robot.name)
-    elif str(given).replace("_", "-") in NAMED:
-        model = NAMED[str(given).replace("_", "-")](robot.name)
-    elif not Path(given).is_file() and not Path(given).suffix:
-        hint = near(str(given).replace("_", "-"), NAMED)
-        raise BadInput(f"--model {given}: neither a model file nor a name{hint}: {', '.join(NAMED)}")
     else:
-        model = load_model(Path(given))
+        model = model_of(DEFAULT if given is None else given, robot.name)
     model.check(robot.n)
     return model
 
@@ -63,9 +53,9 @@ def model_from(given: AnyModel, robot: Robot) -> PowerModel:
 def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
     """The power model of Petrichenko et al. 2024 (arXiv 2411.03194) by its Method 1 or 2, taken over for any robot."""
     name = f"source-method-{method}"
-    if name not in NAMED:
+    if not is_named(name):
         raise BadInput(f"--method {method}; expected 1 or 2")
-    return NAMED[name](robot.name if isinstance(robot, Robot) else str(robot))
+    return named_model(name, robot.name if isinstance(robot, Robot) else str(robot))
 
 
 def payload_from(given: AnyPayload) -> Payload:

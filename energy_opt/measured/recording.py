@@ -68,7 +68,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) ->
     signals: dict[str, Any] = {name: joints.signals.get(name) for name in SIGNALS}
     run = Run(
         entry.file, entry.kind, start, time, power_time=moved.time, power=moved.power, window=moved.window,
-        meter=moved.kind, clock=status, **signals,
+        meter=moved.kind, clock=status, rows=joints.index + table.layout.first_row, **signals,
     )  # fmt: skip
     _cut(log, run, joints.rows.gaps, out)
     return out

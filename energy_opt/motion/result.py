@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
 
@@ -70,6 +71,7 @@ class Result:
             feasible one that is known, and `message` says why.
         chosen: where the trajectory comes from: "reshape", "retime", or the name of a baseline that nothing surpassed.
         trajectory: with effort and power.
+        moves: what is known of the standard moves that it consists of; None for a free trajectory.
     """
 
     status: str
@@ -85,6 +87,7 @@ class Result:
     message: str = ""
     interrupted: bool = False
     warnings: tuple[str, ...] = field(default=())
+    moves: Mapping[str, object] | None = None
 
     def baseline(self, name: str) -> Baseline:
         """The baseline of that name."""
@@ -183,4 +186,5 @@ class Result:
             "chosen": self.chosen,
             "message": self.message,
             "warnings": list(self.warnings),
+            **({} if self.moves is None else {"moves": self.moves}),
         }

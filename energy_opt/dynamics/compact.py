@@ -18,7 +18,7 @@ import casadi as ca
 
 from energy_opt.dynamics.canonical import canonical
 from energy_opt.dynamics.frames import JointFrame, Vector, cross, plus, times
-from energy_opt.robot.rigid_body import Link
+from energy_opt.robot.links import Link
 
 
 def _wrench(

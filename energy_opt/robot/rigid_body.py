@@ -6,7 +6,6 @@ Joint positions are angles (rad) for every revolute joint, continuous ones inclu
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,72 +14,11 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput
+from energy_opt.robot.links import Link, LinkGeometry, PointMass, UrdfLimits
 from energy_opt.robot.meshes import collision_urdf
 from energy_opt.robot.urdf import check_urdf
 
 FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
-
-
-@dataclass(frozen=True)
-class PointMass:
-    """A mass [kg] at `com` (3,) [m] in the last joint's frame."""
-
-    mass: float
-    com: np.ndarray
-
-
-@dataclass(frozen=True)
-class Link:
-    """One moving link and the joint that carries it, as plain numbers.
-
-    Attributes:
-        name: the joint's name.
-        prismatic: slides along `axis` where True, else turns about it.
-        continuous: a revolute joint without an end.
-        parent: index of the parent link, -1 for the base.
-        placement: (4, 4) pose of the joint's frame in the parent's at q = 0.
-        axis: (3,) unit vector in the joint's frame.
-        mass, lever, inertia: kg, (3,) m to the centre of mass, (3, 3) kg m^2 about the centre of mass.
-        armature: reflected rotor inertia, kg m^2 (0 unless the model states it).
-    """
-
-    name: str
-    prismatic: bool
-    continuous: bool
-    parent: int
-    placement: np.ndarray
-    axis: np.ndarray
-    mass: float
-    lever: np.ndarray
-    inertia: np.ndarray
-    armature: float
-
-
-@dataclass(frozen=True)
-class LinkGeometry:
-    """One collision geometry of a link.
-
-    Attributes:
-        link: the link's name.
-        joint: index of the joint that carries it, -1 for the base.
-        pose: (4, 4) in that joint's frame.
-        geometry: the shape as coal holds it, the library that Pinocchio's collision checks stand on.
-    """
-
-    link: str
-    joint: int
-    pose: np.ndarray
-    geometry: Any
-
-
-@dataclass(frozen=True)
-class UrdfLimits:
-    """What the URDF states, (n,) each, untouched: position [rad], velocity [rad/s], effort [N m]."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
 
 
 def _read(path: Path, lock: Mapping[str, float], collision: str | None = None) -> tuple[Any, Any]:

@@ -147,7 +147,9 @@ def test_missing_rows_are_counted_and_gaps_cut():
     t = np.delete(np.arange(1000) * 0.01, [*range(300, 303), *range(600, 700)])
     rows = clean(t, t[:, None])
     assert (
-        rows.gaps == (596,) and "3 rows missing in 1 places" in rows.remarks[0] and "1.01 s at 5.99" in rows.remarks[1]
+        rows.gaps == (596,)
+        and "3 rows missing in 1 places" in rows.remarks[0]
+        and "1.01 s after 5.99" in rows.remarks[1]
     )
 
 
@@ -383,6 +385,16 @@ def test_several_arms_have_such_columns(tmp_path):
     )
     with pytest.raises(BadInput, match="say which with"):
         import_files([path], tmp_path / "set")
+
+
+def test_other_readers_refuse_degrees(tmp_path, capsys):
+    words = ["optimize", "--robot", "panda", "--out", str(tmp_path / "out")]
+    assert main([*words, "--start", "0,-45,0,-135,0,90,45", "--goal", "0,0,0,-90,0,90,0"]) == 2
+    assert "-45 rad for panda_joint2" in capsys.readouterr().err
+    header = "time," + ",".join(f"{joint}.position" for joint in PANDA.joints)
+    path = put(tmp_path / "move.csv", f"{header}\n0,0,-45,0,-135,0,90,45\n2,0,0,0,-90,0,90,0\n")
+    assert main([*words, "--path", str(path)]) == 2 and main(["check", str(path)]) == 2
+    assert capsys.readouterr().err.count("look like degrees") == 2
 
 
 # -- sets --------------------------------------------------------------------------------------------------------------

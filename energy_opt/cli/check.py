@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from energy_opt.cli.common import add_prefix, say
+from energy_opt.cli.common import add_prefix, refuse_degrees, say
 from energy_opt.errors import BadInput, EnergyOptError
 
 
@@ -157,6 +157,7 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     else:
         robot = load_robot(args.robot, limits=args.limits, prefix=args.joint_prefix)
     rows = rows.of(robot.joints, args.joint_prefix)
+    refuse_degrees(robot, rows.position, rows.where)
     if rows.time is None:
         return []
     trajectory = rows.trajectory()

@@ -13,6 +13,7 @@ from energy_opt.measured.rows import Rows, backward, clean
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
+from energy_opt.robot.limits import look_like_degrees
 
 FEWEST = 8  # rows of a run
 # Beyond these a value is no measurement of an arm's: SI units, absolute values.
@@ -29,12 +30,13 @@ EPOCH = 1e8  # [s] later stamps count from 1970 and hold for every file alike
 
 @dataclass(frozen=True)
 class Joints:
-    """Rows of the joints; `rows` says which of the table's are kept, `time` counts as the stamps do."""
+    """Rows of the joints: `index` in the table of those kept, `dropped` of repeats; `time` counts as stamps do."""
 
     time: np.ndarray
     signals: Mapping[str, np.ndarray]
     rows: Rows
     index: np.ndarray
+    dropped: np.ndarray
     dated: bool
 
 
@@ -109,9 +111,9 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         )
         return None
     rows = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
-    index = index[rows.kept]
+    dropped, index = np.delete(index, rows.kept), index[rows.kept]
     kept = {name: values[index] for name, values in signals.items() if np.isfinite(values[index]).all()}
-    found = Joints(rows.time, kept, rows, index, table.is_date(rules["time"].columns[0]))
+    found = Joints(rows.time, kept, rows, index, dropped, table.is_date(rules["time"].columns[0]))
     fault = _step_fault(found, kind, robot) or degrees_fault(kept["position"], robot)
     if fault is not None:
         row = table.row_number(int(index[fault[0]]))
@@ -152,14 +154,11 @@ def _step_fault(joints: Joints, kind: str, robot: Robot) -> tuple[int, str, str]
 
 def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | None:
     """Row, joint and remedy where positions (N, n) lie so far outside the limits that they must be degrees."""
+    found = look_like_degrees(robot.limits, position, FAR)
+    if found is None:
+        return None
+    row, j = found
     lower, upper = robot.limits.lower, robot.limits.upper
-    far = (position < lower - FAR) | (position > upper + FAR) | (np.abs(position) > 50.0)
-    if not far.any():
-        return None
-    turned = np.radians(position)
-    if not ((turned >= lower - FAR) & (turned <= upper + FAR)).all():
-        return None
-    row, j = (int(x) for x in np.argwhere(far)[0])
     joint = robot.joints[j]
     return (
         row,

@@ -13,6 +13,7 @@ ASSUMED_ACCELERATION = 10.0  # [rad/s^2] where neither acceleration nor effort i
 PLACEHOLDER = 1e4  # a velocity or effort limit of this size or more is no limit
 DOUBTFUL_VELOCITY = 100.0  # [rad/s] a limit from here on is named, but used
 DOUBTFUL_EFFORT = 100.0  # likewise, in multiples of the torque that holds the whole arm out straight
+TURNS = 50.0  # [rad] further no joint without limits is turned; eight turns
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,24 @@ class Limits:
     def replace(self, **bounds: np.ndarray) -> Limits:
         """The same limits with some of them changed."""
         return dataclasses.replace(self, **bounds)
+
+
+def look_like_degrees(limits: Limits, position: np.ndarray, beyond: float) -> tuple[int, int] | None:
+    """Row and joint of the first position that only makes sense as degrees, None where positions may be radians.
+
+    Args:
+        position: (N, n) or (n,), said to be rad.
+        beyond: how far outside a limit one must lie [rad], while in degrees all would be inside (or nearly).
+    """
+    q = np.atleast_2d(position)
+    far = (q < limits.lower - beyond) | (q > limits.upper + beyond) | (np.abs(q) > TURNS)
+    if not far.any():
+        return None
+    turned = np.radians(q)
+    if not ((turned >= limits.lower - beyond) & (turned <= limits.upper + beyond)).all():
+        return None
+    row, joint = (int(k) for k in np.argwhere(far)[0])
+    return row, joint
 
 
 def with_assumptions(limits: Limits, joints: Sequence[str], holding: float) -> tuple[Limits, list[str]]:

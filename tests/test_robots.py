@@ -195,6 +195,29 @@ def test_limits_file_overrides_by_name(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.limits.upper, [0.5, 1])
 
 
+def test_every_key_of_a_limits_file_counts(tmp_path: Path) -> None:
+    """Factors, sizes for both directions, braking, soft ranges; where ROS parameters have the table; under a prefix."""
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text(
+        "/**:\n  ros__parameters:\n    robot_description_planning:\n"
+        "      default_velocity_scaling_factor: 0.5\n      default_acceleration_scaling_factor: 0.1\n"
+        "      cartesian_limits: {max_trans_vel: 1.0}\n      joint_limits:\n"
+        "        l_first: {max_velocity: 1.5, min_velocity: -1.0, max_acceleration: 20, max_deceleration: -8,\n"
+        "          angle_wraparound: false, has_soft_limits: true, soft_lower_limit: -0.5, soft_upper_limit: 4,\n"
+        "          k_position: 10.0, k_velocity: 3.0}\n"
+        "        l_second: {has_velocity_limits: false, max_velocity: 0, has_acceleration_limits: true,\n"
+        "          max_acceleration: 30, has_jerk_limits: false, max_jerk: 3}\n"
+    )
+    robot = load_robot(two_joints(tmp_path), limits=path, prefix="l_")
+    stated = load_robot(two_joints(tmp_path)).limits
+    np.testing.assert_allclose(robot.limits.velocity, [0.5, np.pi])  # no limit at all: the assumed one
+    np.testing.assert_allclose(robot.limits.acceleration, [0.8, 3.0])
+    np.testing.assert_allclose(robot.limits.lower, [-0.5, stated.lower[1]])
+    np.testing.assert_allclose(robot.limits.upper, stated.upper)
+    assert np.isinf(robot.limits.jerk).all()
+    assert sum("scaling_factor" in w for w in robot.warnings) == 2
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -204,6 +227,19 @@ def test_limits_file_overrides_by_name(tmp_path: Path) -> None:
         ("joint_limits:\n  first: {max_velocity: fast}\n", "not a number"),
         ("joint_limits:\n  first: {has_velocity_limits: true}\n", "max_velocity is missing"),
         ("joint_limits:\n  first: {min_position: 1, max_position: 0}\n", "not below"),
+        ("joint_limits:\n  first: {max_velocty: 1}\n", "unknown key 'max_velocty'; did you mean 'max_velocity'"),
+        (
+            "joint_limits:\n  first: {has_velocity_limits: 'false', max_velocity: 1}\n",
+            "expected true or false, without quotes",
+        ),
+        ("joint_limits:\n  first: {has_jerk_limits: 0}\n", "= 0; expected true or false"),
+        ("joint_limits:\n  frist: {max_velocity: 1}\n  second: {max_velocity: 1}\n", "did you mean 'first'"),
+        ("joint_limits:\n  l_first: {max_velocity: 1}\n", "they fit with .* 'l_'"),
+        ("default_velocity_scaling_factor: 1.5\njoint_limits:\n  first: {max_velocity: 1}\n", "at most 1"),
+        ("default_velocity_scaling: 1\njoint_limits:\n  first: {max_velocity: 1}\n", "unknown key 'default_vel"),
+        ("joint_limits:\n  first: {max_velocity: " + "9" * 400 + "}\n", "not a number"),
+        ("joint_limits:\n  first: {min_velocity: 1, max_velocity: 1}\n", "min_velocity = 1; expected a number below 0"),
+        ("joint_limits:\n  first: {has_deceleration_limits: true}\n", "max_deceleration is missing"),
         ("joint_limits: [\n", "not valid YAML"),
     ],
 )

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from energy_opt.robot import Robot
 
 
+DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for degrees: two turns
+
+
 def add_common(parser: argparse.ArgumentParser, out: str) -> None:
     """Options of every verb that plans."""
     group = parser.add_argument_group("robot and model")
@@ -113,7 +116,7 @@ def load_robot_of(args: argparse.Namespace) -> Robot:
     for word in args.lock:
         name, _, value = word.partition("=")
         lock[name] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
-    return load_robot(args.robot, limits=args.limits, lock=lock)
+    return load_robot(args.robot, limits=args.limits, lock=lock, prefix=args.joint_prefix)
 
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
@@ -212,6 +215,25 @@ def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
     return np.array([finite_number(part, f"{option} {text}", "numbers [rad]") for part in parts])
 
 
+def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
+    """Refuse positions (N, n) or (n,) that are radians by the rules and degrees by their size.
+
+    Raises:
+        BadInput: names what to write instead.
+    """
+    import numpy as np
+
+    from energy_opt.robot.limits import look_like_degrees
+
+    found = look_like_degrees(robot.limits, position, DEGREES)
+    if found is not None:
+        value = float(np.atleast_2d(position)[found])
+        raise BadInput(
+            f"{where}: {value:g} rad for {robot.joints[found[1]]} is far outside its limits: these look like degrees; "
+            f"positions are radians ({value:g} deg = {np.radians(value):.4g} rad)"
+        )
+
+
 def move_of(
     args: argparse.Namespace, robot: Robot, duration: float | None = None, longest: float | None = None
 ) -> Move:
@@ -226,7 +248,9 @@ def move_of(
         rows = read(args.path)
         for note in rows.notes:
             say(args, note)
-        path = rows.of(robot.joints, args.joint_prefix).path()
+        rows = rows.of(robot.joints, args.joint_prefix)
+        refuse_degrees(robot, rows.position, rows.where)
+        path = rows.path()
         start, goal = path.start, path.goal
     else:
         for option in ("start", "goal"):
@@ -235,6 +259,8 @@ def move_of(
         srdf = getattr(args, "srdf", None)
         start = pose_from(args.start, robot, "--start", srdf)
         goal = pose_from(args.goal, robot, "--goal", srdf)
+        refuse_degrees(robot, start, "--start")
+        refuse_degrees(robot, goal, "--goal")
     via = tuple(joint_vector(word, robot.joints, "--via") for word in args.via)
     move = Move(start, goal, args.mode, duration, longest, path, via)
     if path is not None and path.source is not None:

@@ -68,7 +68,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) ->
     signals: dict[str, Any] = {name: joints.signals.get(name) for name in SIGNALS}
     run = Run(
         entry.file, entry.kind, start, time, power_time=moved.time, power=moved.power, window=moved.window,
-        meter=moved.kind, clock=status, **signals,
+        meter=moved.kind, clock=status, rows=joints.index + table.layout.first_row, **signals,
     )  # fmt: skip
     _cut(log, run, joints.rows.gaps, out)
     return out
@@ -96,11 +96,11 @@ def _readings(
         return Readings(none, none, none, "power", joints.dated)
     if not named:
         rules = {**rules, "power": Rule(("power",))}
-    readings = read_meter(source, rules, own, log.window)
+    readings = read_meter(source, rules, None if own else joints, log.window)
     if readings is None:
         out.faults += list(dict.fromkeys(source.faults))
         return None
-    return readings if own else _on_kept_rows(readings, joints)
+    return readings
 
 
 def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
@@ -117,18 +117,6 @@ def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
     else:
         rules["energy"] = Rule((energy,))
     return rules
-
-
-def _on_kept_rows(readings: Readings, joints: Joints) -> Readings:
-    """A meter in the joints' own table: where rows were dropped or moved, so are its readings."""
-    raw = np.unique(readings.time)
-    if len(raw) == len(readings.time) and np.isin(raw, joints.time).all():
-        return readings
-    inside = (readings.time >= joints.time[0]) & (readings.time <= joints.time[-1])
-    first = np.concatenate([[True], np.diff(readings.time) > 0])
-    if len(readings.time) == len(joints.time) and not first.all():  # stamps were spread: the rows are the same ones
-        return replace(readings, time=joints.time)
-    return readings.some(inside & first)
 
 
 def _one_clock(

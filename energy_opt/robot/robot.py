@@ -11,7 +11,8 @@ import numpy as np
 
 from energy_opt.errors import BadInput, near
 from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
-from energy_opt.robot.limits import Limits, overlay, with_assumptions
+from energy_opt.robot.limits import Limits, with_assumptions
+from energy_opt.robot.limits_file import overlay
 from energy_opt.robot.rigid_body import Link, RigidBody
 
 
@@ -53,12 +54,14 @@ def load_robot(
     *,
     limits: str | PathLike[str] | None = None,
     lock: Mapping[str, float] | None = None,
+    prefix: str = "",
 ) -> Robot:
     """A robot by name (`known_robots()`) or by the path of a URDF file.
 
     Args:
         limits: a MoveIt joint_limits.yaml that overrides URDF and published limits.
         lock: joints that do not take part, with their positions [rad or m].
+        prefix: what stands before the joints' names in the limits file.
 
     Raises:
         BadInput: unknown name, unreadable file, unknown joint.
@@ -78,11 +81,13 @@ def load_robot(
     stated = body.urdf_limits()
     free = np.full(body.n, np.inf)
     merged = Limits(stated.lower, stated.upper, stated.velocity, free, free.copy(), stated.effort)
-    for file in (published, limits):
+    scaled: list[str] = []
+    for file, before in ((published, ""), (limits, prefix)):
         if file is not None:
-            merged = overlay(merged, body.joints, file)
+            merged, said = overlay(merged, body.joints, file, before, locked)
+            scaled += said
     merged, warnings = with_assumptions(merged, body.joints, _holding(body.tree()))
-    return Robot(name, merged, body, path, locked, (*warnings, *_doubtful_inertias(body.tree())))
+    return Robot(name, merged, body, path, locked, (*scaled, *warnings, *_doubtful_inertias(body.tree())))
 
 
 def _holding(links: Sequence[Link]) -> float:

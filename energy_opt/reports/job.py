@@ -35,12 +35,7 @@ def page(
     durations, energies = (_by(names, steps, key) for key in ("duration", "energy_total"))
     report.section("Where the cycle goes").charts(
         Chart("Time of each step", "duration [s]", "", bars={"result": durations}),
-        Chart(
-            "Energy of each step, standby included",
-            "energy [J]",
-            "",
-            bars={"result": _by(names, steps, "energy_total")},
-        ),
+        Chart("Energy of each step", "energy, standby included [J]", "", bars={"result": energies}),
     )
     report.table(
         ["step", "begins [s]", "takes [s]", "energy [J]", "payload [kg]", "from", "status"],

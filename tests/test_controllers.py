@@ -288,3 +288,28 @@ def test_a_plan_of_moveit_py_is_retimed_by_one_command(tmp_path: Path, panda: Ro
     assert result["energy"]["total"] <= min(named["input"], named["scaled"]) + 1e-6
     ends = read_trajectory(tmp_path / "out" / "trajectory.yaml", panda.joints).position[[0, -1]]
     np.testing.assert_allclose(ends, [START, GOAL], atol=1e-9)
+
+
+def test_the_ros_2_example_slows_what_we_write(tmp_path: Path, ur5: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its own functions, with nothing of ROS behind the imports."""
+    import runpy
+    import sys
+    from types import ModuleType
+
+    for name in ("rclpy", "rclpy.action", "rclpy.wait_for_message", "control_msgs", "control_msgs.action",
+                 "rosidl_runtime_py", "rosidl_runtime_py.set_message", "sensor_msgs", "sensor_msgs.msg"):  # fmt: skip
+        module = ModuleType(name)
+        for thing in ("ActionClient", "wait_for_message", "FollowJointTrajectory", "set_message_fields", "JointState"):
+            setattr(module, thing, None)
+        monkeypatch.setitem(sys.modules, name, module)
+    example = runpy.run_path(str(Path(__file__).parents[1] / "docs" / "examples" / "ros2_follow.py"))
+    curve = resampled(swing(ur5.joints, UR_START, UR_GOAL, 1.0), 20)
+    write(curve, tmp_path / "t.goal.yaml")
+    goal = example["slowed"](yaml.safe_load((tmp_path / "t.goal.yaml").read_text()), 0.25)
+    (tmp_path / "slow.yaml").write_text(yaml.safe_dump(goal))
+    slow = read_trajectory(tmp_path / "slow.yaml", ur5.joints)
+    assert slow.duration == pytest.approx(4.0) and slow.position == pytest.approx(curve.position)
+    time = np.linspace(0, 1, 50)
+    assert slow.sample(4 * time)[0] == pytest.approx(curve.sample(time)[0], abs=1e-9)
+    state = type("State", (), {"name": ["extra", *ur5.joints], "position": [9.0, *(UR_START + 0.01)]})
+    assert example["distance"](goal, state) == pytest.approx(0.01)

@@ -284,3 +284,36 @@ def test_energy_is_the_integral_of_power() -> None:
     work = np.sum((power[1:] + power[:-1]) / 2 * np.diff(t[:, 0]))
     stored = body.energy(q[[0, -1]], v[[0, -1]])
     assert work == pytest.approx(stored[1] - stored[0], rel=1e-5)
+
+
+GRIPPER = """
+<robot name="gripper">
+  <link name="base"/>
+  <link name="hand"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="left"><inertial><mass value="0.2"/>
+    <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="right"><inertial><mass value="0.2"/>
+    <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>
+    <limit lower="0" upper="0.8" velocity="0.5" effort="100"/></joint>
+  <joint name="finger" type="prismatic"><parent link="hand"/><child link="left"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04" velocity="0.5" effort="20"/></joint>
+  <joint name="other" type="prismatic"><parent link="hand"/><child link="right"/><axis xyz="0 1 0"/>
+    <limit lower="-0.1" upper="0.1" velocity="0.5" effort="20"/>
+    <mimic joint="finger" multiplier="-2" offset="0.01"/></joint>
+</robot>
+"""
+
+
+def test_mimic_joints_follow_and_sliding_ones_show_metres(tmp_path: Path) -> None:
+    path = tmp_path / "gripper.urdf"
+    path.write_text(GRIPPER)
+    robot = load_robot(path, lock={"finger": 0.03})
+    assert robot.joints == ("lift",) and robot.locked == {"finger": 0.03, "other": pytest.approx(-0.05)}
+    assert robot.units == ("m",) and load_robot("panda").units == ("rad",) * 7
+    with pytest.raises(BadInput, match=r"joint other follows finger \(mimic\), which moves"):
+        load_robot(path)
+    path.write_text(GRIPPER.replace('joint="finger" ', ""))
+    with pytest.raises(BadInput, match="expected the name of another joint"):
+        load_robot(path, lock={"finger": 0.03})

@@ -188,6 +188,4 @@ def _number(row: Mapping[str, Any], key: str, where: str = "") -> float | None:
             raise TypeError
         return float(value)
     except (TypeError, OverflowError):
-        raise BadInput(
-            f"{where}{'' if where.endswith((' ', '.')) else '.'}{key} = {value!r:.40} is not a number"
-        ) from None
+        raise BadInput(f"{where}{key} = {str(value)[:40]!r} is not a number") from None

@@ -14,6 +14,7 @@ from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
 from energy_opt.robot.limits import Limits, with_assumptions
 from energy_opt.robot.limits_file import overlay
 from energy_opt.robot.rigid_body import Link, RigidBody
+from energy_opt.robot.urdf import mimics
 
 
 @dataclass(frozen=True, repr=False)
@@ -42,6 +43,11 @@ class Robot:
     def joints(self) -> tuple[str, ...]:
         """Names of the joints that move, in the order of every vector."""
         return self.body.joints
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's position: "rad", or "m" where it slides."""
+        return tuple("m" if link.prismatic else "rad" for link in self.body.tree())
 
     @property
     def n(self) -> int:
@@ -77,6 +83,8 @@ def load_robot(
     else:
         path, name = urdf_of(entry), name_or_urdf
         published, locked = published_limits(name), {**entry.lock, **(lock or {})}
+    if path.is_file():
+        locked = _followed(path, locked)
     body = RigidBody.from_urdf(path, locked)
     stated = body.urdf_limits()
     free = np.full(body.n, np.inf)
@@ -88,6 +96,23 @@ def load_robot(
             scaled += said
     merged, warnings = with_assumptions(merged, body.joints, _holding(body.tree()))
     return Robot(name, merged, body, path, locked, (*scaled, *warnings, *_doubtful_inertias(body.tree())))
+
+
+def _followed(path: Path, locked: dict[str, float]) -> dict[str, float]:
+    """The locked joints, and with them those that follow them by the URDF's mimic elements.
+
+    Raises:
+        BadInput: a joint follows one that moves; the dynamics of such a linkage are not those of a tree.
+    """
+    followers, out = mimics(path), dict(locked)
+    for _ in followers:
+        for name, (leader, multiplier, offset) in followers.items():
+            if leader in out and name not in out:
+                out[name] = multiplier * out[leader] + offset
+    for name, (leader, _, _) in followers.items():
+        if name not in out:
+            raise BadInput(f"{path}: joint {name} follows {leader} (mimic), which moves; --lock {leader}=VALUE")
+    return out
 
 
 def _holding(links: Sequence[Link]) -> float:

@@ -126,11 +126,12 @@ def _one_clock(
     time = joints.time - zero
     status = "shared"
     stamps = readings.time - zero
+    first = 0.0  # what the meter's file calls time 0
     if entry.power_file is not None and len(stamps):
         same = abs(readings.time[0]) > EPOCH and abs(joints.time[0]) > EPOCH
         first = float(readings.time[0]) if readings.dated or abs(readings.time[0]) >= UPTIME else 0.0
         if entry.power_start is not None:
-            stamps, status = readings.time - (first if readings.dated else 0.0) + entry.power_start, "stated"
+            stamps, status = readings.time - first + entry.power_start, "stated"
         elif not same and _overlap(stamps, time) < 0.5:
             stamps = readings.time - first
     seek = entry.power_file is not None and entry.power_start is None and len(stamps) > 1
@@ -151,13 +152,13 @@ def _one_clock(
         )
         return None, status
     if found is not None:
-        shift = float(found.moved(stamps[:1])[0] - readings.time[0])
+        start = float(found.moved(stamps[:1])[0] - (readings.time[0] - first))
         stamps, status = found.moved(stamps), "estimated"
         drift = f", drifting by {1e6 * found.drift:.0f} ppm" if found.drift else ""
         out.remarks.append(
-            f"{entry.power_file}: the meter's clock was found by correlation with the motion: its time 0 is at "
-            f"{shift:.3f} s of {entry.file}{drift} (the motion explains {100 * found.explained:.0f} % of the "
-            "readings' variance; power_start states it otherwise)"
+            f"{entry.power_file}: the meter's clock was found by correlation with the motion: its first reading is at "
+            f"{stamps[0]:.3f} s of {entry.file}, power_start = {start:.3f}{drift} (the motion explains "
+            f"{100 * found.explained:.0f} % of the readings' variance; power_start in log.toml states it otherwise)"
         )
     window = windows[which]
     if infer:

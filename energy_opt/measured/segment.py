@@ -55,7 +55,7 @@ def cut_at_standstill(run: Run) -> list[Run]:
         if run.time[last] - run.time[first] >= LONG and enough(low, high, whole=True):
             if first > 0 and enough(cuts[-1], low):
                 cuts.append(low)
-            if last < final:
+            if last < final and enough(high, final):
                 cuts.append(high)
         elif enough(cuts[-1], middle) and enough(middle, final):
             cuts.append(middle)

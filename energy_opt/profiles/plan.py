@@ -23,6 +23,8 @@ from energy_opt.profiles.program import SHARP, Program, Shape
 
 MOST_VIAS = 5
 MENDS = 3  # times that limits are tightened where the judge finds them broken
+ROUNDS = 6  # solves with numeric rows that are asked for anew where the one before ended
+SETTLED = 1e-4  # [rad, s] change of all unknowns from round to round at which nothing new is asked for
 LONGEST = 10.0  # a free duration ends at this multiple of the reference's
 OPTIONS: dict[str, object] = {"max_iter": 150, "tol": 1e-6, "mu_init": 1e-2}
 RAMP, RISE = 0.8, 0.25  # first guess: ramps as a share of the spans, rises as a share of ramps
@@ -152,17 +154,21 @@ class MovesPlanner:
     def _solved(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str, limits: Sequence[Limit]
     ) -> tuple[Chain, bool]:
+        """Solved from `chain`; where limits have numeric rows, again until these are asked for where it ends."""
         ends = np.asarray(move.start, dtype=float), np.asarray(move.goal, dtype=float)
         shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
         values = self.p.model.values(self.robot.n)
-        program = Program(shape, self._nodes(objective), ends, limits, values, durations)
-        x = program.unknowns(chain)
-        program.scale = 1 / max(abs(program.cost(x) - self._overhead(durations, objective)), 1e-6)
-        answer = ipopt.solve(program, x, program.box, program.row_bounds, OPTIONS)
-        solved = program.chain(answer.x)
+        for _ in range(ROUNDS):
+            program = Program(shape, self._nodes(objective), ends, limits, values, durations, chain)
+            x = program.unknowns(chain)
+            program.scale = 1 / max(abs(program.cost(x) - self._overhead(durations, objective)), 1e-6)
+            answer = ipopt.solve(program, x, program.box, program.row_bounds, OPTIONS)
+            chain = program.chain(answer.x)
+            if not program.placed or np.abs(answer.x - x).max() < SETTLED:
+                break
         if durations[0] == durations[1]:
-            solved = solved.lasting(durations[0])  # to the last digit
-        return solved, answer.success
+            chain = chain.lasting(durations[0])  # to the last digit
+        return chain, answer.success
 
     def _overhead(self, durations: tuple[float, float], objective: str) -> float:
         """What a fixed duration costs whatever the moves, J: it only serves the scaling."""

@@ -11,7 +11,7 @@ import pytest
 from energy_opt.bench import load_suite
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.cli.examples import EXAMPLES
-from energy_opt.cli.main import main
+from energy_opt.cli.main import VERBS, main, parsers
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
@@ -95,3 +95,10 @@ def test_every_effect_says_what_it_is(kind):
     assert len(row["law"]) > 20 and row["traits"] and all(p["unit"] for p in row["parameters"])
     with pytest.raises(BadInput):
         kind(nonsense=1)
+
+
+def test_every_option_says_what_it_is():
+    _, verbs = parsers(list(VERBS))
+    for verb, parser in verbs.items():
+        for action in parser._actions:
+            assert action.help, f"{verb} {action.option_strings or action.dest}"

@@ -15,6 +15,7 @@ from energy_opt.cli.main import VERBS, main, parsers
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
+from energy_opt.job import load_job
 from energy_opt.measured import check_set, read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
@@ -52,6 +53,7 @@ READERS = {
     "suite": ("s.toml", suite),
     "limits": ("joint_limits.yaml", limits),
     "scene": ("s.yaml", read_scene),
+    "job": ("j.toml", lambda path: load_job(path, load_robot)),
 }
 
 
@@ -61,7 +63,7 @@ def test_an_example_is_read_back(kind, tmp_path, capsys):
     name, reader = READERS[kind]
     (tmp_path / name).write_text(capsys.readouterr().out)
     reader(tmp_path / name)
-    if kind != "scene":
+    if kind not in ("scene", "job"):
         assert main(["check", str(tmp_path / name), "--robot", "panda", "--quiet"]) == 0
 
 

@@ -13,6 +13,7 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.judge.certificate import certify
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.power import PowerModel
 from energy_opt.profiles import Chain, MovesPlanner, as_result, fastest
@@ -103,8 +104,8 @@ def test_lobatto_is_exact() -> None:
 
 @pytest.fixture(scope="module")
 def program(panda: Robot, model: PowerModel) -> Program:
-    nodes = node_functions(model, panda.body)
-    return Program(Shape(7, 1, True), nodes, (START, GOAL), panda.limits, model.values(7), (1.0, 3.0))
+    nodes = node_functions(model, panda.body, joint_limits(panda.limits))
+    return Program(Shape(7, 1, True), nodes, (START, GOAL), joint_limits(panda.limits), model.values(7), (1.0, 3.0))
 
 
 def test_the_programs_energy_is_the_judges(program: Program, panda: Robot, model: PowerModel) -> None:
@@ -116,7 +117,7 @@ def test_the_programs_energy_is_the_judges(program: Program, panda: Robot, model
     x = program.unknowns(chain)
     assert program.cost(x) == pytest.approx(energy.total - energy.stored, rel=1e-8)
     rows = program.rows(x)
-    limit = certify(curve, scorer, panda.limits)
+    limit = certify(curve, scorer, joint_limits(panda.limits))
     shares = np.abs(rows[6 : 6 + 7 * (2 + 3 + 3)])  # after 2 + 3 orders and the duration
     assert max(shares[:14]) - 1 == pytest.approx(limit.max_violation["velocity"], abs=1e-9)
     effort = np.abs(rows[6 + 56 :]).max() - 1

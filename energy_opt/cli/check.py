@@ -126,6 +126,7 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     from energy_opt.formats import read
     from energy_opt.motion.judge.certificate import certify
     from energy_opt.motion.judge.energy import Scorer
+    from energy_opt.motion.limits.registry import joint_limits
     from energy_opt.power import load_model, source_method_2
     from energy_opt.robot import known_robots, load_robot
 
@@ -146,7 +147,7 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
         return []
     trajectory = rows.trajectory()
     model = load_model(args.model) if args.model else source_method_2(robot.name)
-    certificate = certify(trajectory, Scorer(robot, model), robot.limits)
+    certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
     worst = certificate.worst
     if certificate.valid:
         return []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,8 +10,8 @@ import numpy as np
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
+from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move
-from energy_opt.motion.plan.candidates import tightened
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.motion.result import Result
@@ -19,7 +20,6 @@ from energy_opt.numerics import ipopt
 from energy_opt.numerics.compile import compiled
 from energy_opt.profiles.chain import Chain
 from energy_opt.profiles.program import SHARP, Program, Shape
-from energy_opt.robot import Limits
 
 MOST_VIAS = 5
 MENDS = 3  # times that limits are tightened where the judge finds them broken
@@ -140,17 +140,17 @@ class MovesPlanner:
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str
     ) -> tuple[Chain, Certificate]:
         """Solved from `chain`, and again under tighter limits where the judge finds them broken by a little."""
-        limits = self.robot.limits
+        limits = self.p.limits(move)
         for mend in range(MENDS + 1):
             chain, converged = self._solved(chain, move, durations, objective, limits)
-            certificate = self.p.certify(chain.trajectory(self.robot.joints))
+            certificate = self.p.certify(chain.trajectory(self.robot.joints), move)
             if certificate.valid or not converged or mend == MENDS:
                 break
-            limits = tightened(limits, certificate)
+            limits = certificate.tightened(limits)
         return chain, certificate
 
     def _solved(
-        self, chain: Chain, move: Move, durations: tuple[float, float], objective: str, limits: Limits
+        self, chain: Chain, move: Move, durations: tuple[float, float], objective: str, limits: Sequence[Limit]
     ) -> tuple[Chain, bool]:
         ends = np.asarray(move.start, dtype=float), np.asarray(move.goal, dtype=float)
         shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
@@ -174,7 +174,7 @@ class MovesPlanner:
     def _nodes(self, objective: str) -> NodeFunctions:
         if objective not in self._functions:
             settings = self.p.settings
-            built = node_functions(self.p.model, self.robot.body, objective, settings.dynamics)
+            built = node_functions(self.p.model, self.robot.body, self.p.limits(), objective, settings.dynamics)
             self._functions[objective] = NodeFunctions(*compiled(built.as_list(), settings.compile)[0])
         return self._functions[objective]
 

@@ -9,21 +9,23 @@ those of reshaping, at T = 1. With z_k(x), weight h_k(x), time t_k(x), rate e, i
     Hessian   sum_k (h_k J_k^T C_k J_k + dh_k (J_k^T g_k)^T + (J_k^T g_k) dh_k^T + e_k d2h_k + h_k g_k d2z_k)
 
 where the last two terms are one second derivative by CasADi, with e and h g held. Rows, as shares of their bound:
-speed on every line, acceleration and jerk of every ramp in closed form, torque at nodes; pieces that do not overlap;
-and the duration. Positions need no rows: the motion stays within the hull of its corners, which have bounds.
+speed on every line, acceleration and jerk of every ramp in closed form, what else limits bound at nodes; pieces that
+do not overlap; and the duration. Positions need no rows: the motion stays within the hull of its corners, which have
+bounds.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from energy_opt.motion.limits.base import Limit, box_of, values_of
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.numerics.batch import Batch
 from energy_opt.profiles.chain import Chain
-from energy_opt.robot import Limits
 
 NODES = {"rise": 4, "hold": 6, "fall": 4, "line": 8}  # Gauss-Lobatto nodes of a piece, both ends included
 SHARP = 0.002  # [s] rise of a trapezoid's acceleration: one step of a controller at 500 Hz
@@ -62,11 +64,16 @@ class Program:
         shape: Shape,
         nodes: NodeFunctions,
         ends: tuple[np.ndarray, np.ndarray],
-        limits: Limits,
+        limits: Sequence[Limit],
         parameters: np.ndarray,
         durations: tuple[float, float],
     ) -> None:
-        self.shape, self._ends, self._parameters, self.scale = shape, ends, parameters, 1.0
+        self.shape, self._ends, self._parameters, self.scale = (
+            shape,
+            ends,
+            np.concatenate([parameters, values_of(limits)]),
+            1.0,
+        )
         n, k = shape.joints, shape.vias
         x = ca.SX.sym("x", n * k + 3 * k + 5)
         self.size = x.numel()
@@ -83,24 +90,24 @@ class Program:
             *(ramps[i] - 2 * rises[i] - APART for i in range(k + 2)),
         ]
         total = ca.sum1(spans) + (ramps[0] + ramps[-1]) / 2
-        shares = [_bounded(w, limits.velocity) for w in lines]
-        for i, change in enumerate(changes):
-            peak = change / (ramps[i] - rises[i])
-            shares.append(_bounded(peak, limits.acceleration))
-            shares.append(_bounded(peak / rises[i], limits.jerk))
+        peaks = [change / (ramps[i] - rises[i]) for i, change in enumerate(changes)]
+        largest = {1: lines, 2: peaks, 3: [peak / rises[i] for i, peak in enumerate(peaks)]}  # of each derivative
+        shares = [_bounded(x, limit.bound) for limit in limits if limit.order for x in largest[limit.order]]
         same = [ramps[0] - ramps[1], rises[0] - rises[1]] if k == 0 else []  # one move has one acceleration
         share = ca.vertcat(*shares)
         closed = ca.vertcat(*linear, total, *same, share)
         low = [0.0] * len(linear) + [durations[0]] + [0.0] * len(same) + [-1.0] * share.numel()
         high = [np.inf] * len(linear) + [durations[1]] + [0.0] * len(same) + [1.0] * share.numel()
-        self._effort = np.flatnonzero(np.isfinite(limits.effort))
-        self._bounds = limits.effort[self._effort]
-        torque_rows = self._count * len(self._effort)
+        bounds = np.concatenate([np.zeros(0), *(limit.scale for limit in limits)])
+        sides = [np.full(limit.scale.size, -np.inf if limit.one_sided else -1.0) for limit in limits]
+        self._width, self._bounded = len(bounds), np.flatnonzero(np.isfinite(bounds))
+        self._bounds = bounds[self._bounded]
+        least_share = np.tile(np.concatenate(sides)[self._bounded], self._count)
         self.row_bounds = (
-            np.concatenate([low, np.full(torque_rows, -1.0)]),
-            np.concatenate([high, np.ones(torque_rows)]),
+            np.concatenate([low, least_share]),
+            np.concatenate([high, np.ones(len(least_share))]),
         )
-        low_corner, high_corner = np.tile(limits.lower, k), np.tile(limits.upper, k)
+        low_corner, high_corner = (np.tile(side, k) for side in box_of(limits, n))
         least = np.concatenate([np.full(k + 1, SHORTEST), np.full(k + 2, SHORTEST), np.full(k + 2, SHARP)])
         most = np.full(len(least), max(durations[1], SHORTEST))
         if not shape.smooth:
@@ -116,8 +123,8 @@ class Program:
         self._bent = ca.Function("bent", [x, pull, weight], [ca.densify(bent)])
         self._rows = ca.Function("rows", [x], [ca.densify(closed), ca.densify(ca.jacobian(closed, x))])
         self._rows_bent = ca.Function("rows_bent", [x, lam], [ca.densify(ca.hessian(ca.dot(lam, closed), x)[0])])
-        self._cost, self._torque, self._curvature = (
-            Batch(f, self._count) for f in (nodes.cost, nodes.torque, nodes.curvature)
+        self._cost, self._limited, self._curvature = (
+            Batch(f, self._count) for f in (nodes.cost, nodes.limited, nodes.curvature)
         )
         self.jacobian_pattern = ca.Sparsity.dense(len(self.row_bounds[0]), self.size)
         self.hessian_pattern = ca.Sparsity.upper(self.size)
@@ -147,9 +154,9 @@ class Program:
         self._jz = jz.reshape(self._count, -1, self.size)
         rate, slope = self._cost(self._z, self._t, self._parameters)
         self._e, self._g = rate[:, 0].copy(), slope.copy()
-        tau, jac = self._torque(self._z, self._t, self._parameters)
-        self._tau = tau.copy()
-        self._tau_z = jac.reshape(self._count, -1, self.shape.joints).copy()
+        values, jac = self._limited(self._z, self._t, self._parameters)
+        self._values = values.copy()
+        self._values_z = jac.reshape(self._count, -1, self._width).copy()
         self._pulled = np.matmul(self._g[:, None, :], self._jz)[:, 0]  # J_k^T g_k
         closed, slope_rows = self._rows(x)
         self._closed, self._closed_x = np.asarray(closed.full()).ravel(), np.asarray(slope_rows.full())
@@ -165,26 +172,26 @@ class Program:
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
-        return np.concatenate([self._closed, (self._tau[:, self._effort] / self._bounds).ravel()])
+        return np.concatenate([self._closed, (self._values[:, self._bounded] / self._bounds).ravel()])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
-        slope = self._tau_z[:, :, self._effort] / self._bounds
-        torque = np.matmul(slope.transpose(0, 2, 1), self._jz).reshape(-1, self.size)
-        return np.vstack([self._closed_x, torque]).T.ravel()  # CasADi's order: by columns
+        slope = self._values_z[:, :, self._bounded] / self._bounds
+        at_nodes = np.matmul(slope.transpose(0, 2, 1), self._jz).reshape(-1, self.size)
+        return np.vstack([self._closed_x, at_nodes]).T.ravel()  # CasADi's order: by columns
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         self._move(x)
         s = self.scale * factor
-        closed, torque = np.split(multipliers, [self._closed_count])
-        lam = np.zeros((self._count, self.shape.joints))
-        lam[:, self._effort] = torque.reshape(self._count, -1) / self._bounds
+        closed, held = np.split(multipliers, [self._closed_count])
+        lam = np.zeros((self._count, self._width))
+        lam[:, self._bounded] = held.reshape(self._count, -1) / self._bounds
         (blocks,) = self._curvature(self._z, self._t, self._parameters, (s * self._h)[:, None], lam)
         nz = self._z.shape[1]
         core = np.matmul(blocks.reshape(self._count, nz, nz), self._jz)
         out = np.einsum("kzi,kzj->ij", self._jz, core, optimize=True)
         cross = s * self._jh.T @ self._pulled
-        pull = s * self._h[:, None] * self._g + np.einsum("kzj,kj->kz", self._tau_z, lam)
+        pull = s * self._h[:, None] * self._g + np.einsum("kzj,kj->kz", self._values_z, lam)
         out += cross + cross.T
         out += np.asarray(self._bent(x, pull.ravel(), s * self._e).full())
         out += np.asarray(self._rows_bent(x, closed).full())

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
+from energy_opt.motion.dense import Dense
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_function
@@ -41,45 +41,6 @@ class Energy:
             "loss": self.loss,
             "by_effect": self.by_effect,
         }
-
-
-@dataclass(frozen=True)
-class Dense:
-    """A trajectory on a grid that is `factor` times denser than its rows, by Pinocchio's torque and the exact laws.
-
-    time (M,) [s] from 0; q, v, a, jerk (M, n); effort (M, n) [N m] the motors' torque; power (M,) [W] and its parts
-    by effect (M, parts). Every `factor`-th of them is a row.
-    """
-
-    trajectory: Trajectory
-    factor: int
-    time: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    jerk: np.ndarray
-    effort: np.ndarray
-    power: np.ndarray
-    parts: np.ndarray
-
-    @cached_property
-    def weight(self) -> np.ndarray:
-        """Simpson's weights (M,) [s] of an integral over time; `factor` is even.
-
-        At 4 ms between rows and ten places between them the rule errs by about 1e-10 of a smooth integral, and
-        by a tenth of a row where a law has a kink.
-        """
-        step = np.diff(self.trajectory.time) / self.factor
-        pattern = np.tile([2.0, 4.0], self.factor // 2) / 3
-        weight = np.append((step[:, None] * pattern).ravel(), 0.0)
-        pairs = step / 3  # an interval's first and last place count once on either side
-        weight[:: self.factor] = np.append(pairs, 0.0) + np.append(0.0, pairs)
-        return weight
-
-    @property
-    def filled(self) -> Trajectory:
-        """The trajectory with effort and power at its rows."""
-        return replace(self.trajectory, effort=self.effort[:: self.factor], power=self.power[:: self.factor])
 
 
 class Scorer:
@@ -124,7 +85,7 @@ class Scorer:
         """The trajectory on a grid `factor` times denser than its rows: what energy and limits are read from."""
         time = trajectory.denser(factor) - trajectory.time[0]
         q, v, a, jerk = trajectory.sample_denser(factor)
-        return Dense(trajectory, factor, time, q, v, a, jerk, *self.drive(q, v, a, time))
+        return Dense(trajectory, self.robot.body, factor, time, q, v, a, jerk, *self.drive(q, v, a, time))
 
     def energy(self, trajectory: Trajectory) -> Energy:
         """Energy of the curve that the rows stand for."""

@@ -7,6 +7,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 from typing import NoReturn
 
 from energy_opt import __version__
@@ -18,10 +19,12 @@ VERBS = {
     "bench": "a batch of moves, in parallel, resumable, with a report",
     "identify": "the source paper's two methods from static poses",
     "diagnose": "which effect a power model lacks, from measured data",
+    "import": "logs as labs have them to a measured set; guesses columns and units",
     "simulate": "play trajectories on a virtual arm and write a measured set",
     "check": "is this log, trajectory, model or suite usable",
     "robots": "the robots known by name, with joints and limits",
 }
+MODULES = {"import": "ingest"}  # verbs whose module cannot have their name
 VECTORS = ("--start", "--goal", "--via", "--suggest-from", "--base")
 
 
@@ -45,6 +48,10 @@ def joined_vectors(arguments: Sequence[str]) -> list[str]:
         else:
             out.append(word)
     return out
+
+
+def _module(verb: str) -> ModuleType:
+    return importlib.import_module(f"energy_opt.cli.{MODULES.get(verb, verb)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -86,7 +93,7 @@ def _run(words: list[str]) -> int:
 
         for file in args.effects:
             load_file(file)
-    code = importlib.import_module(f"energy_opt.cli.{args.verb}").run(args)
+    code = _module(args.verb).run(args)
     sys.stdout.flush()
     return int(code)
 
@@ -100,7 +107,7 @@ def _parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
     for verb, text in VERBS.items():
         sub = group.add_parser(verb, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
         if verb in words:  # only the verb that is run is imported
-            importlib.import_module(f"energy_opt.cli.{verb}").add_arguments(sub)
+            _module(verb).add_arguments(sub)
         sub.add_argument("--effects", action="append", default=[], metavar="FILE.py", help="effects of your own")
         verbs[verb] = sub
     return parser, verbs

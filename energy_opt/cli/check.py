@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from energy_opt.cli.common import add_prefix, say
+from energy_opt.cli.common import add_prefix, refuse_degrees, say
 from energy_opt.errors import BadInput, EnergyOptError
 
 
@@ -124,13 +124,13 @@ def _toml(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
 
 def _limits(file: Path, args: argparse.Namespace) -> list[str]:
     from energy_opt.robot import known_robots, load_robot
-    from energy_opt.robot.limits import names_in
+    from energy_opt.robot.limits_file import names_in
 
     names = names_in(file)
     candidates = [args.robot] if args.robot else list(known_robots())
     for name in candidates:
-        if set(load_robot(name).joints) & set(names):
-            load_robot(name, limits=file)
+        if {args.joint_prefix + joint for joint in load_robot(name).joints} & set(names):
+            load_robot(name, limits=file, prefix=args.joint_prefix)
             return []
     return [f"{file}: names {', '.join(names)}, which are joints of none of {', '.join(candidates)} (say --robot)"]
 
@@ -152,11 +152,12 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
         matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
         if not matching:
             return [f"{file}: joints {', '.join(rows.joints)} are those of no robot by name; say which with --robot"]
-        robot = load_robot(matching[0], limits=args.limits)
+        robot = load_robot(matching[0], limits=args.limits, prefix=args.joint_prefix)
         say(args, f"{file}: taken for a {robot.name} (say --robot to change it)")
     else:
-        robot = load_robot(args.robot, limits=args.limits)
+        robot = load_robot(args.robot, limits=args.limits, prefix=args.joint_prefix)
     rows = rows.of(robot.joints, args.joint_prefix)
+    refuse_degrees(robot, rows.position, rows.where)
     if rows.time is None:
         return []
     trajectory = rows.trajectory()

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from energy_opt.errors import BadInput
 from energy_opt.measured.dates import date_form, is_number
 
@@ -115,6 +117,12 @@ def _content(path: Path) -> tuple[Any, int]:
             return bytes(content).decode(code).encode(), 0
         except UnicodeDecodeError:
             raise BadInput(f"{path}: is not {code.upper()} text throughout, though it begins so") from None
+    if len(content) and int(np.frombuffer(content, np.uint8).max()) > 127:
+        raw = bytes(content)
+        try:
+            raw.decode()
+        except UnicodeDecodeError:
+            return text(raw).encode(), 0
     return content, 0
 
 

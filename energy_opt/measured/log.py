@@ -25,7 +25,8 @@ class RunEntry:
 
     Attributes:
         start: the set time of the run's time 0, s; None where the log does not say.
-        power_file: the meter's own file. power_start: that file's time 0 on the run's clock, s; None is estimated.
+        power_file: the meter's own file. power_start: that file's time 0 (its first stamp, where stamps are dates or
+            beyond an hour) on the run's clock, s; None is estimated.
         energy: all that the run took, J, where only that is known.
     """
 

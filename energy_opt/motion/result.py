@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from html import escape
 
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
@@ -60,7 +62,7 @@ class SolverReport:
 ROUNDING = 1e-9  # share of an energy that its parts may miss by rounding alone
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """A solved move.
 
@@ -69,6 +71,7 @@ class Result:
             feasible one that is known, and `message` says why.
         chosen: where the trajectory comes from: "reshape", "retime", or the name of a baseline that nothing surpassed.
         trajectory: with effort and power.
+        moves: what is known of the standard moves that it consists of; None for a free trajectory.
     """
 
     status: str
@@ -84,6 +87,7 @@ class Result:
     message: str = ""
     interrupted: bool = False
     warnings: tuple[str, ...] = field(default=())
+    moves: Mapping[str, object] | None = None
 
     def baseline(self, name: str) -> Baseline:
         """The baseline of that name."""
@@ -108,6 +112,56 @@ class Result:
             "joules": joules,
         }
 
+    @property
+    def saved(self) -> str:
+        """What is saved at equal duration, in words."""
+        saving = self.saving
+        if saving["joules"] is None:
+            return "no saving is stated: the move slowed evenly is not within the limits"
+
+        def percent(key: str) -> str:
+            return "-" if saving[key] is None else f"{saving[key]:.2f} %"
+
+        return (
+            f"saved at equal duration: {saving['joules']:.3f} J, {percent('total_percent')} of the total, "
+            f"{percent('loss_percent')} of the loss"
+        )
+
+    def __repr__(self) -> str:
+        e = self.energy
+        return (
+            f"{type(self).__name__}({self.status!r}, {self.robot!r}, {self.mode!r}, {self.trajectory.duration:.4g} s, "
+            f"{e.total:.5g} J, loss {e.loss:.4g} J)"
+        )
+
+    def __str__(self) -> str:
+        e, worst, known = self.energy, self.certificate.worst, self.optimality
+        proof = "a local optimum; no bound"
+        if known.lower_bound is not None:
+            proof = f"lower bound {known.lower_bound:.6g} J, gap {known.gap_percent:.2g} %"
+        doubt = f"; {self.message}" if self.message else ""
+        return "\n".join(
+            [
+                f"{self.robot}, {self.mode}, {self.trajectory.duration:.4g} s: {self.status}{doubt}",
+                f"energy {e.total:.5g} J = standby {e.standby:.5g} + stored {e.stored:.5g} + loss {e.loss:.5g}",
+                self.saved,
+                f"closest limit: {worst['limit']} of {worst['joint'] or 'the arm'} at {worst['time']:.4g} s, "
+                f"{worst['value']:.5g} of {worst['bound']:.5g}",
+                f"{proof}; {self.solver.iterations} iterations, {self.solver.solve_seconds:.3g} s",
+            ]
+        )
+
+    def _repr_html_(self) -> str:
+        head = ["", *("this move", *(b.name for b in self.baselines))]
+        energies = [self.energy, *(b.energy for b in self.baselines)]
+        rows = [
+            [part, *(f"{getattr(e, part):.5g}" for e in energies)] for part in ("total", "standby", "stored", "loss")
+        ]
+        cells = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
+        title = "".join(f"<th>{escape(c)}</th>" for c in head)
+        lines = "<br>".join(escape(line) for line in str(self).splitlines())
+        return f"<p>{lines}</p><table><caption>energy [J]</caption><tr>{title}</tr>{cells}</table>"
+
     def document(self) -> dict[str, object]:
         """result.json."""
         return {
@@ -131,4 +185,5 @@ class Result:
             "chosen": self.chosen,
             "message": self.message,
             "warnings": list(self.warnings),
+            **({} if self.moves is None else {"moves": self.moves}),
         }

@@ -5,7 +5,7 @@ Joint positions are angles (rad) for every revolute joint, continuous ones inclu
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -210,6 +210,30 @@ class RigidBody:
                 )
             )
         return tuple(out)
+
+    def collision_check(
+        self, parts: Sequence[tuple[int, np.ndarray, Any]], pairs: np.ndarray, margins: np.ndarray
+    ) -> Callable[[np.ndarray], bool]:
+        """A quick test of one pose (n,): whether any pair of convex parts comes nearer than its margin.
+
+        Args:
+            parts: the joint that carries each (-1: the base), its pose (4, 4) in that joint's frame, coal's geometry.
+            pairs: (P, 2) numbers of parts; margins: (P,) [m].
+        """
+        model, data = self._model, self._model.createData()
+        world = pin.GeometryModel()
+        for k, (joint, pose, geometry) in enumerate(parts):
+            world.addGeometryObject(pin.GeometryObject(str(k), joint + 1, 0, pin.SE3(pose), geometry))
+        for a, b in pairs.tolist():
+            world.addCollisionPair(pin.CollisionPair(a, b))
+        results = pin.GeometryData(world)
+        for request, margin in zip(results.collisionRequests, margins.tolist(), strict=True):
+            request.security_margin = margin
+
+        def touches(q: np.ndarray) -> bool:
+            return bool(pin.computeCollisions(model, data, world, results, self.configuration(q), True))
+
+        return touches
 
     def link_frames(self) -> dict[str, tuple[int, np.ndarray]]:
         """Every link by name: index of the joint that carries it (-1: base), and its (4, 4) pose in that frame."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from energy_opt.dynamics import torque_function
+from energy_opt.effects import Payload
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.energy import Energy, Scorer
@@ -26,6 +27,10 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
+
+
+def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
+    return model.without(Payload.name).structure
 
 
 class Planner:
@@ -47,21 +52,23 @@ class Planner:
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
         self._batch, self._stopped = batch, stopped
-        self._reshapers: dict[str, Reshaper] = {}
+        self._reshapers: dict[tuple[object, ...], Reshaper] = {}
         self._compiled = False
         self._build_seconds = 0.0
-        self._structure = model.structure
+        self._structure = _but_payload(model)
         self.set_model(model)
         if self.settings.dynamics != "auto":  # a source that is not there is told now, not when a move needs it
             torque_function(robot.body, self.settings.dynamics)
 
     def set_model(self, model: PowerModel) -> None:
-        """Other values of the same effects; nothing is built again.
+        """Other values of the same effects, with or without a payload; nothing is built again.
+
+        (But for the first payload where the planner was built for a model that has none: there it costs nothing.)
 
         Raises:
             BadInput: the model has other effects than the planner was built for.
         """
-        if model.structure != self._structure:
+        if _but_payload(model) != self._structure:
             raise BadInput("the planner was built for other effects; build a new one")
         model.check(self.robot.n)
         self.model = model
@@ -142,11 +149,12 @@ class Planner:
         )
 
     def _reshaper(self, objective: str) -> Reshaper:
-        if objective not in self._reshapers:
+        key = (objective, *self.model.structure)
+        if key not in self._reshapers:
             begin = time.perf_counter()
             nodes = node_functions(self.model, self.robot.body, self.limits(), objective, self.settings.dynamics)
             functions, self._compiled = compiled(nodes.as_list(), self.settings.compile, self._batch)
             free = self.settings.end_acceleration == "free"
-            self._reshapers[objective] = Reshaper(NodeFunctions(*functions), self.robot.n, self.settings.controls, free)
+            self._reshapers[key] = Reshaper(NodeFunctions(*functions), self.robot.n, self.settings.controls, free)
             self._build_seconds += time.perf_counter() - begin
-        return self._reshapers[objective]
+        return self._reshapers[key]

@@ -1,8 +1,8 @@
 """Reshaping that keeps clear of the arm's own body and of its cell: rounds of rows over frozen planes, each proven.
 
 A round fixes a plane between every two bodies that are near at places along the curve, lets IPOPT go a little way from
-there, and has the result proven. Where the proof fails, the next round looks there too and keeps a little more distance;
-the best curve that was proven stays the answer while the search goes on from the last.
+there, and has the result proven. Where the proof fails, the next round looks there too and keeps more distance; the
+best curve that was proven stays the answer while the search goes on from the last.
 """
 
 from __future__ import annotations

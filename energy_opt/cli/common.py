@@ -58,6 +58,10 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     add_prefix(group)
     group.add_argument("--via", action="append", default=[], metavar="Q", help="a point to pass (reshape; repeatable)")
     group.add_argument("--mode", default="reshape", metavar="MODE", help="reshape (default) or retime")
+    group = parser.add_argument_group("conditions")
+    group.add_argument("--max-power", type=float, metavar="W", help="bound of the arm's electrical power [W]")
+    group.add_argument("--tool-speed", type=float, metavar="V", help="bound of the speed of the tool's origin [m/s]")
+    group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt")
     group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping")
@@ -283,4 +287,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
         dynamics=args.dynamics,
         verify_samples=args.verify_samples,
         end_acceleration=args.end_acceleration,
+        max_power=args.max_power,
+        tool_speed=args.tool_speed,
+        tool=args.tool,
     )

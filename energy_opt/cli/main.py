@@ -18,6 +18,7 @@ VERBS = {
     "optimize": "one move to minimum energy",
     "tradeoff": "energy against duration for one move",
     "bench": "a batch of moves, in parallel, resumable, with a report",
+    "job": "a cycle of moves and waits, its time spent where it saves most",
     "identify": "the source paper's two methods from static poses",
     "diagnose": "which effect a power model lacks, from measured data",
     "import": "logs as labs have them to a measured set; guesses columns and units",
@@ -80,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(words: list[str]) -> int:
-    parser, verbs = _parsers(words)
+    parser, verbs = parsers(words)
     verb = next((word for word in words if not word.startswith("-")), None)
     if words[:1] and words[0].partition("=")[0] in ("--example", "--print-completion"):
         return _print(parser.parse_args(words))
@@ -115,11 +116,11 @@ def _print(args: argparse.Namespace) -> int:
         raise BadInput(f"--print-completion {args.print_completion}; expected one of {', '.join(SHELLS)}")
     import shtab
 
-    sys.stdout.write(shtab.complete(_parsers(list(VERBS))[0], shell=args.print_completion) + "\n")
+    sys.stdout.write(shtab.complete(parsers(list(VERBS))[0], shell=args.print_completion) + "\n")
     return 0
 
 
-def _parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
+def parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
     """The command's parser, and that of each verb; only those of verbs that stand in `words` have their arguments."""
     parser = _Parser(prog="energy-opt", description="Robot arms that use less energy.")
     parser.add_argument("--version", action="version", version=f"energy-opt {__version__}")

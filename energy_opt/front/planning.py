@@ -84,9 +84,11 @@ def optimize(
     Args:
         robot: a robot, a name (`known_robots()`) or a URDF file.
         model: a power model, a model file, or "source-method-1" or "source-method-2" (the default).
-        start, goal: joint positions (n,) [rad] in any sequence, or by joint names.
+        start: joint positions (n,) [rad] in any sequence, or by joint names.
+        goal: the same, for the end.
         mode: "reshape" is free to change the path, "retime" keeps it.
-        duration: exactly this long [s]; max_duration: at most; neither: free.
+        duration: exactly this long [s]; free where neither this nor `max_duration` is given.
+        max_duration: at most this long [s].
         path: waypoints (K, n) [rad], a trajectory, a file of either, or a function q(s), in place of start and goal.
         via: points (n,) [rad] to pass on the way (reshape).
         payload: mass [kg], or (mass, x, y, z) [kg, m] in the last joint's frame.

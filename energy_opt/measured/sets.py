@@ -18,7 +18,7 @@ from energy_opt.robot import PointMass, Robot, load_robot
 
 
 def read_set(
-    folder: Path, robot: Robot | None = None, *, allow_outside: bool = False, meter: bool = True
+    folder: str | Path, robot: Robot | None = None, *, allow_outside: bool = False, meter: bool = True
 ) -> MeasuredSet:
     """Read a measured set.
 

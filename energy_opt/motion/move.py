@@ -102,6 +102,9 @@ class Settings:
         verify_samples: samples of the certificate; None for ten between every two rows.
         end_acceleration: "zero" or "free".
         controls: control points per joint of a reshaped move.
+        max_power: bound of the arm's electrical power [W]; None for none.
+        tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
+        tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
     """
 
     starts: int = 6
@@ -113,6 +116,9 @@ class Settings:
     verify_samples: int | None = None
     end_acceleration: str = "zero"
     controls: int = 40
+    max_power: float | None = None
+    tool_speed: float | None = None
+    tool: str | None = None
 
     def __post_init__(self) -> None:
         if self.starts < 1:

@@ -174,6 +174,7 @@ class Result:
             "baselines": [b.document() for b in self.baselines],
             "saving": self.saving,
             "certificate": self.certificate.document(),
+            "peak_power": self.certificate.peak_power,
             "optimality": self.optimality.document(),
             "solver": {
                 "name": self.solver.name,

@@ -13,7 +13,8 @@ from energy_opt.errors import BadInput, near
 from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
 from energy_opt.robot.limits import Limits, with_assumptions
 from energy_opt.robot.limits_file import overlay
-from energy_opt.robot.rigid_body import Link, RigidBody
+from energy_opt.robot.links import Link
+from energy_opt.robot.rigid_body import RigidBody
 from energy_opt.robot.urdf import mimics
 
 

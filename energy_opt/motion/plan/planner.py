@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 
 import numpy as np
 
@@ -52,11 +52,12 @@ class Planner:
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
         self._batch, self._stopped = batch, stopped
-        self._reshapers: dict[tuple[object, ...], Reshaper] = {}
+        self._reshapers: dict[Hashable, Reshaper] = {}
         self._compiled = False
         self._build_seconds = 0.0
         self._structure = _but_payload(model)
         self.set_model(model)
+        self.limits()  # what cannot be is told now, not when a move needs it
         if self.settings.dynamics != "auto":  # a source that is not there is told now, not when a move needs it
             torque_function(robot.body, self.settings.dynamics)
 
@@ -149,10 +150,11 @@ class Planner:
         )
 
     def _reshaper(self, objective: str) -> Reshaper:
-        key = (objective, *self.model.structure)
+        limits = self.limits()
+        key = (objective, self.model.structure, tuple(limit.structure for limit in limits))
         if key not in self._reshapers:
             begin = time.perf_counter()
-            nodes = node_functions(self.model, self.robot.body, self.limits(), objective, self.settings.dynamics)
+            nodes = node_functions(self.model, self.robot.body, limits, objective, self.settings.dynamics)
             functions, self._compiled = compiled(nodes.as_list(), self.settings.compile, self._batch)
             free = self.settings.end_acceleration == "free"
             self._reshapers[key] = Reshaper(NodeFunctions(*functions), self.robot.n, self.settings.controls, free)

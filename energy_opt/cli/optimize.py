@@ -78,10 +78,10 @@ def _picture_and_report(result: Result, robot: Robot, out: Path) -> None:
 
     t, scaled = result.trajectory, result.baseline("scaled")
     assert t.effort is not None and t.power is not None
-    curve = None
-    if scaled.trajectory.power is not None:
+    curve, names = None, {"result": result.energy.by_effect}
+    if scaled is not None and scaled.trajectory.power is not None:
         curve = plots.Curve("scaled", scaled.trajectory.time, scaled.trajectory.power)
-    names = {"result": result.energy.by_effect, "scaled": scaled.energy.by_effect}
+        names["scaled"] = scaled.energy.by_effect
     shown = {name: {k: v for k, v in energy.items() if k != "standby"} for name, energy in names.items()}
     figure = plots.plot_move(
         t.time, t.velocity, t.effort, t.power, joints=t.joints, velocity_limit=robot.limits.velocity,
@@ -98,7 +98,8 @@ def _picture_and_report(result: Result, robot: Robot, out: Path) -> None:
     if result.message:
         report.warning(f"{result.status}: {result.message}")
     report.section("Energy [J]").table(*_energies(result))
-    report.facts({"saved, % of total": saving["total_percent"], "saved, % of loss": saving["loss_percent"]})
+    if saving is not None:
+        report.facts({"saved, % of total": saving["total_percent"], "saved, % of loss": saving["loss_percent"]})
     report.picture(picture)
     report.section("Certificate").facts({**result.certificate.max_violation, "samples": result.certificate.samples})
     report.text(
@@ -134,17 +135,23 @@ def table(result: Result, out: Path) -> str:
     def percent(value: float | None) -> str:
         return "-" if value is None else f"{value:.2f} %"
 
-    lines.append(
-        f"saved at equal duration: {saving['joules']:.3f} J, {percent(saving['total_percent'])} of the total, "
-        f"{percent(saving['loss_percent'])} of the loss"
-    )
+    if saving is None:
+        lines.append(
+            "saved at equal duration: not stated, as the move slowed evenly to it breaks a limit or is not there"
+        )
+    else:
+        lines.append(
+            f"saved at equal duration: {saving['joules']:.3f} J, {percent(saving['total_percent'])} of the total, "
+            f"{percent(saving['loss_percent'])} of the loss"
+        )
     lines.append(
         f"worst limit: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, {worst['value']:.6g} of "
         f"{worst['bound']:.6g} ({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"
     )
     if result.optimality.lower_bound is not None:
         lines.append(
-            f"{result.optimality.kind} optimum of the timing: no timing of this path takes less than "
+            f"{result.optimality.kind} optimum of the timing: among squared speeds that are quadratic splines on this "
+            f"path's grid, within limits held at the grid's points, none takes less than "
             f"{result.optimality.lower_bound:.6f} J (gap {result.optimality.gap_percent:.1e} %)"
         )
     lines.append(f"files: {out}/result.json, trajectory.csv, trajectory.yaml, plot.png, report.html")

@@ -64,7 +64,8 @@ class Settings:
     """How to solve.
 
     Attributes:
-        starts: how many starting points a reshaping tries, the straight one included; they are seeded.
+        starts: at most so many starting points a reshaping tries, the straight one included; they are seeded, and fewer
+            are tried where no better answer is to be expected.
         seed: of the starting points.
         compile: "auto", "always" or "never" (see `compile`).
         objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
@@ -75,7 +76,7 @@ class Settings:
         controls: control points per joint of a reshaped move.
     """
 
-    starts: int = 6
+    starts: int = 24
     seed: int = 0
     compile: str = "auto"
     objective: str = "energy"

@@ -11,12 +11,13 @@ from energy_opt.motion.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Baseline:
-    """Another trajectory of the same move, scored in the same way; `max_violation` is its own certificate's."""
+    """Another trajectory of the same move, judged in the same way; `valid` where it is inside all limits."""
 
     name: str
     trajectory: Trajectory
     energy: Energy
     max_violation: float
+    valid: bool
 
     @property
     def duration(self) -> float:
@@ -30,6 +31,7 @@ class Baseline:
             "duration": self.duration,
             "energy": self.energy.document(),
             "max_violation": self.max_violation,
+            "valid": self.valid,
         }
 
 
@@ -48,13 +50,14 @@ class Optimality:
 
 @dataclass(frozen=True)
 class SolverReport:
-    """Which solver, how much work."""
+    """Which solver, how much work; `starts` are those of a reshaping."""
 
     name: str
     iterations: int
     build_seconds: float
     solve_seconds: float
     compiled: bool = False
+    starts: int = 0
 
 
 ROUNDING = 1e-9  # share of an energy that its parts may miss by rounding alone
@@ -85,17 +88,21 @@ class Result:
     interrupted: bool = False
     warnings: tuple[str, ...] = field(default=())
 
-    def baseline(self, name: str) -> Baseline:
-        """The baseline of that name."""
-        return next(b for b in self.baselines if b.name == name)
+    def baseline(self, name: str) -> Baseline | None:
+        """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
+        return next((b for b in self.baselines if b.name == name), None)
 
     @property
-    def saving(self) -> dict[str, float | None]:
+    def saving(self) -> dict[str, float | None] | None:
         """Against "scaled", which has the same duration: percent of its total, percent of its loss, and joules.
 
-        A percentage of nothing is None: a model without losses leaves only rounding there.
+        None where there is no such baseline within limits. A percentage of nothing is None, too: a model without losses
+        leaves only rounding there.
         """
-        scaled = self.baseline("scaled").energy
+        baseline = self.baseline("scaled")
+        if baseline is None or not baseline.valid:
+            return None
+        scaled = baseline.energy
         joules = scaled.total - self.energy.total
         rounding = ROUNDING * max(scaled.standby, abs(scaled.stored), abs(scaled.total))
 
@@ -127,6 +134,7 @@ class Result:
                 "build_seconds": self.solver.build_seconds,
                 "solve_seconds": self.solver.solve_seconds,
                 "compiled": self.solver.compiled,
+                "starts": self.solver.starts,
             },
             "chosen": self.chosen,
             "message": self.message,

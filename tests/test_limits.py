@@ -71,7 +71,7 @@ class OutsideBall(Limit):
 def test_numeric_rows_enter_jacobian_and_hessian(moving: bool) -> None:
     rng = np.random.default_rng(5)
     ball = Ball(np.array([0.0, 0.31, 0.31, 0.77, 1.0]), rng.normal(size=6), 0.7)
-    program, x = build(True, 1, moving, places=[(7, ball)])
+    program, x = build(True, 1, moving, places=[(7, ball)], rng=rng)
     count, size, first = program.count, len(x), program.count - len(ball.place) - 6
     multipliers = np.zeros(count)
     multipliers[first : first + len(ball.place)] = rng.normal(size=len(ball.place))

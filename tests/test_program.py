@@ -29,12 +29,12 @@ def everything():
     return robot, model
 
 
-def build(free_acceleration: bool, vias: int, moving: bool, objective: str = "energy", places=()):
+def build(free_acceleration: bool, vias: int, moving: bool, objective: str = "energy", places=(), rng=RNG):
     robot, model = everything()
     n = robot.n
     shape = Shape(n, Basis(11), 3, free_acceleration, vias)
-    speed = 0.3 * RNG.normal(size=(2, n)) if moving else np.zeros((2, n))
-    start, goal = RNG.uniform(-1, 1, n), RNG.uniform(-1, 1, n)
+    speed = 0.3 * rng.normal(size=(2, n)) if moving else np.zeros((2, n))
+    start, goal = rng.uniform(-1, 1, n), rng.uniform(-1, 1, n)
     via = np.array([(start + goal) / 2 + 0.1] * vias).reshape(vias, n)
     ends = Ends(start, goal, speed[0], speed[1], via)
     rows = np.array([(limit, site, (site + limit) % n) for limit in (1, 2, 3, 4) for site in (0, 2, 5, 7)])

@@ -11,10 +11,10 @@ from typing import Any, Literal
 from energy_opt.bench.task import MODES, OBJECTIVES, RobotSource, Timing
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_text
-from energy_opt.power import PowerModel, load_model, source_method_1, source_method_2
+from energy_opt.power import PowerModel, load_model
+from energy_opt.power.named import NAMED, is_named, named_model
 from energy_opt.robot import Robot, known_robots
 
-SOURCE_MODELS = {"source_method_1": source_method_1, "source_method_2": source_method_2}
 LISTS = {
     "robots": [],
     "modes": ["reshape"],
@@ -176,11 +176,11 @@ def _payload(value: Any, faults: Faults) -> tuple[float, ...] | None:
 
 def _model(name: Any, files: Files, faults: Faults) -> tuple[str, PowerModel] | None:
     try:
-        if isinstance(name, str) and name in SOURCE_MODELS:
-            return name, SOURCE_MODELS[name]()
+        if isinstance(name, str) and is_named(name):
+            return name, named_model(name, "")  # made anew for each robot
         if isinstance(name, str) and files.path(name, "models").is_file():
             return Path(name).name if Path(name).is_absolute() else name, load_model(files.path(name, "models"))
-        raise BadInput(f"{name!r} is neither a model file beside the suite nor one of {', '.join(SOURCE_MODELS)}")
+        raise BadInput(f"{name!r} is neither a model file beside the suite nor one of {', '.join(NAMED)}")
     except BadInput as error:
         faults.add("models", str(error))
         return None

@@ -39,6 +39,7 @@ from energy_opt.bench.task import Task, Timing
 from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput
 from energy_opt.files import read_toml, to_json
+from energy_opt.power.named import is_named, named_model
 from energy_opt.robot import Robot
 
 FORMAT = "energy-opt/suite/1"
@@ -150,12 +151,13 @@ def _unknown(table: Mapping[str, Any], where: str, faults: Faults) -> None:
 def _product(suite: str, group: Group, at: int, faults: Faults) -> Iterator[Task]:
     """All rows of a group, in the order robot, move, mode, duration, payload, model, objective."""
     for source, robot in group.robots:
-        for name, effects in group.models:
+        named = [(name, named_model(name, robot.name) if is_named(name) else model) for name, model in group.models]
+        for name, effects in named:
             try:
                 effects.check(robot.n)
             except BadInput as error:
                 faults.add(f"models {name} on {robot.name}", str(error))
-        models = [(name, to_json(model.to_document())) for name, model in group.models]
+        models = [(name, to_json(model.to_document())) for name, model in named]
         for move, timings in _moves(group, robot, faults):
             for mode in group.modes:
                 for timing in timings:

@@ -165,11 +165,16 @@ class Cell:
         depth = self.bodies.ruler(pair).depth(scene.placed(0, a), scene.placed(0, b))
         return Contact(self.bodies.names(pair), distance, depth)
 
-    def wanted(self, ends: np.ndarray) -> np.ndarray:
-        """The clearance (P,) [m] that each pair keeps between the poses `ends` (2, n): half of that there if less."""
-        out = np.full(len(self.bodies.pairs), self.asked)
+    def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
+        """The clearance (P,) [m] that each pair keeps between the poses `ends` (2, n): half of that there if less.
+
+        Args:
+            clearance: where another is meant than was asked for.
+        """
+        asked = self.asked if clearance is None else clearance
+        out = np.full(len(self.bodies.pairs), asked)
         for q in ends:
-            for p, distance in self.distances(q, 2 * self.asked):
+            for p, distance in self.distances(q, 2 * asked):
                 out[p] = min(out[p], max(distance / 2, 0.0))
         return out
 

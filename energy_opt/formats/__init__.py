@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from energy_opt.errors import BadInput
-from energy_opt.formats import bags, messages, table
+from energy_opt.formats import bags, franka, messages, table, urscript
 from energy_opt.formats.rows import Rows
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
@@ -53,6 +53,8 @@ FORMATS: dict[str, Format] = {
         Format(
             "mcap", ".mcap", "bag with a trajectory_msgs/JointTrajectory", bags.read, bags.write_mcap, (".db3", ".bag")
         ),
+        Format("urscript", ".script", "program for Universal Robots", write=urscript.write),
+        Format("franka", ".franka.csv", "joint positions for libfranka", write=franka.write),
     )
 }  # fmt: skip
 
@@ -74,6 +76,21 @@ def read(path: Path) -> Rows:
     raise BadInput(f"{path}: not a file of waypoints or of a trajectory; known are {known}")
 
 
+def write(trajectory: Trajectory, path: Path) -> None:
+    """Write the rows of a trajectory to a file, in the format that its name ends with.
+
+    Raises:
+        BadInput: no format has that ending.
+    """
+    fitting = [f for f in FORMATS.values() if f.write is not None and path.name.lower().endswith(f.suffix)]
+    if not fitting:
+        known = ", ".join(f.suffix for f in FORMATS.values() if f.write is not None)
+        raise BadInput(f"{path}: no format has this ending; known are {known}")
+    best = max(fitting, key=lambda f: len(f.suffix))
+    assert best.write is not None
+    best.write(trajectory, path)
+
+
 def read_trajectory(path: Path, joints: Sequence[str], prefix: str = "") -> Trajectory:
     """The trajectory in a file, for the robot's `joints`; in the file their names begin with `prefix`.
 
@@ -92,4 +109,4 @@ def read_path(path: Path, joints: Sequence[str], prefix: str = "") -> JointPath:
     return read(path).of(joints, prefix).path()
 
 
-__all__ = ["FORMATS", "Format", "JointPath", "Rows", "Trajectory", "read", "read_path", "read_trajectory"]
+__all__ = ["FORMATS", "Format", "JointPath", "Rows", "Trajectory", "read", "read_path", "read_trajectory", "write"]

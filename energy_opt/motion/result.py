@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from html import escape
 
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
@@ -37,7 +39,12 @@ class Baseline:
 
 @dataclass(frozen=True)
 class Optimality:
-    """How good the answer is known to be; "global" where a proven lower bound [J] is near (gap in % of the total)."""
+    """How good the answer is known to be; "global" where a proven lower bound [J] is near (gap in % of the total).
+
+    What is proven: no timing of this path whose squared speed is a quadratic spline on the program's grid, and which
+    holds the limits (less a margin of 5e-7) at the grid's points, takes less than `lower_bound` by the grid's
+    quadrature. Of timings off the grid, and of other paths, it says nothing.
+    """
 
     kind: str
     lower_bound: float | None = None
@@ -63,7 +70,7 @@ class SolverReport:
 ROUNDING = 1e-9  # share of an energy that its parts may miss by rounding alone
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """A solved move.
 
@@ -72,6 +79,7 @@ class Result:
             feasible one that is known, and `message` says why.
         chosen: where the trajectory comes from: "reshape", "retime", or the name of a baseline that nothing surpassed.
         trajectory: with effort and power.
+        moves: what is known of the standard moves that it consists of; None for a free trajectory.
     """
 
     status: str
@@ -87,6 +95,7 @@ class Result:
     message: str = ""
     interrupted: bool = False
     warnings: tuple[str, ...] = field(default=())
+    moves: Mapping[str, object] | None = None
 
     def baseline(self, name: str) -> Baseline | None:
         """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
@@ -115,6 +124,52 @@ class Result:
             "joules": joules,
         }
 
+    @property
+    def saved(self) -> str:
+        """What is saved at equal duration, in words."""
+        saving = self.saving
+        if saving is None:
+            return "no saving is stated: the move slowed evenly is not within the limits"
+
+        shares = (saving["total_percent"], saving["loss_percent"])
+        total, loss = ("-" if share is None else f"{share:.2f} %" for share in shares)
+        return f"saved at equal duration: {saving['joules']:.3f} J, {total} of the total, {loss} of the loss"
+
+    def __repr__(self) -> str:
+        e = self.energy
+        return (
+            f"{type(self).__name__}({self.status!r}, {self.robot!r}, {self.mode!r}, {self.trajectory.duration:.4g} s, "
+            f"{e.total:.5g} J, loss {e.loss:.4g} J)"
+        )
+
+    def __str__(self) -> str:
+        e, worst, known = self.energy, self.certificate.worst, self.optimality
+        proof = "a local optimum; no bound"
+        if known.lower_bound is not None:
+            proof = f"lower bound {known.lower_bound:.6g} J, gap {known.gap_percent:.2g} %"
+        doubt = f"; {self.message}" if self.message else ""
+        return "\n".join(
+            [
+                f"{self.robot}, {self.mode}, {self.trajectory.duration:.4g} s: {self.status}{doubt}",
+                f"energy {e.total:.5g} J = standby {e.standby:.5g} + stored {e.stored:.5g} + loss {e.loss:.5g}",
+                self.saved,
+                f"closest limit: {worst['limit']} of {worst['joint'] or 'the arm'} at {worst['time']:.4g} s, "
+                f"{worst['value']:.5g} of {worst['bound']:.5g}",
+                f"{proof}; {self.solver.iterations} iterations, {self.solver.solve_seconds:.3g} s",
+            ]
+        )
+
+    def _repr_html_(self) -> str:
+        head = ["", *("this move", *(b.name for b in self.baselines))]
+        energies = [self.energy, *(b.energy for b in self.baselines)]
+        rows = [
+            [part, *(f"{getattr(e, part):.5g}" for e in energies)] for part in ("total", "standby", "stored", "loss")
+        ]
+        cells = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
+        title = "".join(f"<th>{escape(c)}</th>" for c in head)
+        lines = "<br>".join(escape(line) for line in str(self).splitlines())
+        return f"<p>{lines}</p><table><caption>energy [J]</caption><tr>{title}</tr>{cells}</table>"
+
     def document(self) -> dict[str, object]:
         """result.json."""
         return {
@@ -127,6 +182,7 @@ class Result:
             "baselines": [b.document() for b in self.baselines],
             "saving": self.saving,
             "certificate": self.certificate.document(),
+            "peak_power": self.certificate.peak_power,
             "optimality": self.optimality.document(),
             "solver": {
                 "name": self.solver.name,
@@ -139,4 +195,5 @@ class Result:
             "chosen": self.chosen,
             "message": self.message,
             "warnings": list(self.warnings),
+            **({} if self.moves is None else {"moves": self.moves}),
         }

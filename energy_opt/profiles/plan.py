@@ -208,4 +208,5 @@ def as_result(reference: Result, moves: StandardMoves) -> Result:
         energy=moves.energy,
         certificate=moves.certificate,
         optimality=replace(reference.optimality, kind="local", lower_bound=None, gap_percent=None),
+        moves=moves.document(),
     )

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from energy_opt.dynamics import torque_function
+from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.energy import Energy, Scorer
@@ -23,6 +24,10 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
+
+
+def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
+    return model.without(Payload.name).structure
 
 
 class Planner:
@@ -44,18 +49,21 @@ class Planner:
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
         self._workshop, self._stopped = Workshop(batch), stopped
-        self._structure = model.structure
+        self._structure = _but_payload(model)
         self.set_model(model)
+        self.limits()  # what cannot be is told now, not when a move needs it
         if self.settings.dynamics != "auto":  # a source that is not there is told now, not when a move needs it
             torque_function(robot.body, self.settings.dynamics)
 
     def set_model(self, model: PowerModel) -> None:
-        """Other values of the same effects; nothing is built again.
+        """Other values of the same effects, with or without a payload; nothing is built again.
+
+        (But for the first payload where the planner was built for a model that has none: there it costs nothing.)
 
         Raises:
             BadInput: the model has other effects than the planner was built for.
         """
-        if model.structure != self._structure:
+        if _but_payload(model) != self._structure:
             raise BadInput("the planner was built for other effects; build a new one")
         model.check(self.robot.n)
         self.model = model

@@ -85,7 +85,7 @@ def table(result: Result, out: Path) -> str:
     )
     if result.optimality.lower_bound is not None:
         lines.append(
-            f"{result.optimality.kind} optimum of the timing: of this path's timings on a grid of {INTERVALS} intervals, "
+            f"{result.optimality.kind} optimum of the timing: of this path's timings on {INTERVALS} intervals, "
             f"none within limits at its points takes less than {result.optimality.lower_bound:.6f} J "
             f"(gap {result.optimality.gap_percent:.1e} %)"
         )

@@ -53,6 +53,8 @@ def _picture_and_report(result: Result, robot: Robot, out: Path) -> None:
         f"Closest to its bound: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, "
         f"{worst['value']:.6g} of {worst['bound']:.6g}. Violations are fractions of a bound, below 0 is inside."
     )
+    if result.certificate.clearance is not None:
+        report.text(f"Clearance: {result.certificate.clearance}.")
     report.section("Solver").facts({**vars(result.solver), **result.optimality.document(), "chosen": result.chosen})
     report.write(out / "report.html")
 
@@ -83,6 +85,8 @@ def table(result: Result, out: Path) -> str:
         f"worst limit: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, {worst['value']:.6g} of "
         f"{worst['bound']:.6g} ({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"
     )
+    if result.certificate.clearance is not None:
+        lines.append(f"clearance: {result.certificate.clearance}")
     if result.optimality.lower_bound is not None:
         lines.append(
             f"{result.optimality.kind} optimum of the timing: of this path's timings on {INTERVALS} intervals, "

@@ -7,10 +7,11 @@ import hashlib
 import json
 import re
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from energy_opt.bench.surroundings import Surroundings
 from energy_opt.effects import Payload, load_source
 from energy_opt.errors import BadInput
 from energy_opt.files import plain
@@ -97,6 +98,7 @@ class Task:
         payload: mass [kg] and com (3) [m], empty for the model's own.
         model: the model's name in the suite; effects: its content, as in a model file.
         settings: settings of the solver beside the defaults.
+        surroundings: the arm's body and its cell; path: ending and text of the file of a given path, or empty.
         own_effects: text and place of the files of effects that the model may use.
         compile: "always" or "never", decided for the whole suite, so that a resumed batch computes the same.
     """
@@ -116,6 +118,8 @@ class Task:
     objective: str
     settings: tuple[tuple[str, Any], ...] = ()
     own_effects: tuple[tuple[str, str], ...] = ()
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    path: tuple[str, str] = ("", "")
     compile: str = "never"
 
     @property

@@ -39,6 +39,8 @@ def solve_task(task: Task) -> Record:
 
 
 def _planner(task: Task) -> Planner:
+    from energy_opt.cell.load import load_cell
+    from energy_opt.cell.request import CellRequest
     from energy_opt.motion import Planner, Settings
 
     key, model = task.build, task.power()
@@ -46,7 +48,8 @@ def _planner(task: Task) -> Planner:
         settings = Settings(objective=task.objective, compile=task.compile, **dict(task.settings))
         while len(_planners) >= KEPT:
             _planners.popitem(last=False)
-        _planners[key] = Planner(task.robot.load(), model, settings)
+        robot = task.robot.load()
+        _planners[key] = Planner(robot, model, settings, cell=load_cell(robot, CellRequest()))
     _planners.move_to_end(key)
     _planners[key].set_model(model)
     return _planners[key]

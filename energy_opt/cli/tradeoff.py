@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
+    from energy_opt.cell.load import load_cell
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.files import to_json
     from energy_opt.front.request import guard, request_of_move
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"\r{front.solves}/{expected} solves", end=end, file=sys.stderr, flush=True)
 
     with stop_on_interrupt() as stopped:
-        planner = Planner(robot, model, settings_of(args), stopped=stopped)
+        planner = Planner(robot, model, settings_of(args), cell=load_cell(robot, cell_of(args)), stopped=stopped)
         front = trace(
             planner,
             move,

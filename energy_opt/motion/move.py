@@ -93,7 +93,8 @@ class Settings:
     """How to solve.
 
     Attributes:
-        starts: how many starting points a reshaping tries, the straight one included; they are seeded.
+        starts: at most so many starting points a reshaping tries, the straight one included; they are seeded, and fewer
+            are tried where no better answer is to be expected.
         seed: of the starting points.
         compile: "auto", "always" or "never" (see `compile`).
         objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
@@ -105,9 +106,10 @@ class Settings:
         max_power: bound of the arm's electrical power [W]; None for none.
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
+        ways: how many free ways are looked for, and started from, where the straight line is not free.
     """
 
-    starts: int = 6
+    starts: int = 24
     seed: int = 0
     compile: str = "auto"
     objective: str = "energy"
@@ -119,6 +121,7 @@ class Settings:
     max_power: float | None = None
     tool_speed: float | None = None
     tool: str | None = None
+    ways: int = 2
 
     def __post_init__(self) -> None:
         if self.starts < 1:

@@ -111,7 +111,8 @@ def _robot(
         if name in known_robots():
             source = RobotSource(name, None, text, lock)
         elif isinstance(name, str) and files.path(name, "robots").is_file():
-            source = RobotSource(Path(name).stem, read_text(files.path(name, "robots")), text, lock)
+            file = files.path(name, "robots")
+            source = RobotSource(file.stem, read_text(file), text, lock, str(file.resolve()))
         else:
             raise BadInput(f"{name!r} is neither a file beside the suite nor one of {', '.join(known_robots())}")
         return source, source.load()

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import atexit
 import dataclasses
 import hashlib
 import json
 import re
+import shutil
 import tempfile
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
 from energy_opt.bench.surroundings import Surroundings
 from energy_opt.effects import Payload, load_source
 from energy_opt.errors import BadInput
-from energy_opt.files import plain
+from energy_opt.files import plain, read_text
 from energy_opt.power import PowerModel
 from energy_opt.power.model import model_from_document
 from energy_opt.robot import Robot, load_robot
@@ -72,20 +75,30 @@ class RobotSource:
     urdf: str | None = None
     limits: str | None = None
     lock: tuple[tuple[str, float], ...] = ()
+    file: str | None = field(default=None, compare=False)  # where the URDF was read; decides nothing
 
     def load(self) -> Robot:
-        """The robot itself."""
+        """The robot itself; from its own file where that is still the same, so that meshes beside it are found."""
+        here = self.file is not None and Path(self.file).is_file() and read_text(Path(self.file)) == self.urdf
         with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
-            urdf, limits = Path(folder) / f"{self.name}.urdf", Path(folder) / "joint_limits.yaml"
+            limits = Path(folder) / "joint_limits.yaml"
+            name = self.name
             if self.urdf is not None:
-                urdf.write_text(self.urdf, encoding="utf-8")
+                urdf = Path(str(self.file)) if here else _lasting(self.urdf, self.name)
+                name = str(urdf)
             if self.limits is not None:
                 limits.write_text(self.limits, encoding="utf-8")
-            return load_robot(
-                self.name if self.urdf is None else str(urdf),
-                limits=None if self.limits is None else limits,
-                lock=dict(self.lock),
-            )
+            return load_robot(name, limits=None if self.limits is None else limits, lock=dict(self.lock))
+
+
+@cache
+def _lasting(urdf: str, name: str) -> Path:
+    """A URDF's text as a file that lasts as long as this process: a robot's body is read when it is first needed."""
+    folder = tempfile.mkdtemp(prefix="energy-opt-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    path = Path(folder) / f"{name}.urdf"
+    path.write_text(urdf, encoding="utf-8")
+    return path
 
 
 @dataclass(frozen=True)
@@ -137,7 +150,7 @@ class Task:
     def key(self) -> str:
         """A digest of all that decides the result (neither its place in the suite nor what makes it fast)."""
         content = dataclasses.asdict(self)
-        del content["index"], content["compile"]
+        del content["index"], content["compile"], content["robot"]["file"]
         content["own_effects"] = [text for text, _ in self.own_effects]
         if not self.own_effects:
             del content["own_effects"]

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import threading
 from collections import OrderedDict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,15 +14,11 @@ from energy_opt.bench.task import Task
 from energy_opt.errors import EnergyOptError, Infeasible
 
 if TYPE_CHECKING:
-    from energy_opt.cell.cell import Cell
     from energy_opt.motion import Move, Planner
-    from energy_opt.motion.path import JointPath
-    from energy_opt.robot import Robot
 
 KEPT = 4  # built problems that a worker holds; tasks come grouped by problem, so this is plenty
 
 _planners: OrderedDict[tuple[Any, ...], Planner] = OrderedDict()
-_cells: OrderedDict[tuple[Any, ...], Cell] = OrderedDict()
 _one_at_a_time = threading.Lock()  # a cluster's worker may have several threads; a built problem serves one move
 
 
@@ -45,6 +39,8 @@ def solve_task(task: Task) -> Record:
 
 
 def _planner(task: Task) -> Planner:
+    from energy_opt.cell.load import load_cell
+    from energy_opt.cell.request import CellRequest
     from energy_opt.motion import Planner, Settings
 
     key, model = task.build, task.power()
@@ -52,25 +48,11 @@ def _planner(task: Task) -> Planner:
         settings = Settings(objective=task.objective, compile=task.compile, **dict(task.settings))
         while len(_planners) >= KEPT:
             _planners.popitem(last=False)
-        _planners[key] = Planner(task.robot.load(), model, settings)
+        robot = task.robot.load()
+        _planners[key] = Planner(robot, model, settings, cell=load_cell(robot, CellRequest()))
     _planners.move_to_end(key)
     _planners[key].set_model(model)
-    _planners[key].set_cell(_cell(task, _planners[key].robot))
     return _planners[key]
-
-
-def _cell(task: Task, robot: Robot) -> Cell | None:
-    """The task's cell, which tasks with the same surroundings share."""
-    if not (task.surroundings.request.checks or task.surroundings.scene):
-        return None
-    payload = task.payload if task.surroundings.request.payload_size is not None else ()
-    key = task.robot, task.surroundings, payload
-    if key not in _cells:
-        while len(_cells) >= KEPT:
-            _cells.popitem(last=False)
-        _cells[key] = task.surroundings.cell(robot, payload)
-    _cells.move_to_end(key)
-    return _cells[key]
 
 
 def _move(task: Task, duration: float | None) -> Move:
@@ -80,25 +62,9 @@ def _move(task: Task, duration: float | None) -> Move:
 
     start, goal = np.array(task.start), np.array(task.goal)
     via = tuple(np.array(point) for point in task.via)
-    if task.path[1]:
-        path = _path(task)
-        source = path.source
-        start, goal = (path.start, path.goal) if source is None else (source.position[0], source.position[-1])
-        return Move(start, goal, task.mode, duration, path=path, input=source)
     if task.mode == "retime" and via:
         return Move(start, goal, task.mode, duration, path=through(np.vstack([start, *via, goal])))
     return Move(start, goal, task.mode, duration, via=via)
-
-
-def _path(task: Task) -> JointPath:
-    """The path that the task gives."""
-    from energy_opt.formats import read_path
-
-    ending, text = task.path
-    with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
-        file = Path(folder) / f"path{ending}"
-        file.write_text(text, encoding="utf-8")
-        return read_path(file, task.robot.load().joints)
 
 
 def _row(task: Task) -> dict[str, Any]:

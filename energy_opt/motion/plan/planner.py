@@ -18,13 +18,12 @@ from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.check import check_pose
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
-from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.candidates import Made, least_energy_timing, mended_timing, reshaped, stands_still
 from energy_opt.motion.plan.choice import Work, choose
 from energy_opt.motion.plan.clear import kept_clear
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.ways import check_free, first_path
-from energy_opt.motion.result import FirstPath, Result
+from energy_opt.motion.result import Result
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
@@ -55,7 +54,8 @@ class Planner:
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
-        self.set_cell(cell)
+        self.cell = cell if cell is not None and cell.checks else None
+        self._cell_warnings = [] if cell is None else cell.warnings
         self._workshop, self._stopped = Workshop(batch), stopped
         self._structure = _but_payload(model)
         self.set_model(model)
@@ -77,12 +77,6 @@ class Planner:
         self.model = model
         self.scorer = Scorer(self.robot, model)
 
-    def set_cell(self, cell: Cell | None) -> None:
-        """Another cell for the moves to come; nothing is built again."""
-        self.cell = cell if cell is not None and cell.checks else None
-        self._cell_warnings = [] if cell is None else cell.warnings
-        self._first: tuple[Move, tuple[Move, FirstPath, tuple[JointPath, ...]]] | None = None  # the last
-
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""
         return self.scorer.energy(trajectory)
@@ -96,8 +90,7 @@ class Planner:
         return Judge(self.scorer, self.limits(move), self.settings.verify_samples, self.cell)(trajectory).certificate
 
     def minimum_time(self, move: Move) -> float:
-        """The shortest duration of the move's first path within all limits, by TOPP-RA, s."""
-        move, _, _ = self._first_path(move)
+        """The shortest duration of the move's path within all limits, by TOPP-RA, s."""
         return self.context(move).fastest(path_of(move)).duration
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
@@ -113,20 +106,12 @@ class Planner:
         self._check_ends(move)
         self._check_objective(move)
         built, begin = self._workshop.seconds, time.perf_counter()
-        move, first, ways = self._first_path(move)
+        move, first, ways = first_path(self, move)
         context = replace(self.context(move), ways=ways)
         work = _made(context, move, warm)
         build = self._workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
         result = choose(context, move, work, build, time.perf_counter() - begin - build)
         return replace(result, first_path=first, warnings=(*result.warnings, *self._cell_warnings))
-
-    def _first_path(self, move: Move) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
-        """As `ways.first_path`; looked for once for a move that is asked about at several durations."""
-        timeless = replace(move, duration=None, max_duration=None)
-        if self._first is None or self._first[0] != timeless:
-            self._first = timeless, first_path(self, timeless)
-        found, first, ways = self._first[1]
-        return replace(found, duration=move.duration, max_duration=move.max_duration), first, ways
 
     def context(self, move: Move) -> Context:
         """What the parts of a solve are given: the planner as it is now, with a judge for this move."""

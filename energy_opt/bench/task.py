@@ -169,4 +169,5 @@ class Task:
         model = model_from_document(json.loads(self.effects), self.model)
         if self.payload:
             model = model.replaced(Payload(mass=self.payload[0], com=list(self.payload[1:])))
-        return model
+        base = self.surroundings.request.base
+        return model.standing(*base[3:5]) if any(base) else model

@@ -12,6 +12,7 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.candidates import MENDS, Made, reference_time, task_of
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.reshape.clear import Cleared, ClearSearch
+from energy_opt.motion.reshape.level import Outcome
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
@@ -48,30 +49,30 @@ def kept_clear(
             break
     if best.best is None:
         return Made(None, spent, True, NOTHING, free.starts)
-    return _mended(context, search, task, best, move, spent, free.starts)
+    made = mended_clear(context, search, task, best.best)
+    trajectory = made.trajectory
+    if trajectory is not None and free_time and move.duration is not None and trajectory.duration <= move.duration:
+        assert made.outcome is not None
+        trajectory = trajectory_of(replace(made.outcome.curve, duration=move.duration), context.robot.joints)
+    return replace(made, trajectory=trajectory, iterations=spent + made.iterations, starts=free.starts)
 
 
-def _mended(
-    context: Context, search: ClearSearch, task: Task, best: Cleared, move: Move, spent: int, starts: int
-) -> Made:
-    """The best curve within limits by the judge: polished under tighter ones where it breaks one."""
-    limits, outcome = task.limits, best.best
+def mended_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Made:
+    """A curve that keeps clear, within limits by the judge too: polished under tighter ones where it breaks one."""
+    limits, spent = task.limits, 0
     level = context.reshaper(context.settings.objective).fine(task.vias)
     for _ in range(MENDS):
-        assert outcome is not None
         trajectory = trajectory_of(outcome.curve, context.robot.joints)
         certificate = context.judge(trajectory).within
         if certificate.valid:
-            if move.duration is not None and not task.fixed and trajectory.duration <= move.duration:
-                trajectory = trajectory_of(replace(outcome.curve, duration=move.duration), context.robot.joints)
-            return Made(trajectory, spent, True, "", starts, outcome)
+            return Made(trajectory, spent, outcome=outcome)
         limits = certificate.tightened(limits)
         again = search.polished(level, replace(task, limits=limits), outcome)
         spent += again.iterations
         if again.best is None:
             break
         outcome = again.best
-    return Made(None, spent, True, NOTHING, starts)
+    return Made(None, spent, True, NOTHING)
 
 
 def _lines(

@@ -54,8 +54,7 @@ class Planner:
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
-        self.cell = cell if cell is not None and cell.checks else None
-        self._cell_warnings = [] if cell is None else cell.warnings
+        self.set_cell(cell)
         self._workshop, self._stopped = Workshop(batch), stopped
         self._structure = _but_payload(model)
         self.set_model(model)
@@ -76,6 +75,11 @@ class Planner:
         model.check(self.robot.n)
         self.model = model
         self.scorer = Scorer(self.robot, model)
+
+    def set_cell(self, cell: Cell | None) -> None:
+        """Another body and cell to keep clear of; nothing is built again."""
+        self.cell = cell if cell is not None and cell.checks else None
+        self._cell_warnings = [] if cell is None else cell.warnings
 
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
-from energy_opt.motion.judge.clearance import FreeIn, clearance_along
+from energy_opt.motion.judge.clearance import clearance_along
 from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.move import Move
 from energy_opt.motion.path import JointPath
@@ -18,11 +18,10 @@ from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.result import FirstPath
 from energy_opt.motion.ways import find_ways, ompl
 from energy_opt.motion.ways.find import Ends
+from energy_opt.motion.ways.room import Room, steps
 
 if TYPE_CHECKING:
     from energy_opt.motion.plan.planner import Planner
-
-STEP = 0.05  # [rad] of each joint, between poses that are looked at along a line
 
 
 def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
@@ -59,7 +58,7 @@ def first_path(planner: Planner, move: Move) -> tuple[Move, FirstPath, tuple[Joi
     ends = Ends.of(move.start, move.goal, lower, upper, planner.robot.limits.velocity)
     count = settings.ways if move.mode == "reshape" else 1
     ways = find_ways(
-        FreeIn(cell, move.start, move.goal), ends, np.full(planner.robot.n, STEP),
+        Room(cell, np.stack([move.start, move.goal])), ends, steps(planner.robot.body.tree()),
         planner=cell.request.planner, seed=settings.seed, count=count,
     )  # fmt: skip
     seconds = time.perf_counter() - begin

@@ -77,26 +77,26 @@ class ClearSearch:
     def __init__(self, cell: Cell, joints: tuple[str, ...]) -> None:
         self.cell, self.joints, self.near = cell, joints, Near(cell.bodies)
 
-    def run(self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool]) -> Cleared:
-        """The cheapest proven curve that rounds from `first` come to."""
-        rounds = _Rounds(self, level, task)
-        found, curve, rows, trust, quiet = rounds.found, first, all_rows(level.shape, task.limits), TRUST, 0
-        for turn in range(ROUNDS):
+    def run(self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool], rounds: int = ROUNDS) -> Cleared:
+        """The cheapest proven curve that at most so many rounds from `first` come to."""
+        work = _Rounds(self, level, task)
+        found, curve, rows, trust, quiet = work.found, first, all_rows(level.shape, task.limits), TRUST, 0
+        for turn in range(rounds):
             before = np.inf if found.best is None else found.best.cost
-            outcome, proof = rounds.one(curve, rows, trust, LOOSE)
+            outcome, proof = work.one(curve, rows, trust, LOOSE)
             curve, rows = outcome.curve, outcome.rows
             if proof.proven:
                 trust *= GROWTH
                 small = abs(before - outcome.cost) < DONE * max(outcome.cost - task.offset * curve.duration, 1e-9)
                 quiet = quiet + 1 if small else 0
             else:
-                rounds.places.learn(proof, curve.duration)
+                work.places.learn(proof, curve.duration)
                 trust = trust if turn < BOLD else max(trust * SHRINK, LEAST)
                 quiet = 0
             if quiet == 2 or stopped():
                 break
         if found.best is not None and not stopped():
-            rounds.one(found.best.curve, found.best.rows, LEAST, FINE)
+            work.one(found.best.curve, found.best.rows, LEAST, FINE)
         return found
 
     def polished(self, level: Level, task: Task, outcome: Outcome) -> Cleared:

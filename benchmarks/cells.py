@@ -31,7 +31,6 @@ from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Trajectory
 from energy_opt.motion.path import JointPath, through
-from energy_opt.motion.plan.first_path import first_path
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.ways.room import Room
 from energy_opt.power import source_method_2

@@ -18,12 +18,13 @@ from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.check import check_pose
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.candidates import Made, least_energy_timing, mended_timing, reshaped, stands_still
 from energy_opt.motion.plan.choice import Work, choose
 from energy_opt.motion.plan.clear import kept_clear
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.ways import check_free, first_path
-from energy_opt.motion.result import Result
+from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
@@ -80,6 +81,7 @@ class Planner:
         """Another body and cell to keep clear of; nothing is built again."""
         self.cell = cell if cell is not None and cell.checks else None
         self._cell_warnings = [] if cell is None else cell.warnings
+        self._first: tuple[Move, FirstPath, tuple[JointPath, ...], Move] | None = None  # of the move that it ends with
 
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""
@@ -94,8 +96,23 @@ class Planner:
         return Judge(self.scorer, self.limits(move), self.settings.verify_samples, self.cell)(trajectory).certificate
 
     def minimum_time(self, move: Move) -> float:
-        """The shortest duration of the move's path within all limits, by TOPP-RA, s."""
+        """The shortest duration of the move's first path within all limits, by TOPP-RA, s."""
+        move, _, _ = self.first_path(move)
         return self.context(move).fastest(path_of(move)).duration
+
+    def first_path(self, move: Move) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
+        """The move with the path that it starts from, where this comes from, and further free paths.
+
+        A move that is asked about at several durations has it looked for once.
+
+        Raises:
+            Infeasible: a move that keeps its path would touch something, or no way around was found.
+        """
+        timeless = replace(move, duration=None, max_duration=None)
+        if self._first is None or self._first[-1] != timeless:
+            self._first = *first_path(self, timeless), timeless
+        found, first, ways, _ = self._first
+        return replace(found, duration=move.duration, max_duration=move.max_duration), first, ways
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
         """The move with the least energy that is found, or by another objective if the settings say so.
@@ -110,7 +127,7 @@ class Planner:
         self._check_ends(move)
         self._check_objective(move)
         built, begin = self._workshop.seconds, time.perf_counter()
-        move, first, ways = first_path(self, move)
+        move, first, ways = self.first_path(move)
         context = replace(self.context(move), ways=ways)
         work = _made(context, move, warm)
         build = self._workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from energy_opt.cell.cell import Cell
-from energy_opt.errors import Infeasible
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.clearance import clearance_along
 from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.move import Move
@@ -54,6 +54,8 @@ def first_path(planner: Planner, move: Move) -> tuple[Move, FirstPath, tuple[Joi
             "--mode reshape may start from it all the same",
             limit="clearance", position=found.time, excess=found.depth,
         )  # fmt: skip
+    if cell.request.planner == "ompl" and not ompl.installed():
+        raise BadInput("--planner ompl: OMPL is not installed; pip install 'energy-opt[plan]'")
     lower, upper = box_of(planner.limits(move), planner.robot.n)
     ends = Ends.of(move.start, move.goal, lower, upper, planner.robot.limits.velocity)
     count = settings.ways if move.mode == "reshape" else 1

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             stopped=stopped,
         )
         found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
-        write(args.out, front, found)
+        write(args.out, front, found, robot)
     if args.json:
         sys.stdout.write(to_json(found))
     elif not args.quiet:

@@ -228,11 +228,12 @@ def remarks(found: Trace, measured: MeasuredSet, declared: PowerModel) -> list[s
     return out
 
 
-def write(result: Diagnosis, out: Path) -> None:
+def write(result: Diagnosis, out: str | Path) -> None:
     """Write diagnosis.json, model.toml and report.html into `out`."""
     from energy_opt.diagnose.page import page
     from energy_opt.files import write_json
 
+    out = Path(out)
     write_json(out / "diagnosis.json", result.document)
     result.model.save(out / "model.toml")
     page(result).write(out / "report.html")

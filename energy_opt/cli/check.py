@@ -117,6 +117,11 @@ def _toml(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
         return []
     if kind.startswith("energy-opt/log/"):
         return _set(file, args, notes)
+    if kind.startswith("energy-opt/job/"):
+        from energy_opt.job import check_job
+        from energy_opt.robot import load_robot
+
+        return check_job(file, lambda name: load_robot(args.robot or name, limits=args.limits))
     from energy_opt.bench.suite import check_suite
 
     return check_suite(file)

@@ -18,6 +18,7 @@ VERBS = {
     "optimize": "one move to minimum energy",
     "tradeoff": "energy against duration for one move",
     "bench": "a batch of moves, in parallel, resumable, with a report",
+    "job": "a cycle of moves and waits, its time spent where it saves most",
     "identify": "the source paper's two methods from static poses",
     "diagnose": "which effect a power model lacks, from measured data",
     "import": "logs as labs have them to a measured set; guesses columns and units",

@@ -19,12 +19,18 @@ OTHER = "#2e9a60"
 class Motion(Protocol):
     """A sampled motion: time (N,) [s]; position, velocity, acceleration and effort (N, n), power (N,) [W], or None."""
 
-    time: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    effort: np.ndarray | None
-    power: np.ndarray | None
+    @property
+    def time(self) -> np.ndarray: ...
+    @property
+    def position(self) -> np.ndarray: ...
+    @property
+    def velocity(self) -> np.ndarray: ...
+    @property
+    def acceleration(self) -> np.ndarray: ...
+    @property
+    def effort(self) -> np.ndarray | None: ...
+    @property
+    def power(self) -> np.ndarray | None: ...
 
 
 @dataclass(frozen=True)

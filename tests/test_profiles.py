@@ -17,7 +17,7 @@ from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.power import PowerModel
 from energy_opt.profiles import Chain, MovesPlanner, as_result, fastest
-from energy_opt.profiles.program import SHARP, Program, Shape, lobatto
+from energy_opt.profiles.program import SHARP, MovesProgram, Shape, lobatto
 from energy_opt.robot import Robot
 
 
@@ -103,12 +103,14 @@ def test_lobatto_is_exact() -> None:
 
 
 @pytest.fixture(scope="module")
-def program(panda: Robot, model: PowerModel) -> Program:
+def program(panda: Robot, model: PowerModel) -> MovesProgram:
     nodes = node_functions(model, panda.body, joint_limits(panda.limits))
-    return Program(Shape(7, 1, True), nodes, (START, GOAL), joint_limits(panda.limits), model.values(7), (1.0, 3.0))
+    return MovesProgram(
+        Shape(7, 1, True), nodes, (START, GOAL), joint_limits(panda.limits), model.values(7), (1.0, 3.0)
+    )
 
 
-def test_the_programs_energy_is_the_judges(program: Program, panda: Robot, model: PowerModel) -> None:
+def test_the_programs_energy_is_the_judges(program: MovesProgram, panda: Robot, model: PowerModel) -> None:
     """Less the change of stored energy, which no moves avoid; and its rows are the judge's shares of the bounds."""
     chain = bent()
     curve = chain.trajectory(panda.joints)
@@ -124,7 +126,7 @@ def test_the_programs_energy_is_the_judges(program: Program, panda: Robot, model
     assert effort == pytest.approx(limit.max_violation["effort"], abs=2e-3)  # nodes are not where it is largest
 
 
-def test_the_programs_derivatives(program: Program) -> None:
+def test_the_programs_derivatives(program: MovesProgram) -> None:
     x = program.unknowns(bent())
     lam = np.random.default_rng(0).normal(size=len(program.row_bounds[0]))
 

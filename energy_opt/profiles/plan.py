@@ -19,7 +19,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.compile import compiled
 from energy_opt.profiles.chain import Chain
-from energy_opt.profiles.program import SHARP, Program, Shape
+from energy_opt.profiles.program import SHARP, MovesProgram, Shape
 
 MOST_VIAS = 5
 MENDS = 3  # times that limits are tightened where the judge finds them broken
@@ -155,7 +155,7 @@ class MovesPlanner:
         ends = np.asarray(move.start, dtype=float), np.asarray(move.goal, dtype=float)
         shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
         values = self.p.model.values(self.robot.n)
-        program = Program(shape, self._nodes(objective), ends, limits, values, durations)
+        program = MovesProgram(shape, self._nodes(objective), ends, limits, values, durations)
         x = program.unknowns(chain)
         program.scale = 1 / max(abs(program.cost(x) - self._overhead(durations, objective)), 1e-6)
         answer = ipopt.solve(program, x, program.box, program.row_bounds, OPTIONS)

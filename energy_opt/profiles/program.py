@@ -49,7 +49,7 @@ def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
     return (x + 1) / 2, 1 / (count * (count - 1) * inner(x) ** 2)
 
 
-class Program:
+class MovesProgram:
     """One program in the form that `ipopt.solve` takes.
 
     Args:
@@ -116,13 +116,13 @@ class Program:
 
         jz, jh = ca.jacobian(ca.vec(z), x), ca.jacobian(h, x)
         pull, weight = ca.SX.sym("pull", z.numel()), ca.SX.sym("weight", h.numel())
-        bent = ca.hessian(ca.dot(pull, ca.vec(z)) + ca.dot(weight, h), x)[0]
+        held = ca.hessian(ca.dot(pull, ca.vec(z)) + ca.dot(weight, h), x)[0]
         lam = ca.SX.sym("lam", closed.numel())
         self._closed_count = closed.numel()
         self._place = ca.Function("place", [x], [ca.densify(y) for y in (z, h, t, jz, jh)])
-        self._bent = ca.Function("bent", [x, pull, weight], [ca.densify(bent)])
+        self._held_hessian = ca.Function("held_hessian", [x, pull, weight], [ca.densify(held)])
         self._rows = ca.Function("rows", [x], [ca.densify(closed), ca.densify(ca.jacobian(closed, x))])
-        self._rows_bent = ca.Function("rows_bent", [x, lam], [ca.densify(ca.hessian(ca.dot(lam, closed), x)[0])])
+        self._rows_hessian = ca.Function("rows_hessian", [x, lam], [ca.densify(ca.hessian(ca.dot(lam, closed), x)[0])])
         self._cost, self._limited, self._curvature = (
             Batch(f, self._count) for f in (nodes.cost, nodes.limited, nodes.curvature)
         )
@@ -157,7 +157,7 @@ class Program:
         values, jac = self._limited(self._z, self._t, self._parameters)
         self._values = values.copy()
         self._values_z = jac.reshape(self._count, -1, self._width).copy()
-        self._pulled = np.matmul(self._g[:, None, :], self._jz)[:, 0]  # J_k^T g_k
+        self._adjoint = np.matmul(self._g[:, None, :], self._jz)[:, 0]  # J_k^T g_k
         closed, slope_rows = self._rows(x)
         self._closed, self._closed_x = np.asarray(closed.full()).ravel(), np.asarray(slope_rows.full())
 
@@ -168,7 +168,7 @@ class Program:
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
-        return self.scale * np.asarray(self._e @ self._jh + self._h @ self._pulled)
+        return self.scale * np.asarray(self._e @ self._jh + self._h @ self._adjoint)
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
@@ -190,11 +190,11 @@ class Program:
         nz = self._z.shape[1]
         core = np.matmul(blocks.reshape(self._count, nz, nz), self._jz)
         out = np.einsum("kzi,kzj->ij", self._jz, core, optimize=True)
-        cross = s * self._jh.T @ self._pulled
+        cross = s * self._jh.T @ self._adjoint
         pull = s * self._h[:, None] * self._g + np.einsum("kzj,kj->kz", self._values_z, lam)
         out += cross + cross.T
-        out += np.asarray(self._bent(x, pull.ravel(), s * self._e).full())
-        out += np.asarray(self._rows_bent(x, closed).full())
+        out += np.asarray(self._held_hessian(x, pull.ravel(), s * self._e).full())
+        out += np.asarray(self._rows_hessian(x, closed).full())
         return np.concatenate([out[: j + 1, j] for j in range(self.size)])
 
 

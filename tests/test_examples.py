@@ -11,10 +11,11 @@ import pytest
 from energy_opt.bench import load_suite
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.cli.examples import EXAMPLES
-from energy_opt.cli.main import main
+from energy_opt.cli.main import VERBS, main, parsers
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
+from energy_opt.job import load_job
 from energy_opt.measured import check_set, read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
@@ -52,6 +53,7 @@ READERS = {
     "suite": ("s.toml", suite),
     "limits": ("joint_limits.yaml", limits),
     "scene": ("s.yaml", read_scene),
+    "job": ("j.toml", lambda path: load_job(path, load_robot)),
 }
 
 
@@ -61,7 +63,7 @@ def test_an_example_is_read_back(kind, tmp_path, capsys):
     name, reader = READERS[kind]
     (tmp_path / name).write_text(capsys.readouterr().out)
     reader(tmp_path / name)
-    if kind != "scene":
+    if kind not in ("scene", "job"):
         assert main(["check", str(tmp_path / name), "--robot", "panda", "--quiet"]) == 0
 
 
@@ -95,3 +97,10 @@ def test_every_effect_says_what_it_is(kind):
     assert len(row["law"]) > 20 and row["traits"] and all(p["unit"] for p in row["parameters"])
     with pytest.raises(BadInput):
         kind(nonsense=1)
+
+
+def test_every_option_says_what_it_is():
+    _, verbs = parsers(list(VERBS))
+    for verb, parser in verbs.items():
+        for action in parser._actions:
+            assert action.help, f"{verb} {action.option_strings or action.dest}"

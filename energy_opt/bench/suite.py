@@ -62,7 +62,7 @@ class Suite:
 
 
 def load_suite(
-    path: Path,
+    path: str | Path,
     *,
     overrides: Mapping[str, Any] | None = None,
     seed: int | None = None,
@@ -86,7 +86,7 @@ def load_suite(
     return replace(suite, tasks=tuple(_with_compile(suite.tasks, compile)))
 
 
-def check_suite(path: Path) -> list[str]:
+def check_suite(path: str | Path) -> list[str]:
     """Every fault of a suite file, one line each; empty where it is usable."""
     try:
         return [f"{path}: {fault}" for fault in _read(Path(path), {}, None, False)[1]]

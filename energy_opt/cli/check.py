@@ -5,9 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_prefix, refuse_degrees, say
+from energy_opt.cli.common import add_cell, add_prefix, refuse_degrees, say
 from energy_opt.errors import BadInput, EnergyOptError
+
+if TYPE_CHECKING:
+    from energy_opt.motion.trajectory import Trajectory
+    from energy_opt.robot import Robot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,10 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="model for the torque of a trajectory")
     add_prefix(parser)
-    parser.add_argument(
-        "--allow-outside", action="store_true", help="files that a scene or set names may lie outside its folder"
-    )
-    parser.add_argument("--allow-large", action="store_true", help="larger files and meshes are read too")
+    add_cell(parser)
     parser.add_argument("--json", action="store_true", help="faults as one JSON document on stdout")
     parser.add_argument("--quiet", action="store_true", help="say nothing where nothing is wrong")
 
@@ -168,10 +170,26 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     trajectory = rows.trajectory()
     model = load_model(args.model) if args.model else source_method_2(robot.name)
     certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
-    worst = certificate.worst
+    worst, faults = certificate.worst, _touches(file, args, robot, trajectory)
     if certificate.valid:
-        return []
+        return faults
     return [
+        *faults,
         f"{file}: {worst['limit']} of {worst['joint']} is {worst['value']:.6g} at {worst['time']:.4g} s, beyond its "
-        f"bound {worst['bound']:.6g} by {certificate.violation:.2e}"
+        f"bound {worst['bound']:.6g} by {certificate.violation:.2e}",
     ]
+
+
+def _touches(file: Path, args: argparse.Namespace, robot: Robot, trajectory: Trajectory) -> list[str]:
+    """Where a trajectory touches the arm's own body or its cell, or comes too near."""
+    from energy_opt.cell.load import load_cell
+    from energy_opt.cli.common import cell_of
+    from energy_opt.motion.judge.clearance import clearance_of
+
+    cell = load_cell(robot, cell_of(args))
+    for warning in [] if cell is None else cell.warnings:
+        say(args, f"{file}: {warning}")
+    if cell is None or not cell.checks:
+        return []
+    found = clearance_of(cell, trajectory)
+    return [] if found.proven else [f"{file}: {found}"]

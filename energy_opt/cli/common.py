@@ -29,11 +29,17 @@ def add_common(parser: argparse.ArgumentParser, out: str) -> None:
     """Options of every verb that plans."""
     group = parser.add_argument_group("robot and model")
     group.add_argument("--robot", required=True, metavar="NAME_OR_URDF", help="a name (`energy-opt robots`) or a URDF")
-    group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    group.add_argument(
+        "--limits", type=Path, metavar="FILE", help="MoveIt's joint_limits.yaml (default: published or the URDF's)"
+    )
     group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
-    group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m]")
+    group.add_argument(
+        "--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m] (none)"
+    )
     group.add_argument("--model", metavar="MODEL", help="power model: a file or a name (default: source-method-2)")
-    group.add_argument("--dynamics", default="auto", metavar="SOURCE", help="auto, compact, templates or pinocchio")
+    group.add_argument(
+        "--dynamics", default="auto", metavar="SOURCE", help="auto (default), compact, templates or pinocchio"
+    )
     add_output(parser, out)
 
 
@@ -53,22 +59,26 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--start", metavar="Q", help="comma-separated joint positions [rad], name=value pairs, or a pose of the SRDF"
     )
-    group.add_argument("--goal", metavar="Q", help="the same, for the end")
-    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints or a trajectory instead (CSV, messages)")
+    group.add_argument("--goal", metavar="Q", help="the same [rad], for the end")
+    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints [rad] or a trajectory instead of both")
     add_prefix(group)
-    group.add_argument("--via", action="append", default=[], metavar="Q", help="a point to pass (reshape; repeatable)")
+    group.add_argument(
+        "--via", action="append", default=[], metavar="Q", help="a point [rad] to pass (reshape; repeatable)"
+    )
     group.add_argument("--mode", default="reshape", metavar="MODE", help="reshape (default) or retime")
     group = parser.add_argument_group("conditions")
     group.add_argument("--max-power", type=float, metavar="W", help="bound of the arm's electrical power [W]")
     group.add_argument("--tool-speed", type=float, metavar="V", help="bound of the speed of the tool's origin [m/s]")
     group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
-    group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt")
-    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping")
-    group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move")
+    group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
+    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping (6)")
+    group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move (40)")
     group.add_argument("--end-acceleration", default="zero", metavar="KIND", help="zero (default) or free (reshape)")
-    group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never")
-    objectives = "energy, torque, power_squared, path_length, time"
+    group.add_argument(
+        "--compile", default="auto", metavar="WHEN", help="node functions: auto (default), always, never"
+    )
+    objectives = "energy (default), torque, power_squared, path_length, time"
     group.add_argument("--objective", default="energy", metavar="NAME", help=objectives)
     group.add_argument("--verify-samples", type=int, metavar="N", help="samples of the certificate (default: 10 a row)")
 

@@ -52,6 +52,7 @@ def _mass(text: str | None) -> PointMass | None:
 
 def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
     from energy_opt.files import to_json, write_json
+    from energy_opt.front.request import guard, request_of_set
     from energy_opt.identify import identify, poses_of
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
@@ -63,16 +64,20 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
     )
     for remark in measured.remarks:
         say(args, f"note: {remark}")
+    given = {"payload": args.payload, "limits": args.limits, "command": args.command}
+    request = request_of_set(args.set, measured.robot, args.seed, **given)
+    guard(args.out / "identify.json", request, args.force)
     result = identify(measured.robot.name, poses_of(measured, mass))
+    document = {**result.document(), "request": request}
     result.model_1().save(args.out / "model_method1.toml")
     second = result.model_2()
     if second is not None:
         second.save(args.out / "model_method2.toml")
-    write_json(args.out / "identify.json", result.document())
+    write_json(args.out / "identify.json", document)
     _plot(result, args.out / "plot.png")
     say(args, _summary(result, args.out))
     if args.json:
-        sys.stdout.write(to_json(result.document()))
+        sys.stdout.write(to_json(document))
     return 0
 
 

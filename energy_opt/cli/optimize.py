@@ -14,8 +14,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common(parser, "energy_opt_out")
     add_move(parser)
     group = parser.add_argument_group("duration (default: free)")
-    group.add_argument("--duration", type=float, metavar="T", help="exactly T seconds")
-    group.add_argument("--max-duration", type=float, metavar="T", help="at most T seconds")
+    group.add_argument("--duration", type=float, metavar="T", help="exactly this long [s]")
+    group.add_argument("--max-duration", type=float, metavar="T", help="at most this long [s]")
     add_controllers(parser)
 
 

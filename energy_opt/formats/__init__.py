@@ -59,12 +59,13 @@ FORMATS: dict[str, Format] = {
 }  # fmt: skip
 
 
-def read(path: Path) -> Rows:
+def read(path: str | Path) -> Rows:
     """The rows of a file, by its suffix: a trajectory where they have times, else waypoints.
 
     Raises:
         BadInput: the file is of no known kind, or faulty; names the place.
     """
+    path = Path(path)
     if path.is_dir() and bags.is_bag(path):
         return bags.read(path)
     readable = [f for f in FORMATS.values() if f.read is not None]
@@ -91,7 +92,7 @@ def write(trajectory: Trajectory, path: Path) -> None:
     best.write(trajectory, path)
 
 
-def read_trajectory(path: Path, joints: Sequence[str], prefix: str = "") -> Trajectory:
+def read_trajectory(path: str | Path, joints: Sequence[str], prefix: str = "") -> Trajectory:
     """The trajectory in a file, for the robot's `joints`; in the file their names begin with `prefix`.
 
     Raises:
@@ -100,7 +101,7 @@ def read_trajectory(path: Path, joints: Sequence[str], prefix: str = "") -> Traj
     return read(path).of(joints, prefix).trajectory()
 
 
-def read_path(path: Path, joints: Sequence[str], prefix: str = "") -> JointPath:
+def read_path(path: str | Path, joints: Sequence[str], prefix: str = "") -> JointPath:
     """The path in a file: of a trajectory, which it keeps, or through waypoints.
 
     Raises:

@@ -55,6 +55,28 @@ def request_of_move(
     }
 
 
+def request_of_set(
+    folder: Path,
+    robot: Robot,
+    seed: int,
+    *,
+    model: PowerModel | None = None,
+    payload: object = None,
+    limits: object = None,
+    command: list[str] | None = None,
+) -> dict[str, Any]:
+    """The same for a verb that reads a measured set: set, robot, payload, model, limits, seed, version, command."""
+    return {
+        "set": str(folder),
+        "robot": robot.name,
+        "payload": payload,
+        "model": None if model is None else model.to_document(),
+        "limits": None if limits is None else str(limits),
+        "seed": seed,
+        **stamp(command),
+    }
+
+
 def stamp(command: list[str] | None) -> dict[str, Any]:
     """Version and command line; the latter None for a call from Python."""
     return {"version": __version__, "command": None if command is None else shlex.join(["energy-opt", *command])}

@@ -17,9 +17,9 @@ from energy_opt.robot import Robot
 MISMATCH = 0.2  # logged velocity may differ from that of the positions by this share of its own spread (rms)
 
 
-def check_set(folder: Path, allow_outside: bool = False) -> list[str]:
+def check_set(folder: str | Path, allow_outside: bool = False) -> list[str]:
     """All faults of a measured set, empty where it can be used as it is; never raises for a faulty file."""
-    return inspect_set(folder, allow_outside)[0]
+    return inspect_set(Path(folder), allow_outside)[0]
 
 
 def inspect_set(folder: Path, allow_outside: bool = False) -> tuple[list[str], list[str]]:

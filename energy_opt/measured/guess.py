@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.joints import FAR, degrees_fault, stamp_factor
+from energy_opt.measured.joints import degrees_fault, stamp_factor
 from energy_opt.measured.names import (
     cut,
     energy_column,
@@ -298,6 +298,3 @@ def same_columns(guesses: Mapping[str, Guess]) -> None:
                 raise BadInput(
                     f"{name}: {key} is {b!r}, in {first_name} it is {a!r}; import them into sets of their own"
                 )
-
-
-__all__ = ["FAR", "Guess", "guess_joints", "guess_meter", "guess_robot", "is_motion", "same_columns"]

@@ -72,7 +72,7 @@ class LogFile:
             raise BadInput(f"{self.path}: file {error}") from None
 
 
-def read_log(folder: Path, allow_outside: bool = False) -> LogFile:
+def read_log(folder: str | Path, allow_outside: bool = False) -> LogFile:
     """Read the log.toml of a set (or the file itself).
 
     Raises:

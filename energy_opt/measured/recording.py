@@ -28,15 +28,15 @@ SLOW = 0.09  # [s] a meter slower than this may show means over its own interval
 class Recording:
     """What came of a [[run]]: its runs, what is wrong with it, and what reading it took.
 
-    `interval` is that of a slow meter of which nobody says whether it shows means, s, and `mean` the log likelihood by
-    which means fit this run's motion better than the power at the stamps.
+    `interval` is that of a slow meter of which nobody says whether it shows means, s, and `scores` what this run's
+    motion says of it, see `clock.shows_means`.
     """
 
     runs: list[Run] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     interval: float = 0.0
-    mean: float = 0.0
+    scores: np.ndarray | None = None
 
 
 def rules_of(log: LogFile, robot: Robot, table: Table) -> dict[str, Rule]:
@@ -140,10 +140,10 @@ def _one_clock(
     infer = slow and readings.kind == "power"
     windows = [readings.window, np.full(len(stamps), interval)] if infer else [readings.window]
     overlap = _overlap(stamps, time) if len(stamps) > 1 else 1.0
-    found, which, advantage = None, 0, 0.0
+    found, which, scores = None, 0, None
     if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
         motion = activity(robot, time, joints.signals["position"])
-        found, which, advantage = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
+        found, which, scores = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
     if found is None and seek and overlap < 0.5:
         out.faults.append(
             f"{log.file(entry.power_file or '')}: its clock runs from {stamps[0]:g} to {stamps[-1]:g} s, the "
@@ -162,7 +162,7 @@ def _one_clock(
         )
     window = windows[which]
     if infer:
-        out.interval, out.mean = interval, advantage
+        out.interval, out.scores = interval, scores
     slack = 0.1 * window + 1e-9
     keep = (stamps - window >= time[0] - slack) & (stamps <= time[-1] + 1e-9)
     if readings.kind == "total":

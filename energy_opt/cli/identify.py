@@ -56,6 +56,7 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
     from energy_opt.identify import identify, poses_of
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
+    from energy_opt.reports.identify import page
 
     measured = read_set(
         args.set,
@@ -75,6 +76,8 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
         second.save(args.out / "model_method2.toml")
     write_json(args.out / "identify.json", document)
     _plot(result, args.out / "plot.png")
+    load, power = [pose.load for pose in result.poses], [pose.power for pose in result.poses]
+    page(result.document(), load, power, result.robot).write(args.out / "report.html")
     say(args, _summary(result, args.out))
     if args.json:
         sys.stdout.write(to_json(document))

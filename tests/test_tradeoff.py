@@ -14,7 +14,7 @@ from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Energy
-from energy_opt.motion.plan.neighbour import Carried
+from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import load_robot
@@ -69,12 +69,12 @@ class TwoOptima:
     def at(self, duration, neighbour):
         self.steps += 1
         branch = 1 if duration > 3.5 else int(neighbour.trajectory.position[0, 0])
-        return Carried(*answer(branch, duration), converged=True)
+        return Optimum(*answer(branch, duration), converged=True)
 
 
 def front_of(planner=None, **options):
     planner = planner or TwoOptima()
-    return trace(planner, KnownMove(), carrier=planner, **options)
+    return trace(planner, KnownMove(), steps=planner, **options)
 
 
 def test_better_optima_spread_both_ways():

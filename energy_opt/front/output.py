@@ -11,6 +11,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.files import replacing, write_json
 from energy_opt.motion import Result
+from energy_opt.motion.timing.toppra import INTERVALS
 from energy_opt.reports import plots
 from energy_opt.reports.optimize import page
 from energy_opt.reports.solids import drawn
@@ -32,10 +33,10 @@ def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, 
 def _picture_and_report(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell) -> None:
     t, scaled = result.trajectory, result.baseline("scaled")
     assert t.effort is not None and t.power is not None
-    curve = None
-    if scaled.trajectory.power is not None:
+    curve, names = None, {"result": result.energy.by_effect}
+    if scaled is not None and scaled.trajectory.power is not None:
         curve = plots.Curve("scaled", scaled.trajectory.time, scaled.trajectory.power)
-    names = {"result": result.energy.by_effect, "scaled": scaled.energy.by_effect}
+        names["scaled"] = scaled.energy.by_effect
     shown = {name: {k: v for k, v in energy.items() if k != "standby"} for name, energy in names.items()}
     figure = plots.plot_move(
         t.time, t.velocity, t.effort, t.power, joints=t.joints, velocity_limit=robot.limits.velocity,
@@ -78,8 +79,9 @@ def table(result: Result, out: Path) -> str:
     )
     if result.optimality.lower_bound is not None:
         lines.append(
-            f"{result.optimality.kind} optimum of the timing: no timing of this path takes less than "
-            f"{result.optimality.lower_bound:.6f} J (gap {result.optimality.gap_percent:.1e} %)"
+            f"{result.optimality.kind} optimum of the timing: of this path's timings on {INTERVALS} intervals, "
+            f"none within limits at its points takes less than {result.optimality.lower_bound:.6f} J "
+            f"(gap {result.optimality.gap_percent:.1e} %)"
         )
     lines.append(f"files: {out}/result.json, trajectory.csv, trajectory.yaml, plot.png, report.html")
     return "\n".join(lines)

@@ -29,7 +29,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import Infeasible
-from energy_opt.motion import Move, Trajectory
+from energy_opt.motion import Move, Planner, Settings, Trajectory
 from energy_opt.motion.path import JointPath, through
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.ways.room import Room
@@ -93,7 +93,8 @@ def from_ends(problem: Problem) -> dict[str, Any]:
     """A first path from start and goal alone."""
     begin = time.process_time()
     try:
-        move, source, _ = first_path(problem.cell, Move(problem.start, problem.goal))
+        planner = Planner(problem.robot, source_method_2(problem.robot.name), Settings(ways=1), cell=problem.cell)
+        move, source, _ = planner.first_path(Move(problem.start, problem.goal))
     except Infeasible as error:
         return {"source": "none", "seconds": time.process_time() - begin, "message": str(error)}
     seconds = time.process_time() - begin

@@ -161,7 +161,7 @@ def test_files(tmp_path, panda):
     cycle = Cycle(panda, source_method_2(), GOAL, 4.0)
     front = front_of(durations=[0.5, 1, 2, 3, 4], cycle=cycle)
     found = document(front, robot="panda", joints=panda.joints, mode="retime", cycle=cycle)
-    write(tmp_path, front, found)
+    write(tmp_path, front, found, panda)
     read = json.loads((tmp_path / "tradeoff.json").read_text())
     assert {"points", "minimum", "fastest", "cycle"} <= set(read)
     assert read["minimum"].keys() >= {"duration", "energy_total"}

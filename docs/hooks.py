@@ -72,8 +72,11 @@ MARKS: dict[str, Callable[[str], str]] = {
 }
 
 
+_written: list[str] = []  # formulas as MathML; `@formula-7@` stands for the eighth until the page is HTML
+
+
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """Fill in `<!-- MARK WORD -->` lines, then turn $…$ and $$…$$ outside of code into MathML."""
+    """Fill in `<!-- MARK WORD -->` lines, then take $…$ and $$…$$ outside of code for formulas."""
 
     def filled(found: re.Match[str]) -> str:
         return MARKS[found[1]](found[2] or "")
@@ -88,9 +91,15 @@ def _formulas(text: str) -> str:
     def formula(found: re.Match[str]) -> str:
         block = found[1] is not None
         latex = found[1] if block else found[2]
-        return convert(" ".join(latex.split()), display="block" if block else "inline").replace("\n", "")
+        _written.append(convert(" ".join(latex.split()), display="block" if block else "inline"))
+        return f"@formula-{len(_written) - 1}@"
 
     return re.sub(r"\$\$(.+?)\$\$|\$([^$\n]+?)\$", formula, text, flags=re.DOTALL)
+
+
+def on_page_content(html: str, **_: object) -> str:
+    """Formulas in their places."""
+    return re.sub(r"@formula-(\d+)@", lambda found: _written[int(found[1])], html)
 
 
 def on_config(config: object) -> None:

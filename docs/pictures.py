@@ -52,7 +52,7 @@ def ends_of(robot: str) -> list[str]:
 
 def tradeoff(out: Path, work: Path) -> None:
     """Energy against duration."""
-    run("tradeoff", *ENDS, "--mode", "retime", "--out", str(work / "front"))
+    run("tradeoff", *ENDS, "--mode", "retime", "--cycle", "4", "--out", str(work / "front"))
     (out / "tradeoff.png").write_bytes((work / "front/plot.png").read_bytes())
 
 

@@ -134,7 +134,7 @@ class Cell:
         if request.payload_size is not None:
             at = pose_of(request.payload_at)
             things.append(Kept(Body(PAYLOAD, robot.n - 1, at, solids.box(request.payload_size)), False))
-        self.has_body = bool(links)
+        self.has_body, self.links = bool(links), len(links)
         self.bodies = Bodies(kinematics, [thing.body for thing in things], kept_apart(things, self.own, whole.allowed))
 
     @property

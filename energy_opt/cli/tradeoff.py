@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         )
         found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
         found["request"] = request
-        write(args.out, front, found)
+        write(args.out, front, found, robot)
     if args.json:
         sys.stdout.write(to_json(found))
     elif not args.quiet:

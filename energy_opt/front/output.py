@@ -7,28 +7,36 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt import formats
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.files import replacing, write_json
 from energy_opt.motion import Result
+from energy_opt.motion.timing.toppra import INTERVALS
 from energy_opt.reports import plots
-from energy_opt.reports.page import Report
+from energy_opt.reports.optimize import page
+from energy_opt.reports.solids import drawn
 from energy_opt.robot import Robot
 
 
-def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path) -> None:
-    """Write result.json (`document`), trajectory.csv, trajectory.yaml, plot.png and report.html; result.json last."""
+def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None = None) -> None:
+    """Write result.json (`document`), trajectory.csv, trajectory.yaml, plot.png and report.html; result.json last.
+
+    Args:
+        cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
+    """
     formats.table.write(result.trajectory, out / "trajectory.csv")
     formats.messages.write_yaml(result.trajectory, out / "trajectory.yaml")
-    _picture_and_report(result, robot, out)
+    _picture_and_report(result, robot, document, out, cell or Cell(robot, CellRequest()))
     write_json(out / "result.json", document)
 
 
-def _picture_and_report(result: Result, robot: Robot, out: Path) -> None:
+def _picture_and_report(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell) -> None:
     t, scaled = result.trajectory, result.baseline("scaled")
     assert t.effort is not None and t.power is not None
-    curve = None
-    if scaled.trajectory.power is not None:
+    curve, names = None, {"result": result.energy.by_effect}
+    if scaled is not None and scaled.trajectory.power is not None:
         curve = plots.Curve("scaled", scaled.trajectory.time, scaled.trajectory.power)
-    names = {"result": result.energy.by_effect, "scaled": scaled.energy.by_effect}
+        names["scaled"] = scaled.energy.by_effect
     shown = {name: {k: v for k, v in energy.items() if k != "standby"} for name, energy in names.items()}
     figure = plots.plot_move(
         t.time, t.velocity, t.effort, t.power, joints=t.joints, velocity_limit=robot.limits.velocity,
@@ -38,22 +46,9 @@ def _picture_and_report(result: Result, robot: Robot, out: Path) -> None:
     picture = plots.png(figure)
     with replacing(out / "plot.png") as aside:
         aside.write_bytes(picture)
-    worst, saving = result.certificate.worst, result.saving
-    report = Report(f"{result.robot}: {result.mode} in {t.duration:.3f} s")
-    for warning in result.warnings:
-        report.warning(warning)
-    if result.message:
-        report.warning(f"{result.status}: {result.message}")
-    report.section("Energy [J]").table(*_energies(result))
-    report.facts({"saved, % of total": saving["total_percent"], "saved, % of loss": saving["loss_percent"]})
-    report.picture(picture)
-    report.section("Certificate").facts({**result.certificate.max_violation, "samples": result.certificate.samples})
-    report.text(
-        f"Closest to its bound: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, "
-        f"{worst['value']:.6g} of {worst['bound']:.6g}. Violations are fractions of a bound, below 0 is inside."
-    )
-    report.section("Solver").facts({**vars(result.solver), **result.optimality.document(), "chosen": result.chosen})
-    report.write(out / "report.html")
+    motions = {b.name: b.trajectory for b in result.baselines}
+    bodies, scene = drawn(cell)
+    page(document, t, motions, robot, bodies, scene).write(out / "report.html")
 
 
 def _energies(result: Result) -> tuple[list[str], list[list[object]]]:
@@ -84,8 +79,9 @@ def table(result: Result, out: Path) -> str:
     )
     if result.optimality.lower_bound is not None:
         lines.append(
-            f"{result.optimality.kind} optimum of the timing: no timing of this path takes less than "
-            f"{result.optimality.lower_bound:.6f} J (gap {result.optimality.gap_percent:.1e} %)"
+            f"{result.optimality.kind} optimum of the timing: of this path's timings on {INTERVALS} intervals, "
+            f"none within limits at its points takes less than {result.optimality.lower_bound:.6f} J "
+            f"(gap {result.optimality.gap_percent:.1e} %)"
         )
     lines.append(f"files: {out}/result.json, trajectory.csv, trajectory.yaml, plot.png, report.html")
     return "\n".join(lines)

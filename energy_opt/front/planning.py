@@ -131,11 +131,12 @@ class Tradeoff:
 
     Attributes:
         front: its points, from fast to slow.
-        document: tradeoff.json.
+        document: tradeoff.json. robot: the arm.
     """
 
     front: Front
     document: dict[str, Any]
+    robot: Robot
 
     @property
     def durations(self) -> np.ndarray:
@@ -148,10 +149,10 @@ class Tradeoff:
         return np.array([row["energy_total"] for row in self.document["points"]], dtype=float)
 
     def save(self, out: str | PathLike[str]) -> Path:
-        """Write tradeoff.csv, tradeoff.json and plot.png into the folder `out`."""
+        """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
         from energy_opt.tradeoff.output import write
 
-        write(Path(out), self.front, self.document)
+        write(Path(out), self.front, self.document, self.robot)
         return Path(out)
 
     def __repr__(self) -> str:
@@ -200,7 +201,7 @@ def tradeoff(
     wanted = None if durations is None else [float(d) for d in durations]
     front = trace(Planner(arm, power, settings), move, durations=wanted, longest=longest, cycle=over)
     found = document(front, robot=arm.name, joints=arm.joints, mode=move.mode, cycle=over)
-    return Tradeoff(front, found)
+    return Tradeoff(front, found, arm)
 
 
 def _cycle(robot: Robot, model: PowerModel, move: Move, length: float | None, idle_power: float | None) -> Cycle | None:

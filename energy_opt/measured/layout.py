@@ -110,9 +110,8 @@ def _content(path: Path) -> tuple[Any, int]:
         even, odd = start[::2].count(0), start[1::2].count(0)
         if max(even, odd) > 0.4 * len(start) / 2 and min(even, odd) == 0:
             code = "utf-16-be" if even > odd else "utf-16-le"
-    if code == "utf-8-sig":
-        return content, len(codecs.BOM_UTF8)
-    if code is not None:
+    skip = len(codecs.BOM_UTF8) if code == "utf-8-sig" else 0
+    if code is not None and not skip:
         try:
             return bytes(content).decode(code).encode(), 0
         except UnicodeDecodeError:
@@ -122,8 +121,8 @@ def _content(path: Path) -> tuple[Any, int]:
         try:
             raw.decode()
         except UnicodeDecodeError:
-            return text(raw).encode(), 0
-    return content, 0
+            return text(raw[skip:]).encode(), 0
+    return content, skip
 
 
 def _no_nul(path: Path, content: Any, delimiter: str, names: Sequence[str]) -> None:

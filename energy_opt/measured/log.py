@@ -11,7 +11,7 @@ from typing import Any
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_toml
 from energy_opt.measured.columns import Rule, only, rule_from
-from energy_opt.measured.layout import Csv, layout_of
+from energy_opt.measured.layout import DELIMITERS, Csv, layout_of
 from energy_opt.measured.presets import PRESETS
 
 FORMAT = "energy-opt/log/1"
@@ -147,8 +147,8 @@ def _csv(table: Any, path: Path) -> Csv:
         raise BadInput(f'{path}: csv = {table!r}; expected a table such as [csv] delimiter = ";", decimal = ","')
     only(table, ("delimiter", "decimal"), f"{path}: [csv]")
     delimiter, decimal = table.get("delimiter"), table.get("decimal")
-    if delimiter is not None and (not isinstance(delimiter, str) or len(delimiter) != 1 or ord(delimiter) > 127):
-        raise BadInput(f"{path}: [csv] delimiter = {delimiter!r}; expected one character")
+    if delimiter is not None and (not isinstance(delimiter, str) or delimiter not in DELIMITERS):
+        raise BadInput(f"{path}: [csv] delimiter = {delimiter!r}; expected one of {', '.join(map(repr, DELIMITERS))}")
     if decimal is not None and decimal not in (".", ","):
         raise BadInput(f"{path}: [csv] decimal = {decimal!r}; expected '.' or ','")
     return Csv(delimiter, decimal)

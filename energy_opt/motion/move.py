@@ -93,7 +93,8 @@ class Settings:
     """How to solve.
 
     Attributes:
-        starts: how many starting points a reshaping tries, the straight one included; they are seeded.
+        starts: at most so many starting points a reshaping tries, the straight one included; they are seeded, and fewer
+            are tried where no better answer is to be expected.
         seed: of the starting points.
         compile: "auto", "always" or "never" (see `compile`).
         objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
@@ -107,7 +108,7 @@ class Settings:
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
     """
 
-    starts: int = 6
+    starts: int = 24
     seed: int = 0
     compile: str = "auto"
     objective: str = "energy"

@@ -13,12 +13,13 @@ from energy_opt.motion.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Baseline:
-    """Another trajectory of the same move, scored in the same way; `max_violation` is its own certificate's."""
+    """Another trajectory of the same move, judged in the same way; `valid` where it is inside all limits."""
 
     name: str
     trajectory: Trajectory
     energy: Energy
     max_violation: float
+    valid: bool
 
     @property
     def duration(self) -> float:
@@ -32,12 +33,18 @@ class Baseline:
             "duration": self.duration,
             "energy": self.energy.document(),
             "max_violation": self.max_violation,
+            "valid": self.valid,
         }
 
 
 @dataclass(frozen=True)
 class Optimality:
-    """How good the answer is known to be; "global" where a proven lower bound [J] is near (gap in % of the total)."""
+    """How good the answer is known to be; "global" where a proven lower bound [J] is near (gap in % of the total).
+
+    What is proven: no timing of this path whose squared speed is a quadratic spline on the program's grid, and which
+    holds the limits (less a margin of 5e-7) at the grid's points, takes less than `lower_bound` by the grid's
+    quadrature. Of timings off the grid, and of other paths, it says nothing.
+    """
 
     kind: str
     lower_bound: float | None = None
@@ -50,13 +57,14 @@ class Optimality:
 
 @dataclass(frozen=True)
 class SolverReport:
-    """Which solver, how much work."""
+    """Which solver, how much work; `starts` are those of a reshaping."""
 
     name: str
     iterations: int
     build_seconds: float
     solve_seconds: float
     compiled: bool = False
+    starts: int = 0
 
 
 ROUNDING = 1e-9  # share of an energy that its parts may miss by rounding alone
@@ -89,17 +97,21 @@ class Result:
     warnings: tuple[str, ...] = field(default=())
     moves: Mapping[str, object] | None = None
 
-    def baseline(self, name: str) -> Baseline:
-        """The baseline of that name."""
-        return next(b for b in self.baselines if b.name == name)
+    def baseline(self, name: str) -> Baseline | None:
+        """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
+        return next((b for b in self.baselines if b.name == name), None)
 
     @property
-    def saving(self) -> dict[str, float | None]:
+    def saving(self) -> dict[str, float | None] | None:
         """Against "scaled", which has the same duration: percent of its total, percent of its loss, and joules.
 
-        A percentage of nothing is None: a model without losses leaves only rounding there.
+        None where there is no such baseline within limits. A percentage of nothing is None, too: a model without losses
+        leaves only rounding there.
         """
-        scaled = self.baseline("scaled").energy
+        baseline = self.baseline("scaled")
+        if baseline is None or not baseline.valid:
+            return None
+        scaled = baseline.energy
         joules = scaled.total - self.energy.total
         rounding = ROUNDING * max(scaled.standby, abs(scaled.stored), abs(scaled.total))
 
@@ -116,16 +128,12 @@ class Result:
     def saved(self) -> str:
         """What is saved at equal duration, in words."""
         saving = self.saving
-        if saving["joules"] is None:
+        if saving is None:
             return "no saving is stated: the move slowed evenly is not within the limits"
 
-        def percent(key: str) -> str:
-            return "-" if saving[key] is None else f"{saving[key]:.2f} %"
-
-        return (
-            f"saved at equal duration: {saving['joules']:.3f} J, {percent('total_percent')} of the total, "
-            f"{percent('loss_percent')} of the loss"
-        )
+        shares = (saving["total_percent"], saving["loss_percent"])
+        total, loss = ("-" if share is None else f"{share:.2f} %" for share in shares)
+        return f"saved at equal duration: {saving['joules']:.3f} J, {total} of the total, {loss} of the loss"
 
     def __repr__(self) -> str:
         e = self.energy
@@ -182,6 +190,7 @@ class Result:
                 "build_seconds": self.solver.build_seconds,
                 "solve_seconds": self.solver.solve_seconds,
                 "compiled": self.solver.compiled,
+                "starts": self.solver.starts,
             },
             "chosen": self.chosen,
             "message": self.message,

@@ -104,11 +104,13 @@ class MovesPlanner:
         if not found:
             raise self._infeasible(move, reference, vias, broken)
         chain, trajectory, energy, certificate = min(found, key=lambda answer: answer[2].total)
-        scaled = reference.baseline("scaled").energy.loss
-        saved = scaled - reference.energy.loss
-        kept = (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
+        baseline, kept = reference.baseline("scaled"), None
+        if baseline is not None and baseline.valid:
+            scaled = baseline.energy.loss
+            saved = scaled - reference.energy.loss
+            kept = (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
         kind = "s-curve" if self.smooth else "trapezoid"
-        return StandardMoves(kind, chain, self.p._scorer.filled(trajectory), energy, certificate, kept)
+        return StandardMoves(kind, chain, self.p.scorer.filled(trajectory), energy, certificate, kept)
 
     def _check(self, move: Move, vias: int) -> None:
         if not 0 <= vias <= MOST_VIAS:

@@ -16,7 +16,8 @@ from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
 from energy_opt.motion.limits.clearance import ClearanceRows
 from energy_opt.motion.reshape.level import Curve, Level, Outcome
-from energy_opt.motion.reshape.search import FEASIBLE, Task, all_rows, trajectory_of
+from energy_opt.motion.reshape.search import trajectory_of
+from energy_opt.motion.reshape.task import FEASIBLE, Task, all_rows
 
 PLACES = 60  # along a curve, evenly in time, where pairs are looked at
 ROUNDS, BOLD = 12, 6  # rounds, and those of them in which a failed proof does not make the next step shorter

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from energy_opt.bench.task import MODES, OBJECTIVES, RobotSource, Timing
+from energy_opt.bench.task import MODES, OBJECTIVES, Duration, RobotSource
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_text
 from energy_opt.power import PowerModel, load_model
@@ -56,10 +56,10 @@ class Group:
     """
 
     robots: list[tuple[RobotSource, Robot]]
-    moves: list[tuple[str, Mapping[str, Any], list[Timing]]]
+    moves: list[tuple[str, Mapping[str, Any], list[Duration]]]
     random: list[tuple[int, int, float]]
     modes: list[Literal["retime", "reshape"]]
-    timings: list[Timing]
+    timings: list[Duration]
     payloads: list[tuple[float, ...]]
     models: list[tuple[str, PowerModel]]
     objectives: list[str]
@@ -123,11 +123,11 @@ def _words(values: list[Any], key: str, known: tuple[str, ...], faults: Faults) 
     return [value for value in values if value in known]
 
 
-def _timings(values: list[Any], key: str, faults: Faults) -> list[Timing]:
+def _timings(values: list[Any], key: str, faults: Faults) -> list[Duration]:
     out = []
     for value in values:
         try:
-            out.append(Timing.parse(value))
+            out.append(Duration.parse(value))
         except BadInput as error:
             faults.add(key, str(error))
     return out
@@ -186,7 +186,7 @@ def _model(name: Any, files: Files, faults: Faults) -> tuple[str, PowerModel] | 
         return None
 
 
-def _moves(rows: Any, faults: Faults) -> list[tuple[str, Mapping[str, Any], list[Timing]]]:
+def _moves(rows: Any, faults: Faults) -> list[tuple[str, Mapping[str, Any], list[Duration]]]:
     if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
         faults.add("moves", "is not a list of [[moves]] tables")
         return []

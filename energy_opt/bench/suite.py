@@ -35,7 +35,7 @@ from typing import Any
 
 from energy_opt.bench.entries import NAMES, Faults, Files, Group, read_group
 from energy_opt.bench.moves import NamedMove, joint_values, random_moves
-from energy_opt.bench.task import Task, Timing
+from energy_opt.bench.task import Duration, Task
 from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput
 from energy_opt.files import read_toml, to_json
@@ -184,7 +184,7 @@ def _product(suite: str, group: Group, at: int, faults: Faults) -> Iterator[Task
                                 at += 1
 
 
-def _moves(group: Group, robot: Robot, faults: Faults) -> Iterator[tuple[NamedMove, list[Timing]]]:
+def _moves(group: Group, robot: Robot, faults: Faults) -> Iterator[tuple[NamedMove, list[Duration]]]:
     """Given moves first, then random ones."""
     for number, (name, table, timings) in enumerate(group.moves, start=1):
         where = f"moves {number} ({name}) on {robot.name}"

@@ -16,11 +16,12 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.retime.bound import largest_price, lower_bound
 from energy_opt.motion.retime.law import WIDTHS
 from energy_opt.motion.retime.limits import MARGIN, PathLimits
-from energy_opt.motion.retime.nlp import Program
+from energy_opt.motion.retime.nlp import RetimeProgram
 from energy_opt.motion.retime.points import PathLaw
 from energy_opt.motion.retime.quadrature import GAUSS, quadrature
 from energy_opt.motion.retime.rows import Rows
-from energy_opt.motion.timing.law import Timing, greville
+from energy_opt.motion.timing.law import Timing
+from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
@@ -189,9 +190,9 @@ class Retiming:
         x = np.clip(start.control[1:-1] / unit, lower, upper)
         size = 1.0
 
-        def program(rows: Rows, width: float) -> Program:
+        def program(rows: Rows, width: float) -> RetimeProgram:
             cost = law.cost(weight, unit, clock * energy / size, -price * clock / size, width)
-            return Program(points, weight, cost, ends, longest / clock, rows)
+            return RetimeProgram(points, weight, cost, ends, longest / clock, rows)
 
         whole = program(Rows(), WIDTHS[0])
         size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)

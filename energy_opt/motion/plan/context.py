@@ -17,7 +17,7 @@ from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.motion.reshape.search import Reshaper
-from energy_opt.motion.retime.solve import minimum_time
+from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled

@@ -23,11 +23,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.limits.along import used
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.path_dynamics import PathDynamics, points_of
+from energy_opt.motion.retime.fastest import FLOOR, quickest
 from energy_opt.motion.retime.program import Retiming, Solved, standing_power
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.timing.toppra import INTERVALS, fastest
@@ -39,14 +38,11 @@ LONGEST = 50.0  # a free duration ends at this many times the shortest one
 GLOBAL_GAP = 0.25  # [%] an answer with a bound closer than this is called the global optimum
 USELESS = 1.0  # share of the energy: a bound farther away than this says nothing and is not reported
 USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
-FLOOR = 1e-6  # least b, as a share of the start's largest
 PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
 CORRECTIONS = 4  # of a duration that the grid does not resolve
-CHECKS, BINDING = (
     1001,
     0.999,
 )  # places of a path that are looked at, and the share of a bound that is used where it binds
-ROUNDING = 1e-7  # relative: by so much the fastest timing is slowed, for what lies between the grid's points
 HELD = 3e-7  # of a bound beyond the tighter one that the program is held to
 CREEP = 1e-2  # the same where creeping pays: slower than a tenth of the top speed is not resolved by the grid
 
@@ -147,47 +143,13 @@ def retime(
     return _solution(work, plan, shortest)
 
 
-def minimum_time(
-    robot: Robot,
-    model: PowerModel,
-    path: JointPath,
-    limits: Sequence[Limit],
-    start_speed: float = 0.0,
-    end_speed: float = 0.0,
-) -> Timing:
-    """The fastest timing of a path within limits: TOPP-RA's, and from there, where limits bind that TOPP-RA does not
-    know (jerk, above all), the retiming program minimised for time: TOPP-RA's must be slowed evenly to hold them.
-
-    Raises:
-        Infeasible: the path breaks limits at any timing.
-    """
-    first = fastest(robot, model, path, limits=limits, start_speed=start_speed, end_speed=end_speed)
-    if not path.moves:
-        return first
-    d = PathDynamics(robot, model, path, points_of(path, CHECKS))
-    b, a, w = first.speed(d.s)
-    unknown = [limit for limit in limits if limit.tangent(d, a, b) is None]
-    if not any(use.worst[0] > BINDING for use in used(unknown, d, a, b, w)):
-        return first
-    return _fastest(Retiming(robot, model, first, tuple(limits)), first)
-
-
-def _fastest(work: Retiming, shortest: Timing) -> Timing:
-    """The program itself, minimised for time, and slowed by what it is off; `shortest` where that is no better."""
-    found = work.optimise(shortest, price=-1.0, longest=2 * shortest.duration, floor=FLOOR, energy=False)
-    timing = found.timing
-    if all(work.rest):
-        timing = timing.slowed(timing.duration * (1 + max(work.limits.worst(timing.control).excess, 0.0) + ROUNDING))
-    return timing if found.solved and timing.duration < shortest.duration else shortest
-
-
 def _shorter(work: Retiming, shortest: Timing, wanted: float) -> Timing:
     """A timing that takes less than TOPP-RA's.
 
     Raises:
         Infeasible: there is none that takes only `wanted` seconds.
     """
-    best = _fastest(work, shortest)
+    best = quickest(work, shortest)
     if best.duration <= wanted:
         return best
     worst = work.limits.worst(best.control * (best.duration / wanted) ** 2)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from energy_opt.motion.limits.along import used
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path import JointPath

@@ -40,9 +40,6 @@ USELESS = 1.0  # share of the energy: a bound farther away than this says nothin
 USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
 PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
 CORRECTIONS = 4  # of a duration that the grid does not resolve
-    1001,
-    0.999,
-)  # places of a path that are looked at, and the share of a bound that is used where it binds
 HELD = 3e-7  # of a bound beyond the tighter one that the program is held to
 CREEP = 1e-2  # the same where creeping pays: slower than a tenth of the top speed is not resolved by the grid
 

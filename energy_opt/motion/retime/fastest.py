@@ -15,10 +15,8 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
 FLOOR = 1e-6  # least squared speed, as a share of the start's largest
-CHECKS, BINDING = (
-    1001,
-    0.999,
-)  # places of a path that are looked at, and the share of a bound that is used where it binds
+CHECKS = 1001  # places of a path that are looked at
+BINDING = 0.999  # share of a bound that is used where it binds
 ROUNDING = 1e-7  # relative: by so much the fastest timing is slowed, for what lies between the grid's points
 
 

@@ -110,7 +110,7 @@ class Planner:
         """
         timeless = replace(move, duration=None, max_duration=None)
         if self._first is None or self._first[-1] != timeless:
-            self._first = *first_path(self, timeless), timeless
+            self._first = *first_path(self.context(timeless), timeless), timeless
         found, first, ways, _ = self._first
         return replace(found, duration=move.duration, max_duration=move.max_duration), first, ways
 

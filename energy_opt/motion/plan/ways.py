@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.clearance import clearance_along
-from energy_opt.motion.limits.base import box_of
-from energy_opt.motion.move import Move
+from energy_opt.motion.limits.base import Limit, box_of
+from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.result import FirstPath
 from energy_opt.motion.ways import find_ways, ompl
 from energy_opt.motion.ways.find import Ends
 from energy_opt.motion.ways.room import Room, steps
-
-if TYPE_CHECKING:
-    from energy_opt.motion.plan.planner import Planner
+from energy_opt.robot import Robot
 
 
 def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
@@ -34,7 +32,9 @@ def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
         )  # fmt: skip
 
 
-def first_path(planner: Planner, move: Move) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
+def first_path(
+    robot: Robot, cell: Cell | None, settings: Settings, limits: Sequence[Limit], move: Move
+) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
     """The move with a first path that is free, where this comes from, and further free paths.
 
     Raises:
@@ -42,7 +42,6 @@ def first_path(planner: Planner, move: Move) -> tuple[Move, FirstPath, tuple[Joi
     """
     begin = time.perf_counter()
     source = "straight" if move.path is None and not move.via else "given"
-    cell, settings = planner.cell, planner.settings
     if cell is None:
         return move, FirstPath(source), ()
     found = clearance_along(cell, path_of(move))
@@ -56,11 +55,11 @@ def first_path(planner: Planner, move: Move) -> tuple[Move, FirstPath, tuple[Joi
         )  # fmt: skip
     if cell.request.planner == "ompl" and not ompl.installed():
         raise BadInput("--planner ompl: OMPL is not installed; pip install 'energy-opt[plan]'")
-    lower, upper = box_of(planner.limits(move), planner.robot.n)
-    ends = Ends.of(move.start, move.goal, lower, upper, planner.robot.limits.velocity)
+    lower, upper = box_of(limits, robot.n)
+    ends = Ends.of(move.start, move.goal, lower, upper, robot.limits.velocity)
     count = settings.ways if move.mode == "reshape" else 1
     ways = find_ways(
-        Room(cell, np.stack([move.start, move.goal])), ends, steps(planner.robot.body.tree()),
+        Room(cell, np.stack([move.start, move.goal])), ends, steps(robot.body.tree()),
         planner=cell.request.planner, seed=settings.seed, count=count,
     )  # fmt: skip
     seconds = time.perf_counter() - begin

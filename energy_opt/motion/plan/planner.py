@@ -110,9 +110,10 @@ class Planner:
         """
         timeless = replace(move, duration=None, max_duration=None)
         if self._first is None or self._first[-1] != timeless:
-            self._first = *first_path(self.context(timeless), timeless), timeless
-        found, first, ways, _ = self._first
-        return replace(found, duration=move.duration, max_duration=move.max_duration), first, ways
+            found = first_path(self.robot, self.cell, self.settings, self.limits(timeless), timeless)
+            self._first = *found, timeless
+        begun, first, ways, _ = self._first
+        return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
         """The move with the least energy that is found, or by another objective if the settings say so.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +11,15 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.clearance import clearance_along
-from energy_opt.motion.limits.base import box_of
-from energy_opt.motion.move import Move
+from energy_opt.motion.limits.base import Limit, box_of
+from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.plan.context import Context, path_of
+from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.result import FirstPath
 from energy_opt.motion.ways import find_ways, ompl
 from energy_opt.motion.ways.find import Ends
 from energy_opt.motion.ways.room import Room, steps
+from energy_opt.robot import Robot
 
 
 def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
@@ -30,7 +32,9 @@ def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
         )  # fmt: skip
 
 
-def first_path(context: Context, move: Move) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
+def first_path(
+    robot: Robot, cell: Cell | None, settings: Settings, limits: Sequence[Limit], move: Move
+) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
     """The move with a first path that is free, where this comes from, and further free paths.
 
     Raises:
@@ -38,7 +42,6 @@ def first_path(context: Context, move: Move) -> tuple[Move, FirstPath, tuple[Joi
     """
     begin = time.perf_counter()
     source = "straight" if move.path is None and not move.via else "given"
-    cell, settings, robot = context.cell, context.settings, context.robot
     if cell is None:
         return move, FirstPath(source), ()
     found = clearance_along(cell, path_of(move))
@@ -52,7 +55,7 @@ def first_path(context: Context, move: Move) -> tuple[Move, FirstPath, tuple[Joi
         )  # fmt: skip
     if cell.request.planner == "ompl" and not ompl.installed():
         raise BadInput("--planner ompl: OMPL is not installed; pip install 'energy-opt[plan]'")
-    lower, upper = box_of(context.limits, robot.n)
+    lower, upper = box_of(limits, robot.n)
     ends = Ends.of(move.start, move.goal, lower, upper, robot.limits.velocity)
     count = settings.ways if move.mode == "reshape" else 1
     ways = find_ways(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, near
 from energy_opt.front.answer import Answer, answer_of
 from energy_opt.front.given import (
@@ -76,6 +78,8 @@ def optimize(
     via: Sequence[Positions] = (),
     payload: AnyPayload | None = None,
     limits: str | PathLike[str] | None = None,
+    scene: str | PathLike[str] | None = None,
+    cell: CellRequest | None = None,
     stopped: Callable[[], bool] = lambda: False,
     **more: Any,
 ) -> Answer:
@@ -93,6 +97,8 @@ def optimize(
         via: points (n,) [rad] to pass on the way (reshape).
         payload: mass [kg], or (mass, x, y, z) [kg, m] in the last joint's frame.
         limits: a joint_limits.yaml in MoveIt's format.
+        scene: a file of what stands around the arm.
+        cell: more of what the arm keeps clear of, and how; by default it keeps clear of itself and of the scene.
         stopped: asked between solves; True ends the work with the best known so far.
         more: fields of `Settings` (starts, seed, compile, objective, ...) and further fields of `Move`.
 
@@ -105,8 +111,14 @@ def optimize(
     of_move, settings = sorted_out(more)
     named = {"mode": mode, "duration": duration, "max_duration": max_duration}
     move = move_for(arm, start, goal, path, via, **named, **of_move)
-    request = request_of_move(arm, power, move, settings.seed, path=path, limits=limits)
-    return answer_of(Planner(arm, power, settings, stopped=stopped).solve(move), arm, request)
+    asked = cell or CellRequest()
+    if scene is not None:
+        asked = replace(asked, scene=Path(scene))
+    request = request_of_move(
+        arm, power, move, settings.seed, path=path, limits=limits, scene=asked.scene, cell=asked.document()
+    )
+    planner = Planner(arm, power, settings, cell=load_cell(arm, asked), stopped=stopped)
+    return answer_of(planner.solve(move), arm, request)
 
 
 def with_payload(model: PowerModel, payload: AnyPayload | None) -> PowerModel:

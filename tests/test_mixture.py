@@ -46,7 +46,7 @@ def test_the_law_is_the_weighted_mean(panda: Robot) -> None:
 def test_payload_is_shared_and_weights_build_nothing_again(panda: Robot) -> None:
     mix = Mixture.of([source_method_2(), _careful(panda)]).replaced(Payload(mass=2.0, com=[0, 0, 0.1]))
     assert all(member.get("payload") is not None for member in mix.members)
-    other = mix.weighted(np.array([0.9, 0.1]))
+    other = mix.reweighted(np.array([0.9, 0.1]))
     assert other.structure == mix.structure and not np.array_equal(other.values(7), mix.values(7))
 
 
@@ -71,6 +71,10 @@ def test_retiming_minimises_the_mean(panda: Robot) -> None:
         return float(np.mean([s.energy(trajectory).total for s in scorers]))
 
     best = mean(Mixture.of(members))
+    mixed = Scorer(panda, Mixture.of(members)).energy(straightforward := retime(panda, members[0], path).trajectory)
+    for part in ("total", "standby", "stored", "loss"):
+        alone = [getattr(s.energy(straightforward), part) for s in scorers]
+        assert getattr(mixed, part) == pytest.approx(np.mean(alone), rel=1e-9, abs=1e-9)
     assert best <= min(mean(m) for m in members) + 1e-6
 
 

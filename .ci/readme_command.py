@@ -1,19 +1,17 @@
-"""Print the first shell command of README that starts a given program, so that CI runs what README shows."""
+"""Print block N of README's commands, for CI to run what README shows to the letter: readme_command.py README.md N."""
 
 import re
 import sys
 from pathlib import Path
 
 
-def first_command(text: str, program: str) -> str:
-    """The first command in a code block (fenced or indented) with `program` in it, from there to its end."""
-    joined = re.sub(r"\\\n\s*", " ", text)
-    for line in joined.splitlines():
-        found = re.search(rf"(?:^\s*\$?\s*|&&\s*)({re.escape(program)}\s.*)$", line)
-        if found:
-            return found.group(1).strip()
-    raise SystemExit(f"README shows no command {program!r}")
+def commands(text: str) -> list[str]:
+    """The content of every fenced `sh` block, in order."""
+    return [block.strip() for block in re.findall(r"^```sh\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)]
 
 
 if __name__ == "__main__":
-    print(first_command(Path(sys.argv[1]).read_text(encoding="utf-8"), sys.argv[2]))
+    found, wanted = commands(Path(sys.argv[1]).read_text(encoding="utf-8")), int(sys.argv[2])
+    if not 1 <= wanted <= len(found):
+        raise SystemExit(f"{sys.argv[1]} has {len(found)} blocks of commands; number {wanted} is not among them")
+    print(found[wanted - 1])

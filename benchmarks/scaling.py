@@ -22,6 +22,7 @@ import numpy as np
 from common import finish, table
 
 from energy_opt.files import write_text
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Level, fitted
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
@@ -143,7 +144,7 @@ def main(words: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as name:
         for n in args.joints:
             robot = chain(n, Path(name))
-            nodes = node_functions(source_method_2(robot.name), robot.body)
+            nodes = node_functions(source_method_2(robot.name), robot.body, joint_limits(robot.limits))
             functions = NodeFunctions(*compiled(nodes.as_list(), args.compile, batch=True)[0])
             of_robot = [cost(robot, functions, count, args.repeats) for count in args.nodes]
             costs += of_robot

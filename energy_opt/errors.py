@@ -1,18 +1,72 @@
-"""Errors that a caller can act on; each class knows the command line's exit code."""
+"""Errors that a caller can act on; each class knows the command line's exit code.
+
+A message names what was asked for as the command line does, `--max-duration`; read from Python it says `max_duration`.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from difflib import get_close_matches
+from typing import Any
+
+_options: ContextVar[bool] = ContextVar("messages speak of options", default=False)
+
+
+@contextmanager
+def speaking_of_options() -> Iterator[None]:
+    """Inside, messages name options of the command line, not arguments of functions."""
+    before = _options.set(True)
+    try:
+        yield
+    finally:
+        _options.reset(before)
+
+
+def in_words(message: str) -> str:
+    """A message in the words of whoever reads it: options, or outside of `backticks` arguments in their place."""
+    if _options.get():
+        return message
+    parts = message.split("`")
+    for k in range(0, len(parts), 2):
+        parts[k] = re.sub(r"(?<![\w-])--([a-z][a-z-]*)", lambda found: found[1].replace("-", "_"), parts[k])
+    return "`".join(parts)
+
+
+def near(word: str, known: Iterable[str]) -> str:
+    """`; did you mean 'panda'?` where a known name comes near, else nothing."""
+    found = get_close_matches(word.lower(), list(known), 1, 0.6)
+    return f"; did you mean {found[0]!r}?" if found else ""
+
 
 class EnergyOptError(Exception):
-    """Root of every error that the package raises on purpose: one clear line, no traceback needed."""
+    """Root of every error that the package raises on purpose: one clear line, no traceback needed.
+
+    `about` holds what else a document of the failure says.
+    """
 
     exit_code = 1
+    status = "failed"
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message)
+        self.about: dict[str, Any] = {}
+
+    def __str__(self) -> str:
+        return in_words(str(self.args[0]))
+
+    def document(self) -> dict[str, Any]:
+        """What --json prints of a failure."""
+        return {"status": self.status, "message": str(self), **self.about}
 
 
 class BadInput(EnergyOptError):
     """An argument, a file or a value is not usable: what, where, and what would be right."""
 
     exit_code = 2
+    status = "bad_input"
 
 
 class Infeasible(EnergyOptError):
@@ -28,6 +82,7 @@ class Infeasible(EnergyOptError):
     """
 
     exit_code = 3
+    status = "infeasible"
 
     def __init__(
         self,
@@ -47,3 +102,8 @@ class Infeasible(EnergyOptError):
         self.position = position
         self.excess = excess
         self.shortest_duration = shortest_duration
+
+    def document(self) -> dict[str, Any]:
+        """With joint, limit, place, excess and the shortest duration that would work."""
+        names = ("joint", "limit", "time", "position", "excess", "shortest_duration")
+        return {**super().document(), **{name: getattr(self, name) for name in names}}

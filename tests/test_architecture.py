@@ -17,7 +17,7 @@ MODULES = sorted(ROOT.rglob("*.py"))
 
 # Packages of the two sides; they meet in the power model, in `next_motion` above both, and in the command line, which
 # may import all.
-MOTION = {"motion", "tradeoff", "bench"}
+MOTION = {"motion", "profiles", "formats", "tradeoff", "bench"}
 DATA = {"measured", "identify", "diagnose"}
 ABOVE = {"next_motion", "virtual_arm"}
 
@@ -48,10 +48,13 @@ def parts_imported(module: Path) -> set[str]:
     ("library", "place"),
     [
         ("pinocchio", "robot/rigid_body.py"),
+        ("coal", "cell/solids.py"),
         ("toppra", "motion/timing/toppra.py"),
         ("matplotlib", "reports/plots.py"),
         ("mujoco", "virtual_arm/mujoco_arm.py"),
+        ("rosbags", "formats/bags.py"),
         ("energy_opt_pinsx", "dynamics/templates.py"),
+        ("ompl", "motion/ways/ompl.py"),
         ("trimesh", "cell/scene_files/mesh_file.py"),
         ("yaml", "files.py"),
         ("tomllib", "files.py"),
@@ -96,7 +99,7 @@ def test_modules_stay_small() -> None:
 
 
 def test_the_command_line_starts_without_heavy_libraries() -> None:
-    heavy = ("casadi", "pinocchio", "toppra", "matplotlib", "scipy", "pyarrow", "dask", "distributed", "mujoco")
+    heavy = ("casadi", "pinocchio", "coal", "toppra", "matplotlib", "scipy", "pyarrow", "dask", "distributed", "mujoco")
     code = f"import sys, energy_opt.cli.main; print([m for m in {heavy!r} if m in sys.modules])"
     answer = subprocess.run([sys.executable, "-c", code], cwd=ROOT.parent, capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"

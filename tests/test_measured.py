@@ -140,9 +140,11 @@ def test_every_fault_is_listed(plain):
 def test_gaps_units_and_kinds_are_doubted(plain):
     t, q = motion()
     write_run(plain / "a.csv", np.where(t > 1.5, t + 1.0, t), q, 30 + q[:, 1])
-    assert "without a sample" in check_set(plain)[0]
+    measured = read_set(plain)
+    assert [len(r.time) for r in measured.runs] == [188, 187] and "cut at 1 gap" in measured.remarks[0]
+    assert all(np.allclose(r.power, 30 + r.position[:, 1]) for r in measured.runs)
     write_run(plain / "a.csv", t, np.degrees(q), 30 + q[:, 1])
-    assert any("is the unit right?" in fault for fault in check_set(plain))
+    assert any("row 2, column joint1.position" in x and "look like degrees" in x for x in check_set(plain))
     write_run(plain / "a.csv", t, q, 30 + q[:, 1])
     write_log(plain, ONE.replace("motion", "static"))
     assert any("called static" in fault for fault in check_set(plain))
@@ -155,7 +157,7 @@ def test_gaps_units_and_kinds_are_doubted(plain):
         ('[[run]]\nkind = "static"', "file is missing"),
         (ONE + "colour = 1", "unknown key 'colour'"),
         (ONE + '[columns]\npreset = "none"', "known: ur_rtde"),
-        (ONE + '[columns]\ntime = { column = "t", unit = "h" }', "unit 'h'"),
+        (ONE + '[columns]\ntime = { column = "t", unit = "moon" }', "unit 'moon'"),
         (ONE + '[columns]\n"elbow.position" = "x"', "no joint 'elbow'"),
         (ONE + '[segment]\nat = "noon"', "standstill"),
         ("", "no [[run]] table"),

@@ -94,7 +94,7 @@ def test_derivatives_of_the_cost(ur5):
     lam, step = np.linspace(-0.2, 0.3, 6), 1e-6
 
     def gradient(x):
-        _, jacobian = functions.torque(x, 0.4, parameters)
+        _, jacobian = functions.limited(x, 0.4, parameters)
         return 0.7 * np.array(functions.cost(x, 0.4, parameters)[1]).ravel() + np.array(jacobian).T @ lam
 
     numeric, curvature = [], []

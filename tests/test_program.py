@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, ViscousFriction
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.layout import Ends, Pattern, Shape
 from energy_opt.motion.reshape.level import fitted
-from energy_opt.motion.reshape.nlp import Program
+from energy_opt.motion.reshape.nlp import ReshapeProgram
 from energy_opt.motion.reshape.nodes import OBJECTIVES, node_functions
 from energy_opt.numerics.bspline import Basis
 from energy_opt.power import source_method_2
@@ -28,19 +29,18 @@ def everything():
     return robot, model
 
 
-def build(free_acceleration: bool, vias: int, moving: bool, objective: str = "energy"):
+def build(free_acceleration: bool, vias: int, moving: bool, objective: str = "energy", places=(), rng=RNG):
     robot, model = everything()
     n = robot.n
     shape = Shape(n, Basis(11), 3, free_acceleration, vias)
-    speed = 0.3 * RNG.normal(size=(2, n)) if moving else np.zeros((2, n))
-    start, goal = RNG.uniform(-1, 1, n), RNG.uniform(-1, 1, n)
+    speed = 0.3 * rng.normal(size=(2, n)) if moving else np.zeros((2, n))
+    start, goal = rng.uniform(-1, 1, n), rng.uniform(-1, 1, n)
     via = np.array([(start + goal) / 2 + 0.1] * vias).reshape(vias, n)
     ends = Ends(start, goal, speed[0], speed[1], via)
-    rows = np.array([(kind, site, (site + kind) % n) for kind in (1, 2, 3, 4) for site in (0, 2, 5, 7)])
-    limits = robot.limits
-    bounds = np.stack([limits.velocity, np.full(n, 12.0), np.full(n, 800.0), limits.effort])
-    nodes = node_functions(model, robot.body, objective)
-    program = Program(Pattern(shape), nodes, ends, rows, bounds, model.values(n), 0.1)
+    rows = np.array([(limit, site, (site + limit) % n) for limit in (1, 2, 3, 4) for site in (0, 2, 5, 7)])
+    limits = joint_limits(robot.limits.replace(acceleration=np.full(n, 12.0), jerk=np.full(n, 800.0)))
+    nodes = node_functions(model, robot.body, limits, objective)
+    program = ReshapeProgram(Pattern(shape), nodes, ends, limits, rows, model.values(n), 0.1, places=places)
     u = np.linspace(0, 1, 40)
     curve = fitted(shape, u, start + np.outer(u, goal - start) + 0.2 * np.sin(np.pi * u)[:, None], ends, 1.4)
     x = np.concatenate([curve.points[shape.pinned : -shape.pinned].ravel(), [1.4], np.full(vias, 0.45)])

@@ -20,18 +20,18 @@ from energy_opt.effects import (
     ViscousFriction,
 )
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.effort import Effort
+from energy_opt.motion.limits.jerk import JerkAlongPath
 from energy_opt.motion.path import JointPath, straight, through
+from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime.bound import largest_price
-from energy_opt.motion.retime.law import PathLaw
-from energy_opt.motion.retime.limits import point_numbers
+from energy_opt.motion.retime.law import compressed, law_function, point_numbers
 from energy_opt.motion.retime.nlp import Program
-from energy_opt.motion.retime.points import Jerk, Torque
+from energy_opt.motion.retime.points import PathLaw, Symbolic
 from energy_opt.motion.retime.quadrature import lift, quadrature
 from energy_opt.motion.retime.rows import CurvedRows, LinearRows, Rows
 from energy_opt.motion.retime.solve import retime
-from energy_opt.motion.retime.terms import compressed, law_function
 from energy_opt.motion.timing.law import Timing, greville
-from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.power import PowerModel, drive_function
 from energy_opt.robot import Robot
@@ -172,10 +172,10 @@ def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bo
     shared_by = SharedByStructure(law.model)
     places = np.array([1, 7, 20])
     numbers, values = point_numbers(d, np.zeros(len(grid.s)))[:, places], np.append(law.model.values(7), [1.3, 1.0])
-    torque = Torque.of(shared_by, numbers, values, np.full((3, 7), 0.02))
+    torque = Symbolic.of(shared_by, Effort(np.ones(7)), numbers, values, np.full((3, 7), 0.02))
     factors = np.random.default_rng(5).normal(size=(3, 3))
     linear = LinearRows(at.part(places), *np.random.default_rng(6).normal(size=(3, 3)), np.ones(3))
-    curved = CurvedRows(at.part(places), torque, 7), CurvedRows(several, Jerk(factors), 1)
+    curved = CurvedRows(at.part(places), torque, 7), CurvedRows(several, JerkAlongPath(factors), 1)
     cost = law.cost(grid.weight, 1.3, 0.01, -0.3, 4.0)
     whole = Program(at, grid.weight, cost, np.array([0.02, 0.3]), 0.8, Rows(linear, curved))
     g = greville(knots)[1:-1]

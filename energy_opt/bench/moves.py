@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 from energy_opt.robot import Limits, Robot
 
 
@@ -53,7 +53,8 @@ def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
         unknown = [name for name in value if name not in joints]
         missing = [name for name in joints if name not in value]
         if unknown:
-            raise BadInput(f"unknown joint {unknown[0]!r}; the robot's joints are {', '.join(joints)}")
+            hint = near(unknown[0], joints)
+            raise BadInput(f"unknown joint {unknown[0]!r}{hint}; the robot's joints are {', '.join(joints)}")
         if missing:
             raise BadInput(f"joint {missing[0]!r} is missing")
         value = [value[name] for name in joints]

@@ -36,6 +36,7 @@ from typing import Any
 from energy_opt.bench.entries import NAMES, Faults, Files, Group, read_group
 from energy_opt.bench.moves import NamedMove, joint_values, random_moves
 from energy_opt.bench.task import Task, Timing
+from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput
 from energy_opt.files import read_toml, to_json
 from energy_opt.robot import Robot
@@ -176,6 +177,7 @@ def _product(suite: str, group: Group, at: int, faults: Faults) -> Iterator[Task
                                     content,
                                     objective,
                                     group.settings,
+                                    loaded_sources(),
                                 )
                                 at += 1
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from energy_opt.effects import Payload, load_source
 from energy_opt.errors import BadInput
 from energy_opt.files import plain
 from energy_opt.power import PowerModel
@@ -96,6 +97,7 @@ class Task:
         payload: mass [kg] and com (3) [m], empty for the model's own.
         model: the model's name in the suite; effects: its content, as in a model file.
         settings: settings of the solver beside the defaults.
+        own_effects: text and place of the files of effects that the model may use.
         compile: "always" or "never", decided for the whole suite, so that a resumed batch computes the same.
     """
 
@@ -113,6 +115,7 @@ class Task:
     effects: str
     objective: str
     settings: tuple[tuple[str, Any], ...] = ()
+    own_effects: tuple[tuple[str, str], ...] = ()
     compile: str = "never"
 
     @property
@@ -131,6 +134,9 @@ class Task:
         """A digest of all that decides the result (neither its place in the suite nor what makes it fast)."""
         content = dataclasses.asdict(self)
         del content["index"], content["compile"]
+        content["own_effects"] = [text for text, _ in self.own_effects]
+        if not self.own_effects:
+            del content["own_effects"]
         text = json.dumps(plain(content), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
@@ -141,9 +147,9 @@ class Task:
 
     def power(self) -> PowerModel:
         """The power model with the payload in it."""
+        for text, where in self.own_effects:
+            load_source(text, where)
         model = model_from_document(json.loads(self.effects), self.model)
         if self.payload:
-            from energy_opt.effects import Payload
-
             model = model.replaced(Payload(mass=self.payload[0], com=list(self.payload[1:])))
         return model

@@ -17,7 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="model for the torque of a trajectory")
     add_prefix(parser)
-    parser.add_argument("--allow-outside", action="store_true", help="meshes of a scene may lie outside of its folder")
+    parser.add_argument(
+        "--allow-outside", action="store_true", help="files that a scene or set names may lie outside its folder"
+    )
     parser.add_argument("--allow-large", action="store_true", help="larger files and meshes are read too")
     parser.add_argument("--json", action="store_true", help="faults as one JSON document on stdout")
     parser.add_argument("--quiet", action="store_true", help="say nothing where nothing is wrong")
@@ -28,32 +30,40 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import to_json
 
     faults: dict[str, list[str]] = {}
+    notes: dict[str, list[str]] = {}
     for file in args.files:
+        notes[str(file)] = []
         try:
-            faults[str(file)] = _faults(file, args)
+            faults[str(file)] = _faults(file, args, notes[str(file)])
         except EnergyOptError as error:
             faults[str(file)] = str(error).splitlines()
     bad = any(faults.values())
     if args.json:
-        rows = [{"file": name, "usable": not found, "faults": found} for name, found in faults.items()]
+        rows = [
+            {"file": name, "usable": not found, "faults": found, "remarks": notes[name]}
+            for name, found in faults.items()
+        ]
         sys.stdout.write(to_json({"usable": not bad, "files": rows}))
     for name, found in faults.items():
         for fault in found:
             print(f"energy-opt: {fault}", file=sys.stderr)
+        for note in notes[name]:
+            say(args, f"note: {note}")
         if not found and not args.quiet and not args.json:
             print(f"{name}: usable")
     return 2 if bad else 0
 
 
-def _faults(file: Path, args: argparse.Namespace) -> list[str]:
+def _faults(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
+    """Faults of a file or folder; what else its reader should know goes to `notes`."""
+    if file.is_dir() and (file / "metadata.yaml").is_file():
+        return _trajectory(file, args)
     if file.is_dir() or file.name == "log.toml":
-        from energy_opt.measured import check_set
-
-        return check_set(file if file.is_dir() else file.parent)
+        return _set(file, args, notes)
     if not file.is_file():
         return [f"{file}: no such file or folder"]
     if file.suffix == ".toml":
-        return _toml(file, args)
+        return _toml(file, args, notes)
     if file.suffix in (".yaml", ".yml", ".json", ".scene"):
         return _document(file, args)
     if file.suffix in (".urdf", ".xml"):
@@ -80,7 +90,15 @@ def _document(file: Path, args: argparse.Namespace) -> list[str]:
     return _trajectory(file, args) if file.suffix == ".json" else _limits(file, args)
 
 
-def _toml(file: Path, args: argparse.Namespace) -> list[str]:
+def _set(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
+    from energy_opt.measured import inspect_set
+
+    faults, remarks = inspect_set(file, args.allow_outside)
+    notes += remarks
+    return faults
+
+
+def _toml(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
     from energy_opt.files import read_toml
 
     document = read_toml(file)
@@ -98,9 +116,7 @@ def _toml(file: Path, args: argparse.Namespace) -> list[str]:
                 return [f"{file}: {error}"]
         return []
     if kind.startswith("energy-opt/log/"):
-        from energy_opt.measured import check_set
-
-        return check_set(file.parent)
+        return _set(file, args, notes)
     from energy_opt.bench.suite import check_suite
 
     return check_suite(file)
@@ -124,6 +140,7 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     from energy_opt.formats import read
     from energy_opt.motion.judge.certificate import certify
     from energy_opt.motion.judge.energy import Scorer
+    from energy_opt.motion.limits.registry import joint_limits
     from energy_opt.power import load_model, source_method_2
     from energy_opt.robot import known_robots, load_robot
 
@@ -144,7 +161,7 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
         return []
     trajectory = rows.trajectory()
     model = load_model(args.model) if args.model else source_method_2(robot.name)
-    certificate = certify(trajectory, Scorer(robot, model), robot.limits)
+    certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
     worst = certificate.worst
     if certificate.valid:
         return []

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 from energy_opt.files import finite_number
 
 if TYPE_CHECKING:
@@ -197,7 +197,8 @@ def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
         for part in parts:
             name, _, value = part.partition("=")
             if name.strip() not in joints:
-                raise BadInput(f"{option}: unknown joint {name.strip()!r}; joints are {', '.join(joints)}")
+                hint = near(name.strip(), joints)
+                raise BadInput(f"{option}: unknown joint {name.strip()!r}{hint}; joints are {', '.join(joints)}")
             if name.strip() in given:
                 raise BadInput(f"{option}: joint {name.strip()} stands there twice")
             given[name.strip()] = finite_number(value, f"{option} {part}", "name=value")

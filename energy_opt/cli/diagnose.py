@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="known payload [kg, m], put into the declared model"
     )
+    parser.add_argument("--allow-outside", action="store_true", help="the set's files may lie outside its folder")
     add_output(parser, "diagnosis")
 
 
@@ -43,9 +44,11 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.power import load_model
     from energy_opt.robot import load_robot
 
-    log = read_log(args.set)
+    log = read_log(args.set, args.allow_outside)
     robot = load_robot(args.robot, limits=args.limits) if args.robot else robot_of(log, args.limits)
-    measured = read_set(args.set, robot)
+    measured = read_set(args.set, robot, allow_outside=args.allow_outside)
+    for remark in measured.remarks:
+        say(args, f"note: {remark}")
     declared = load_model(args.model) if args.model else _level(measured, args.seed)
     if args.payload:
         declared = declared.replaced(payload_from(args.payload))

@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: the one that log.toml names)")
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload held in the poses [kg, m]")
+    parser.add_argument("--allow-outside", action="store_true", help="the set's files may lie outside its folder")
     add_output(parser, "identify")
 
 
@@ -55,7 +56,13 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
 
-    measured = read_set(args.set, robot or robot_of(read_log(args.set), args.limits))
+    measured = read_set(
+        args.set,
+        robot or robot_of(read_log(args.set, args.allow_outside), args.limits),
+        allow_outside=args.allow_outside,
+    )
+    for remark in measured.remarks:
+        say(args, f"note: {remark}")
     result = identify(measured.robot.name, poses_of(measured, mass))
     result.model_1().save(args.out / "model_method1.toml")
     second = result.model_2()
@@ -112,7 +119,7 @@ def _suggest(args: argparse.Namespace, robot: Robot | None, mass: PointMass | No
     if robot is None:
         if args.set is None:
             raise BadInput("identify --suggest needs --robot, or a set whose log.toml names one")
-        robot = robot_of(read_log(args.set), args.limits)
+        robot = robot_of(read_log(args.set, args.allow_outside), args.limits)
     found = suggest(robot, args.suggest, args.seed, mass)
     path = args.out / "suggested_poses.csv"
     header = [*(f"{joint}.position" for joint in robot.joints), "gravity_torque_squared"]

@@ -7,10 +7,11 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 from typing import NoReturn
 
 from energy_opt import __version__
-from energy_opt.errors import BadInput, EnergyOptError
+from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
 
 VERBS = {
     "optimize": "one move to minimum energy",
@@ -18,10 +19,12 @@ VERBS = {
     "bench": "a batch of moves, in parallel, resumable, with a report",
     "identify": "the source paper's two methods from static poses",
     "diagnose": "which effect a power model lacks, from measured data",
+    "import": "logs as labs have them to a measured set; guesses columns and units",
     "simulate": "play trajectories on a virtual arm and write a measured set",
     "check": "is this log, trajectory, model or suite usable",
     "robots": "the robots known by name, with joints and limits",
 }
+MODULES = {"import": "ingest"}  # verbs whose module cannot have their name
 VECTORS = ("--start", "--goal", "--via", "--suggest-from", "--base")
 
 
@@ -47,31 +50,64 @@ def joined_vectors(arguments: Sequence[str]) -> list[str]:
     return out
 
 
+def _module(verb: str) -> ModuleType:
+    return importlib.import_module(f"energy_opt.cli.{MODULES.get(verb, verb)}")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     words = joined_vectors(sys.argv[1:] if arguments is None else arguments)
+    with speaking_of_options():
+        try:
+            return _run(words)
+        except EnergyOptError as error:
+            if "--json" in words:
+                from energy_opt.files import to_json
+
+                sys.stdout.write(to_json(error.document()))
+            for line in str(error).splitlines():
+                print(f"energy-opt: {line}", file=sys.stderr)
+            return error.exit_code
+        except KeyboardInterrupt:
+            print("energy-opt: interrupted", file=sys.stderr)
+            return 130
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+
+
+def _run(words: list[str]) -> int:
+    parser, verbs = _parsers(words)
+    verb = next((word for word in words if not word.startswith("-")), None)
+    if verb is not None and verb not in VERBS:
+        raise BadInput(f"no verb {verb!r}{near(verb, VERBS)}; verbs are {', '.join(VERBS)}")
+    args, unknown = parser.parse_known_args(words)
+    if args.verb is None:
+        parser.print_help(sys.stderr)
+        return 2
+    if unknown:
+        options = [name for action in verbs[args.verb]._actions for name in action.option_strings]
+        raise BadInput(f"unknown: {' '.join(unknown)}{near(unknown[0], options)} (see energy-opt {args.verb} --help)")
+    if args.effects:
+        from energy_opt.effects import load_file
+
+        for file in args.effects:
+            load_file(file)
+    code = _module(args.verb).run(args)
+    sys.stdout.flush()
+    return int(code)
+
+
+def _parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
+    """The command's parser, and that of each verb; only those of verbs that stand in `words` have their arguments."""
     parser = _Parser(prog="energy-opt", description="Robot arms that use less energy.")
     parser.add_argument("--version", action="version", version=f"energy-opt {__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
+    group = parser.add_subparsers(dest="verb", metavar="VERB")  # of the same class
+    verbs = {}
     for verb, text in VERBS.items():
-        sub = verbs.add_parser(verb, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
+        sub = group.add_parser(verb, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
         if verb in words:  # only the verb that is run is imported
-            importlib.import_module(f"energy_opt.cli.{verb}").add_arguments(sub)
-    try:
-        args = parser.parse_args(words)
-        if args.verb is None:
-            parser.print_help(sys.stderr)
-            return 2
-        code = importlib.import_module(f"energy_opt.cli.{args.verb}").run(args)
-        sys.stdout.flush()
-        return int(code)
-    except EnergyOptError as error:
-        for line in str(error).splitlines():
-            print(f"energy-opt: {line}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("energy-opt: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+            _module(verb).add_arguments(sub)
+        sub.add_argument("--effects", action="append", default=[], metavar="FILE.py", help="effects of your own")
+        verbs[verb] = sub
+    return parser, verbs

@@ -38,23 +38,13 @@ def run(args: argparse.Namespace) -> int:
         try:
             result = planner.solve(move)
         except Infeasible as error:
-            document = {
-                "status": "infeasible",
+            error.about = {
                 "robot": robot.name,
                 "joints": list(robot.joints),
                 "mode": move.mode,
                 "duration": move.duration,
-                "message": str(error),
-                "joint": error.joint,
-                "limit": error.limit,
-                "time": error.time,
-                "position": error.position,
-                "excess": error.excess,
-                "shortest_duration": error.shortest_duration,
             }
-            write_json(args.out / "result.json", document)
-            if args.json:
-                sys.stdout.write(to_json(document))
+            write_json(args.out / "result.json", error.document())
             raise
         write(result, robot, args.out)
     for warning in result.warnings:

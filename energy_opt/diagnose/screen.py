@@ -14,6 +14,10 @@ from energy_opt.diagnose.terms import Chart, Term, chart
 from energy_opt.effects import Effect, MeterEffect, known_effects
 from energy_opt.power import PowerModel
 
+NOT_SOUGHT = (
+    "friction_curve", "asymmetric_friction", "power_law_friction", "thermal_viscous", "psu_loss", "iron_loss",
+    "dc_link", "idle_hold", "run_offset", "link_inertia",
+)  # fmt: skip
 SOAKED = 0.1  # of what is left that a further joint's spring must take away
 
 
@@ -40,7 +44,7 @@ def candidates(current: Fit, declared: PowerModel, samples: Samples) -> Iterator
     now = predict(model, samples)
     absent = []
     for kind in known_effects().values():
-        if kind.name in taken:
+        if kind.name in taken or kind.name in NOT_SOUGHT:
             continue
         held = declared.get(kind.name)
         if held is not None:

@@ -1,30 +1,46 @@
 """The physical effects that a power model can hold, by their names in model files."""
 
 from energy_opt.effects.base import Effect, Signals
+from energy_opt.effects.curve import FrictionCurve
 from energy_opt.effects.electrics import (
     CopperLoss,
     InverterLoss,
+    IronLoss,
     MotionPower,
+    PsuLoss,
     Regeneration,
     Standby,
     StandbyDrift,
     SupplyEfficiency,
     WindingTemperature,
 )
-from energy_opt.effects.friction import CoulombFriction, GearEfficiency, LoadFriction, StribeckFriction, ViscousFriction
+from energy_opt.effects.friction import (
+    AsymmetricFriction,
+    CoulombFriction,
+    GearEfficiency,
+    LoadFriction,
+    PowerLawFriction,
+    StribeckFriction,
+    ThermalViscous,
+    ViscousFriction,
+)
 from energy_opt.effects.kinks import EXACT, Exact, Kinks, Smooth
+from energy_opt.effects.links import LinkInertia
 from energy_opt.effects.mechanics import Armature, GravitySpring
 from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain
 from energy_opt.effects.parameter import Parameter
+from energy_opt.effects.past import DcLink, IdleHold, RunOffset
 from energy_opt.effects.registry import (
     ALL_EFFECTS,
     BY_NAME,
     effect_class,
     known_effects,
     load_file,
-    loaded_files,
+    load_source,
+    loaded_sources,
     of_form,
     register,
+    unregister,
     words_of,
 )
 from energy_opt.effects.rigid import BaseTilt, Payload
@@ -33,6 +49,7 @@ from energy_opt.effects.stages import (
     HeatEffect,
     PowerEffect,
     RigidEffect,
+    StoreEffect,
     SupplyEffect,
     TorqueEffect,
     WindingEffect,
@@ -43,17 +60,23 @@ __all__ = [
     "BY_NAME",
     "EXACT",
     "Armature",
+    "AsymmetricFriction",
     "BaseTilt",
     "CopperLoss",
     "CoulombFriction",
+    "DcLink",
     "DriveEffect",
     "Effect",
     "Exact",
+    "FrictionCurve",
     "GearEfficiency",
     "GravitySpring",
     "HeatEffect",
+    "IdleHold",
     "InverterLoss",
+    "IronLoss",
     "Kinks",
+    "LinkInertia",
     "LoadFriction",
     "MeterDelay",
     "MeterEffect",
@@ -63,15 +86,20 @@ __all__ = [
     "Parameter",
     "Payload",
     "PowerEffect",
+    "PowerLawFriction",
+    "PsuLoss",
     "Regeneration",
     "RigidEffect",
+    "RunOffset",
     "Signals",
     "Smooth",
     "Standby",
     "StandbyDrift",
+    "StoreEffect",
     "StribeckFriction",
     "SupplyEffect",
     "SupplyEfficiency",
+    "ThermalViscous",
     "TorqueEffect",
     "ViscousFriction",
     "WindingEffect",
@@ -79,8 +107,10 @@ __all__ = [
     "effect_class",
     "known_effects",
     "load_file",
-    "loaded_files",
+    "load_source",
+    "loaded_sources",
     "of_form",
     "register",
+    "unregister",
     "words_of",
 ]

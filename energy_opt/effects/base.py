@@ -36,7 +36,10 @@ Stage = Literal["rigid", "torque", "heat", "winding", "drive", "power", "supply"
 class Signals:
     """The state at one instant, as CasADi columns: q [rad], v [rad/s], a [rad/s^2], tau [N m] (rigid body), t [s].
 
-    `temperature` (n, 1) [degC] is each joint's measured temperature; None where none is measured, as in planning.
+    What the past or the recording adds is None where it is unknown, as in planning: `temperature` (n, 1) [degC] of each
+    joint; `warmth` (n, 1) how far that has come from the set's first to its highest, 0 to 1; `idle` [s] the time since
+    the last motion ended (negative while moving and before any motion); `returned` [W] what a store gives back at this
+    instant; `run` the index of the run.
     """
 
     q: ca.SX
@@ -45,6 +48,10 @@ class Signals:
     tau: ca.SX
     t: ca.SX
     temperature: ca.SX | None = None
+    warmth: ca.SX | None = None
+    idle: ca.SX | None = None
+    returned: ca.SX | None = None
+    run: ca.SX | None = None
 
 
 class Effect:
@@ -67,6 +74,8 @@ class Effect:
     drifts: ClassVar[bool] = False  # depends on time itself
     dissipates: ClassVar[bool] = False  # is its share of the energy never negative?
     convex_in_retiming: ClassVar[bool] = True  # does retiming stay convex with it?
+    follows: ClassVar[tuple[str, ...]] = ()  # the signals of the past or the recording that its law follows
+    bakes: ClassVar[bool] = False  # are its values numbers, not parameters, of the inverse dynamics?
     needs: ClassVar[tuple[str, ...]] = ()  # effects without which it has no meaning
     same_on_all_joints: ClassVar[bool] = True  # may one number stand for all joints where data are fitted?
     version: ClassVar[int] = 0  # counts how often a class of this name was registered anew
@@ -160,6 +169,18 @@ class Effect:
     def passed(cls, p: SimpleNamespace) -> ca.SX | float:
         """Of mechanical power that is stored and given back, the factor at which it reaches the meter past it."""
         return 1.0
+
+    @classmethod
+    def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """Parameter values (`full`) away from neutral and inside the bounds, for checks."""
+        out: list[float] = []
+        for p in cls.parameters:
+            for _ in range(p.count(joints, cls._extents(None))):
+                size = 0.1 if p.neutral == 0 else 0.15 * abs(p.neutral)
+                away = size * rng.uniform(0.6, 1.4)
+                value = p.neutral + away if p.neutral + away <= p.upper else p.neutral - away
+                out.append(float(np.clip(value, p.lower, p.upper)))
+        return np.array(out)
 
     # What a fit works with: numbers x in which the effect is (nearly) linear, instead of `full`.
 

@@ -16,6 +16,7 @@ from energy_opt.effects.stages import (
     HeatEffect,
     PowerEffect,
     RigidEffect,
+    StoreEffect,
     SupplyEffect,
     TorqueEffect,
     WindingEffect,
@@ -24,6 +25,13 @@ from energy_opt.effects.stages import (
 SAMPLES = 60
 CLOSE = 1e-5  # relative agreement of derivatives, and of recovered parameters (times 10)
 GRAVITY = np.array([0.0, 0.0, -9.81])
+LINK = (2.0, np.array([0.02, -0.05, 0.1]), np.diag([0.03, 0.04, 0.02]))  # [kg], [m], [kg m^2] a link to deviate from
+DRAWN = {  # what the past and the recording may hold
+    "warmth": lambda rng, shape: rng.uniform(0, 1, shape),
+    "idle": lambda rng, shape: rng.uniform(-1, 2, shape),
+    "returned": lambda rng, shape: np.zeros(shape),
+    "run": lambda rng, shape: rng.integers(0, 6, shape),
+}
 
 
 def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str]:
@@ -34,13 +42,13 @@ def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str
     that it simulates.
     """
     rng = np.random.default_rng(seed)
-    law = _meter_law(kind, rng) if issubclass(kind, MeterEffect) else _law(kind, joints, rng)
+    law = _law_over_time(kind, rng) if issubclass(kind, MeterEffect | StoreEffect) else _law(kind, joints, rng)
     faults = []
     neutral = kind.neutral(joints).full(joints)
     change = law.change(neutral)
     if np.abs(change).max() > 1e-9:
         faults.append(f"{kind.name}: changes something at its neutral value (by {np.abs(change).max():.3g})")
-    values = _drawn(kind, joints, rng)
+    values = kind.example(joints, rng)
     faults += _derivatives(kind, law, values)
     if not (np.isfinite(law.at_rest(values)).all()):
         faults.append(f"{kind.name}: is not finite at rest")
@@ -49,21 +57,9 @@ def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str
     return faults + _recovery(kind, law, values, rng)
 
 
-def _drawn(kind: type[Effect], joints: int, rng: np.random.Generator) -> np.ndarray:
-    """Parameter values away from neutral and inside the bounds."""
-    out: list[float] = []
-    for p in kind.parameters:
-        for _ in range(p.count(joints)):
-            size = 0.1 if p.neutral == 0 else 0.15 * abs(p.neutral)
-            away = size * rng.uniform(0.6, 1.4)
-            value = p.neutral + away if p.neutral + away <= p.upper else p.neutral - away
-            out.append(float(np.clip(value, p.lower, p.upper)))
-    return np.array(out)
-
-
 def _derivatives(kind: type[Effect], law: SimpleNamespace, values: np.ndarray) -> list[str]:
-    exact = law.jacobian(values)
-    for k in range(len(values)):
+    exact, smooth = law.jacobian(values), _descended(kind, law.joints)
+    for k in np.flatnonzero(smooth):
         step = 1e-6 * max(1.0, abs(values[k]))
         high, low = values.copy(), values.copy()
         high[k] += step
@@ -79,32 +75,60 @@ def _recovery(kind: type[Effect], law: SimpleNamespace, values: np.ndarray, rng:
     from scipy.optimize import least_squares
 
     data = law.change(values)
-    start = values * (1 + 0.1 * rng.uniform(-1, 1, len(values)))
-    low = np.concatenate([np.full(p.count(law.joints), p.lower) for p in kind.parameters])
-    high = np.concatenate([np.full(p.count(law.joints), p.upper) for p in kind.parameters])
+    free = _descended(kind, law.joints)
+    start = np.where(free, values * (1 + 0.1 * rng.uniform(-1, 1, len(values))), values)
+    low = np.concatenate([np.full(p.count(law.joints, kind.extents_by_default), p.lower) for p in kind.parameters])
+    high = np.concatenate([np.full(p.count(law.joints, kind.extents_by_default), p.upper) for p in kind.parameters])
     found = least_squares(
-        lambda x: law.change(x) - data, np.clip(start, low, high), lambda x: law.jacobian(x),
-        bounds=(low - 1e-12, high + 1e-12), x_scale=np.maximum(np.abs(values), 1e-3),
+        lambda x: law.change(_put(values, free, x)) - data, np.clip(start, low, high)[free],
+        lambda x: law.jacobian(_put(values, free, x))[:, free],
+        bounds=(low[free] - 1e-12, high[free] + 1e-12), x_scale=np.maximum(np.abs(values[free]), 1e-3),
         xtol=1e-14, ftol=1e-14, gtol=1e-14,
-    ).x  # fmt: skip
-    off = np.abs(found - values) / np.maximum(np.abs(values), 1e-3)
-    if off.max() > 10 * CLOSE:
+    ).x if free.any() else values[free]  # fmt: skip
+    off = np.abs(found - values[free]) / np.maximum(np.abs(values[free]), 1e-3)
+    if np.max(off, initial=0.0) > 10 * CLOSE:
         return [f"{kind.name}: its parameters are not recovered from its own data (off by {off.max():.2g})"]
+    for k in np.flatnonzero(~free & ~_grids(kind, law.joints)):  # scanned: no other value fits as well
+        others = [_put(values, np.arange(len(values)) == k, values[k] * share) for share in (0.7, 1.4)]
+        if min(np.abs(law.change(x) - data).max() for x in others) < 1e-9:
+            return [f"{kind.name}: number {k} of its parameters cannot be scanned: others fit its data as well"]
     return []
+
+
+def _descended(kind: type[Effect], joints: int) -> np.ndarray:
+    """For each entry of `full`: may a fit descend along it?"""
+    return np.array([not p.steps for p in kind.parameters for _ in range(p.count(joints, kind.extents_by_default))])
+
+
+def _grids(kind: type[Effect], joints: int) -> np.ndarray:
+    """For each entry of `full`: is it part of a grid that is chosen?"""
+    return np.array([bool(p.free) for p in kind.parameters for _ in range(p.count(joints, kind.extents_by_default))])
+
+
+def _put(values: np.ndarray, where: np.ndarray, x: np.ndarray | float) -> np.ndarray:
+    out = values.copy()
+    out[where] = x
+    return out
 
 
 def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNamespace:
     """The change that an effect makes (M,), its Jacobian, the power it takes away, and its values at rest."""
-    q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
-    x = Signals(q, v, a, tau, ca.SX.sym("t"))
+    q, v, a, tau, warm = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau", "temperature"))
+    past = {name: ca.SX.sym(name, joints if name == "warmth" else 1) for name in kind.follows if name != "temperature"}
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), warm, **past)
     p = ca.SX.sym("p", kind.size(joints))
     change, given = _expressions(kind, x, p, joints, EXACT)
     smooth, _ = _expressions(kind, x, p, joints, Smooth())
-    inputs = [ca.vertcat(x.q, x.v, x.a, x.tau, x.t), p]
+    inputs = [ca.vertcat(x.q, x.v, x.a, x.tau, x.t, warm, *past.values()), p]
     jacobian = ca.densify(ca.jacobian(change, p))
     function = ca.Function("f", inputs, [ca.densify(change), jacobian, ca.densify(given), ca.densify(smooth)])
-    states = rng.normal(size=(SAMPLES, 4 * joints + 1)) * np.array([1.0] * 3 * joints + [8.0] * joints + [1.0])
-    states[:, -1] = rng.uniform(0, 300.0, SAMPLES)
+    spread = np.array([1.0] * 3 * joints + [8.0] * joints + [0.0] + [10.0] * joints)
+    states = rng.normal(size=(SAMPLES, 5 * joints + 1)) * spread
+    states[:, joints : 2 * joints] *= rng.random((SAMPLES, joints)) > 0.3  # some joints stand still
+    states[:, 4 * joints] = rng.uniform(0, 300.0, SAMPLES)  # s
+    states[:, 4 * joints + 1 :] += 25.0  # degC
+    added = [DRAWN[name](rng, (SAMPLES, symbol.numel())) for name, symbol in past.items()]
+    states = np.column_stack([states, *added])
     rest = states.copy()
     rest[:, joints : 3 * joints] = 0
 
@@ -155,16 +179,33 @@ def _law_of(effect: Effect, x: Signals, vector: ca.SX, joints: int, kinks: Kinks
         more = effect.at_meter(drawn, p, kinks) - drawn
         return more, more
     if isinstance(effect, RigidEffect):
+        links = effect.links([LINK] * joints, p)
+        if links is not None:
+            return ca.vertcat(*(ca.vertcat(m - LINK[0], c - LINK[1], ca.vec(i - LINK[2])) for m, c, i in links)), ca.SX(
+                0
+            )
         mass, place = effect.point_mass(p) or (ca.SX(0), ca.SX.zeros(3))
         changed = effect.gravity(ca.SX(GRAVITY), p) - GRAVITY
         return ca.vertcat(mass, mass * place, ca.vec(mass * place @ place.T), changed), ca.SX(0)
     raise NotImplementedError(f"{effect.name}: no check for an effect of stage {effect.stage!r}")
 
 
-def _meter_law(kind: type[MeterEffect], rng: np.random.Generator) -> SimpleNamespace:
-    """The same of a meter's effect, on a power over time."""
+def _law_over_time(kind: type[MeterEffect] | type[StoreEffect], rng: np.random.Generator) -> SimpleNamespace:
+    """The same of an effect whose law runs over time, on a power over time."""
     time = np.arange(200) * 0.01
-    power = 90 + sum(5 * rng.normal() * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.7, 1.6, 2.9))
+    wave = sum(5 * rng.normal() * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.7, 1.6, 2.9))
+    if issubclass(kind, StoreEffect):
+        step = np.full_like(time, 0.01)
+        return SimpleNamespace(
+            joints=1,
+            change=lambda values: kind.supplied(step, wave, float(values[0])) - wave,
+            jacobian=lambda values: np.gradient(
+                np.stack([kind.supplied(step, wave, float(values[0]) + h) for h in (-1e-6, 0.0, 1e-6)]), 1e-6, axis=0
+            )[1][:, None],
+            given=lambda values: np.cumsum(kind.supplied(step, wave, float(values[0])) - wave) * 0.01,
+            at_rest=lambda values: kind.supplied(step, np.zeros_like(time), float(values[0])),
+        )
+    power = 90 + wave
     return SimpleNamespace(
         joints=1,
         change=lambda values: kind.reading(time, power, float(values[0])) - power,

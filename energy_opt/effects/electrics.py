@@ -7,14 +7,12 @@ from types import SimpleNamespace
 import casadi as ca
 
 from energy_opt.effects.base import Signals
+from energy_opt.effects.friction import SIGN_WIDTH, SOAKING, SOAKING_TRIALS, TORQUE_WIDTH
 from energy_opt.effects.kinks import Kinks
 from energy_opt.effects.parameter import Parameter
 from energy_opt.effects.stages import DriveEffect, HeatEffect, PowerEffect, SupplyEffect, WindingEffect
 
-TORQUE_WIDTH = 0.05  # [N m]
 POWER_WIDTH = 0.5  # [W]
-SOAKING = (10.0, 2e3)  # [s] time constants with which an arm warms up
-SOAKING_TRIALS = (12.0, 30.0, 120.0, 500.0)  # [s]
 
 
 class Standby(PowerEffect):
@@ -146,3 +144,41 @@ class SupplyEfficiency(SupplyEffect):
     @classmethod
     def passed(cls, p: SimpleNamespace) -> ca.SX | float:
         return 1 / p.eta
+
+
+class PsuLoss(SupplyEffect):
+    """P + affine * |P| + quadratic * P^2 at the meter, P the power behind the supply, standby included.
+
+    Convex in retiming where P is: an increasing convex function of it, as long as P stays above 0.
+    """
+
+    name = "psu_loss"
+    parameters = (
+        Parameter("affine", "1", 0.0, 0.0, 10.0),
+        Parameter("quadratic", "1/W", 0.0, 0.0, 1.0),
+    )
+    convex_in_retiming = False
+    dissipates = True
+
+    @classmethod
+    def at_meter(cls, power: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return power + p.affine * k.magnitude(power, POWER_WIDTH) + p.quadratic * power**2
+
+
+class IronLoss(PowerEffect):
+    """sum of hysteresis * |v| + eddy * v^2: losses of the motors' iron, drawn as power and not felt as torque.
+
+    Retiming loses its convexity by the eddy currents: their energy grows with the root of squared path speed.
+    """
+
+    name = "iron_loss"
+    parameters = (
+        Parameter("hysteresis", "W s/rad", 0.0, 0.0, 1e4, "joint"),
+        Parameter("eddy", "W s^2/rad^2", 0.0, 0.0, 1e4, "joint"),
+    )
+    convex_in_retiming = False
+    dissipates = True
+
+    @classmethod
+    def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return ca.dot(p.hysteresis, k.magnitude(x.v, SIGN_WIDTH)) + ca.dot(p.eddy, x.v**2)

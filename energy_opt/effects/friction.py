@@ -16,6 +16,8 @@ from energy_opt.effects.stages import TorqueEffect
 
 SIGN_WIDTH = 0.01  # [rad/s]
 TORQUE_WIDTH = 0.05  # [N m]
+SOAKING = (10.0, 2e3)  # [s] time constants with which an arm warms up
+SOAKING_TRIALS = (12.0, 30.0, 120.0, 500.0)  # [s]
 
 
 class CoulombFriction(TorqueEffect):
@@ -88,3 +90,62 @@ class GearEfficiency(TorqueEffect):
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
         mean, half = (1 / p.eta + p.eta) / 2, (1 / p.eta - p.eta) / 2
         return x.tau * (mean - 1) + half * k.magnitude(x.tau, TORQUE_WIDTH) * k.sign(x.v, SIGN_WIDTH)
+
+
+class AsymmetricFriction(TorqueEffect):
+    """tau_plus where v > 0, -tau_minus where v < 0: dry friction that differs by direction.
+
+    Written as m s + d s^2 with s = sign(v), m the mean and d half the difference: nothing at rest. Convex in retiming,
+    as Coulomb friction is.
+    """
+
+    name = "asymmetric_friction"
+    parameters = (
+        Parameter("tau_plus", "N m", 0.0, 0.0, 1e3, "joint"),
+        Parameter("tau_minus", "N m", 0.0, 0.0, 1e3, "joint"),
+    )
+    dissipates = True
+
+    @classmethod
+    def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        s = k.sign(x.v, SIGN_WIDTH)
+        return (p.tau_plus + p.tau_minus) / 2 * s + (p.tau_plus - p.tau_minus) / 2 * s**2
+
+
+class PowerLawFriction(TorqueEffect):
+    """c * |v|^exponent * sign(v): lubricated gears, between dry (exponent 0) and viscous friction (1)."""
+
+    name = "power_law_friction"
+    parameters = (
+        Parameter("c", "N m (s/rad)^exponent", 0.0, 0.0, 1e3, "joint"),
+        Parameter("exponent", "1", 0.5, 0.05, 3.0, shapes=True, fit=(0.1, 2.5), trials=(0.35, 0.6, 1.6)),
+    )
+    convex_in_retiming = False
+    dissipates = True
+
+    @classmethod
+    def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return p.c * k.power(x.v, p.exponent, SIGN_WIDTH)
+
+
+class ThermalViscous(TorqueEffect):
+    """b * v * (1 - share * warm): viscous friction that falls as the grease warms.
+
+    warm = 1 - exp(-t / time_constant), t since the set's first sample; where the joint's temperature is logged, how far
+    it has come from the set's first value to its highest.
+    """
+
+    name = "thermal_viscous"
+    parameters = (
+        Parameter("b", "N m s/rad", 0.0, 0.0, 1e4, "joint"),
+        Parameter("share", "1", 0.5, -1.0, 1.0, shapes=True, fit=(0.0, 1.0), trials=(0.5,)),
+        Parameter("time_constant", "s", 60.0, 1e-1, 1e5, shapes=True, fit=SOAKING, trials=SOAKING_TRIALS),
+    )
+    drifts = True
+    convex_in_retiming = False
+    dissipates = True
+
+    @classmethod
+    def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        warm = 1 - ca.exp(-x.t / p.time_constant) if x.warmth is None else x.warmth
+        return p.b * x.v * (1 - p.share * warm)

@@ -7,16 +7,20 @@ from typing import Protocol
 
 import casadi as ca
 
+TINY = 1e-12  # keeps the logarithm of nothing finite
 MOVING_SPEED = 1e-3  # [rad/s] a joint that is faster than this moves
 
 
 class Kinks(Protocol):
-    """How sign, abs and clamp are written; `width` is the half-width of the rounding, in the unit of x."""
+    """How sign, abs, clamp, sign(x) |x|^exponent and steps are written; `width` is the half-width of the rounding, in
+    the unit of x."""
 
     def sign(self, x: ca.SX, width: float) -> ca.SX: ...
     def magnitude(self, x: ca.SX, width: float) -> ca.SX: ...
     def positive(self, x: ca.SX, width: float) -> ca.SX: ...
+    def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX: ...
     def moving(self, v: ca.SX) -> ca.SX: ...
+    def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX: ...
 
 
 class Exact:
@@ -30,6 +34,12 @@ class Exact:
 
     def positive(self, x: ca.SX, width: float) -> ca.SX:
         return ca.fmax(x, 0)
+
+    def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
+        return ca.sign(x) * ca.exp(exponent * ca.log(ca.fmax(ca.fabs(x), TINY)))
+
+    def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX:
+        return ca.if_else(x < bound, 1, 0)
 
     def moving(self, v: ca.SX) -> ca.SX:
         return ca.if_else(ca.mmax(ca.fabs(v)) > MOVING_SPEED, 1, 0)
@@ -55,6 +65,13 @@ class Smooth:
 
     def positive(self, x: ca.SX, width: float) -> ca.SX:
         return (x + self.magnitude(x, width)) / 2
+
+    def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
+        w = width * self.scale
+        return x * ca.exp((exponent - 1) / 2 * ca.log(x * x + w * w))
+
+    def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX:
+        return (1 - self.sign(x - bound, width)) / 2
 
     def moving(self, v: ca.SX) -> ca.SX:
         w = 10 * MOVING_SPEED * self.scale

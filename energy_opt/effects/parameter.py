@@ -28,6 +28,8 @@ class Parameter:
         shapes: True where the parameter only shapes the effect and cannot switch it off by itself.
         fit: bounds that a fit keeps to, where they are tighter than the physical ones.
         trials: values at which a search begins where the effect's size says nothing of this parameter.
+        steps: the law jumps with it, or it is a grid that is chosen: derivatives by it say nothing, so it is scanned or
+            given, never descended.
         resolved: size below which logged data cannot tell it from nothing; such a value is never claimed.
     """
 
@@ -41,6 +43,7 @@ class Parameter:
     fit: tuple[float, float] | None = None
     trials: tuple[float, ...] = ()
     resolved: float = 0.0
+    steps: bool = False
 
     @property
     def dimensions(self) -> tuple[str | int, ...]:

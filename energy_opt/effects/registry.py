@@ -7,7 +7,6 @@ or a module that holds some. `load_file` does the same for one file.
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import sys
 from collections.abc import Iterable
 from functools import lru_cache
@@ -17,20 +16,34 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from energy_opt.effects.base import Effect
+from energy_opt.effects.curve import FrictionCurve
 from energy_opt.effects.electrics import (
     CopperLoss,
     InverterLoss,
+    IronLoss,
     MotionPower,
+    PsuLoss,
     Regeneration,
     Standby,
     StandbyDrift,
     SupplyEfficiency,
     WindingTemperature,
 )
-from energy_opt.effects.friction import CoulombFriction, GearEfficiency, LoadFriction, StribeckFriction, ViscousFriction
+from energy_opt.effects.friction import (
+    AsymmetricFriction,
+    CoulombFriction,
+    GearEfficiency,
+    LoadFriction,
+    PowerLawFriction,
+    StribeckFriction,
+    ThermalViscous,
+    ViscousFriction,
+)
+from energy_opt.effects.links import LinkInertia
 from energy_opt.effects.mechanics import Armature, GravitySpring
 from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain
 from energy_opt.effects.parameter import Parameter
+from energy_opt.effects.past import DcLink, IdleHold, RunOffset
 from energy_opt.effects.rigid import BaseTilt, Payload
 from energy_opt.effects.stages import (
     DriveEffect,
@@ -41,7 +54,7 @@ from energy_opt.effects.stages import (
     TorqueEffect,
     WindingEffect,
 )
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 
 GROUP = "energy_opt.effects"
 
@@ -66,12 +79,22 @@ ALL_EFFECTS: tuple[type[Effect], ...] = (
     MeterDelay,
     MeterFilter,
     MeterGain,
+    FrictionCurve,
+    AsymmetricFriction,
+    PowerLawFriction,
+    ThermalViscous,
+    PsuLoss,
+    IronLoss,
+    DcLink,
+    IdleHold,
+    RunOffset,
+    LinkInertia,
 )
 BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECTS}
 
 # The law that an effect of each stage must write, by the base class that asks for it.
 LAWS: dict[type[Effect], tuple[str, ...]] = {
-    RigidEffect: ("gravity", "point_mass"),
+    RigidEffect: ("gravity", "point_mass", "links"),
     TorqueEffect: ("torque",),
     HeatEffect: ("heat",),
     WindingEffect: ("factor",),
@@ -82,7 +105,7 @@ LAWS: dict[type[Effect], tuple[str, ...]] = {
 }
 
 _added: dict[str, type[Effect]] = {}
-_files: dict[str, str] = {}  # path -> name of the module it became
+_sources: dict[str, tuple[str, str]] = {}  # digest of a file of effects -> its text and place
 
 Kind = TypeVar("Kind", bound=type[Effect])
 
@@ -107,6 +130,11 @@ def register(kind: Kind) -> Kind:
     return kind
 
 
+def unregister(name: str) -> None:
+    """Take an effect of one's own out again; the package's own stay."""
+    _added.pop(name, None)
+
+
 def known_effects() -> dict[str, type[Effect]]:
     """Every effect by its name: the package's, those of installed packages, those registered."""
     _installed()
@@ -121,7 +149,7 @@ def effect_class(name: str) -> type[Effect]:
     """
     kinds = known_effects()
     if name not in kinds:
-        raise BadInput(f"unknown name {name!r}; known: {', '.join(kinds)}")
+        raise BadInput(f"unknown name {name!r}{near(str(name), kinds)}; known: {', '.join(kinds)}")
     return kinds[name]
 
 
@@ -137,43 +165,47 @@ def words_of(words: Iterable[str]) -> dict[str, str]:
 
 
 def load_file(path: str | Path) -> list[type[Effect]]:
-    """Register every effect that a Python file defines; the file is run once.
+    """Register every effect that a Python file defines; the same text is run once.
 
     Raises:
         BadInput: the file cannot be read or run, or holds no effect.
     """
-    where = Path(path).resolve()
-    if str(where) in _files:
-        return _in(sys.modules[_files[str(where)]])
-    if not where.is_file():
-        raise BadInput(f"{path}: no such file of effects")
-    mark = hashlib.sha256(str(where).encode()).hexdigest()[:8]
-    name = f"energy_opt_effects_{where.stem}_{mark}"
-    spec = importlib.util.spec_from_file_location(name, where)
-    if spec is None or spec.loader is None:
-        raise BadInput(f"{path}: not a Python file; a file of effects ends in .py")
-    module = importlib.util.module_from_spec(spec)
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: not a file of effects that can be read: {error}") from None
+    return load_source(text, str(path))
+
+
+def load_source(text: str, where: str) -> list[type[Effect]]:
+    """The same for a file's text, as another process was sent it; `where` names it in messages."""
+    mark = hashlib.sha256(text.encode()).hexdigest()[:16]
+    name = f"energy_opt_effects_{mark}"
+    if mark in _sources:
+        return [register(kind) for kind in _in(sys.modules[name])]
+    module = ModuleType(name)
+    module.__file__ = where
     sys.modules[name] = module  # so that its effects can be pickled
     try:
-        spec.loader.exec_module(module)
+        exec(compile(text, where, "exec"), vars(module))
         kinds = _in(module)
         if not kinds:
-            raise BadInput(f"{path}: defines no effect: a class with a name, derived from one of energy_opt.effects'")
+            raise BadInput(f"{where}: defines no effect: a class with a name, derived from one of energy_opt.effects'")
         for kind in kinds:
             register(kind)
-    except BadInput:
+    except BadInput as error:
         del sys.modules[name]
-        raise
+        raise BadInput(f"{where}: {error}" if where not in str(error) else str(error)) from None
     except Exception as error:
         del sys.modules[name]
-        raise BadInput(f"{path}: {type(error).__name__}: {' '.join(str(error).split())}") from None
-    _files[str(where)] = name
+        raise BadInput(f"{where}: {type(error).__name__}: {' '.join(str(error).split())}") from None
+    _sources[mark] = (text, where)
     return kinds
 
 
-def loaded_files() -> tuple[str, ...]:
-    """The files whose effects are registered: what another process must load to read the same models."""
-    return tuple(_files)
+def loaded_sources() -> tuple[tuple[str, str], ...]:
+    """Text and place of every file of effects that was loaded: what another process needs to read the same models."""
+    return tuple(_sources.values())
 
 
 def _in(module: ModuleType) -> list[type[Effect]]:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from energy_opt.effects.base import Effect, Signals
 from energy_opt.effects.kinks import Kinks
+
+# Mass [kg], centre of mass (3, 1) [m], inertia (3, 3) [kg m^2] about it: numbers or symbols.
+Link = tuple[Any, Any, Any]
 
 
 class RigidEffect(Effect):
@@ -19,6 +25,11 @@ class RigidEffect(Effect):
     def gravity(cls, gravity: ca.SX, p: SimpleNamespace) -> ca.SX:
         """Gravity (3, 1) [m/s^2] in the base frame, from what it is without the effect."""
         return gravity
+
+    @classmethod
+    def links(cls, nominal: Sequence[Link], p: SimpleNamespace) -> list[Link] | None:
+        """The links as they are, in joint order, from what the URDF says; None for an effect that leaves them."""
+        return None
 
     @classmethod
     def point_mass(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX] | None:
@@ -67,6 +78,21 @@ class DriveEffect(Effect):
     @classmethod
     def drawn(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
         """Power drawn by the drives, W, from their drive power (n, 1)."""
+        raise NotImplementedError
+
+
+class StoreEffect(DriveEffect):
+    """Keeps some of the drives' negative power and gives it back: its law runs over time.
+
+    `drawn` is what stands for it where the past is unknown: nothing comes back, so a plan's energy is never below the
+    truth. Where the motion is known in order, `supplied` is the law.
+    """
+
+    follows = ("returned",)
+
+    @classmethod
+    def supplied(cls, step: np.ndarray, bus: np.ndarray, value: float) -> np.ndarray:
+        """Power (N,) [W] that the supply gives, from the drives' power `bus` (N,) [W], each for `step` (N,) s."""
         raise NotImplementedError
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from energy_opt.errors import BadInput
-from energy_opt.formats import messages, table
+from energy_opt.formats import bags, messages, table
 from energy_opt.formats.rows import Rows
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
@@ -50,6 +50,9 @@ FORMATS: dict[str, Format] = {
             "follow-joint-trajectory", ".goal.yaml", "control_msgs/FollowJointTrajectory goal",
             write=messages.write_goal,
         ),
+        Format(
+            "mcap", ".mcap", "bag with a trajectory_msgs/JointTrajectory", bags.read, bags.write_mcap, (".db3", ".bag")
+        ),
     )
 }  # fmt: skip
 
@@ -60,6 +63,8 @@ def read(path: Path) -> Rows:
     Raises:
         BadInput: the file is of no known kind, or faulty; names the place.
     """
+    if path.is_dir() and bags.is_bag(path):
+        return bags.read(path)
     readable = [f for f in FORMATS.values() if f.read is not None]
     for f in readable:
         if path.suffix.lower() in (f.suffix, *f.others):

@@ -129,7 +129,7 @@ def _vector(values: Any, count: int, where: str) -> list[float]:
     if not isinstance(values, Sequence) or isinstance(values, str):
         raise BadInput(f"{where}: not a list of numbers")
     if CUT in values:
-        raise BadInput(f"{where}: cut short with '...'; echo the message with --full-length")
+        raise BadInput(f"{where}: cut short with '...'; `ros2 topic echo --full-length` shows all")
     if len(values) != count:
         raise BadInput(f"{where}: {len(values)} numbers; the message names {count} joints")
     return [number(value, where) for value in values]

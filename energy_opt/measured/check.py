@@ -16,17 +16,24 @@ from energy_opt.robot import Robot
 MISMATCH = 0.2  # logged velocity may differ from that of the positions by this share of its own spread (rms)
 
 
-def check_set(folder: Path) -> list[str]:
+def check_set(folder: Path, allow_outside: bool = False) -> list[str]:
     """All faults of a measured set, empty where it can be used as it is; never raises for a faulty file."""
+    return inspect_set(folder, allow_outside)[0]
+
+
+def inspect_set(folder: Path, allow_outside: bool = False) -> tuple[list[str], list[str]]:
+    """All faults of a measured set, and remarks on what reading took: rows dropped, recordings cut, clocks found."""
     try:
-        log = read_log(folder)
+        log = read_log(folder, allow_outside)
         robot = robot_of(log)
     except BadInput as error:
-        return [str(error)]
-    runs, faults = collect(log, robot)
+        return [str(error)], []
+    runs, faults, remarks = collect(log, robot)
     for run in runs:
         faults += _plausible(run, robot, str(log.path.parent / run.file))
-    return faults
+    if not faults and not any(len(run.power) for run in runs):
+        remarks.append("no run has a reading of power: nothing but currents and torques can be identified")
+    return faults, remarks
 
 
 def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
@@ -56,7 +63,7 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
                     f"{where}: column {joint}.velocity: differs from the slope of the positions by {off:.3g} rad/s rms "
                     f"(its own spread is {spread:.3g}); are unit and joint right?"
                 )
-    if np.ptp(run.power) == 0 and run.power.size > 100:
+    if run.power.size > 100 and np.ptp(run.power) == 0:
         faults.append(f"{where}: column power: is {run.power[0]:g} W throughout; is the meter connected?")
     return faults
 

@@ -1,98 +1,90 @@
-"""Which column of a file holds what: headers, units, products of columns, and presets of known recorders."""
+"""Which column of a file holds what: headers, units, products of columns."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
+from energy_opt.measured.run import JOINT_SIGNALS
+from energy_opt.measured.table import Table
+from energy_opt.measured.units import UNITS, known_unit
 
-SIGNALS = ("position", "velocity", "acceleration", "effort", "temperature")
-
-# Factors to SI, by the kind of quantity.
-UNITS: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "position": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "m": 1.0, "mm": 1e-3},
-    "velocity": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30, "m/s": 1.0},
-    "acceleration": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180, "m/s^2": 1.0},
-    "effort": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "N": 1.0},
-    "temperature": {"degC": 1.0},
-    "power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
-}
+WHOLE = ("time", "power", "energy", "power.time")  # quantities that belong to no joint
 
 
 @dataclass(frozen=True)
 class Rule:
-    """A quantity is the product of some columns, times a factor to SI units."""
+    """A quantity is the product of some columns, times a factor to SI units.
+
+    A factor of None is SI's own, unless the file has a row of units that says otherwise.
+    """
 
     columns: tuple[str, ...]
-    factor: float = 1.0
+    factor: float | None = None
+
+    def there(self, table: Table) -> bool:
+        """Whether a table has all its columns."""
+        return all(name in table for name in self.columns)
 
 
 def kind_of(quantity: str) -> str:
-    """The kind of a quantity's unit: "time", "power" or a joint signal."""
-    if quantity in ("time", "power", "power.time"):
-        return "time" if quantity.endswith("time") else "power"
+    """The kind of a quantity's unit: "time", "power", "energy" or a joint signal."""
+    if quantity in WHOLE:
+        return "time" if quantity.endswith("time") else quantity
     return quantity.rpartition(".")[2]
+
+
+def factor_of(quantity: str, rule: Rule, table: Table) -> float:
+    """The factor to SI: what the log says, else the file's row of units, else 1."""
+    if rule.factor is not None:
+        return rule.factor
+    kind = kind_of(quantity)
+    unit = known_unit(kind, table.units.get(rule.columns[0], "")) if len(rule.columns) == 1 else None
+    return UNITS[kind][unit] if unit else 1.0
 
 
 def rule_from(quantity: str, value: Any, where: str) -> Rule:
     """A rule from an entry of the [columns] table: a header, or a table with column or product, and unit."""
     kind = kind_of(quantity)
-    if kind not in UNITS or ("." not in quantity and quantity not in ("time", "power")):
+    if kind not in UNITS or ("." not in quantity and quantity not in WHOLE):
         raise BadInput(
-            f"{where}: columns: unknown quantity {quantity!r}; expected time, power, power.time or <joint>.<signal> "
-            f"with a signal of {', '.join(SIGNALS)}"
+            f"{where}: columns: unknown quantity {quantity!r}; expected {', '.join(WHOLE)} or <joint>.<signal> "
+            f"with a signal of {', '.join(JOINT_SIGNALS)}"
         )
-    if isinstance(value, str):
+    if isinstance(value, str) and value:
         return Rule((value,))
     if not isinstance(value, dict):
         raise BadInput(
             f'{where}: columns.{quantity} = {value!r}; expected a header or {{ column = "...", unit = "..." }}'
         )
-    unknown = sorted(set(value) - {"column", "product", "unit"})
-    if unknown:
-        raise BadInput(f"{where}: columns.{quantity}: unknown key {unknown[0]!r}; expected column, product, unit")
+    only(value, ("column", "product", "unit"), f"{where}: columns.{quantity}")
     if ("column" in value) == ("product" in value):
         raise BadInput(f"{where}: columns.{quantity}: expected either column or product")
     names = [value["column"]] if "column" in value else value["product"]
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) and name for name in names):
         raise BadInput(f"{where}: columns.{quantity}: column is a header, product a list of headers")
-    standard = next(iter(UNITS[kind]))
-    unit = value.get("unit", standard)
-    if unit not in UNITS[kind]:
-        raise BadInput(f"{where}: columns.{quantity}: unit {unit!r}; known: {', '.join(UNITS[kind])}")
+    if "unit" not in value:
+        return Rule(tuple(names))
+    unit = known_unit(kind, value["unit"]) if isinstance(value["unit"], str) else None
+    if unit is None:
+        raise BadInput(f"{where}: columns.{quantity}: unit {value['unit']!r}; known: {', '.join(UNITS[kind])}")
     return Rule(tuple(names), UNITS[kind][unit])
+
+
+def only(table: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
+    """Refuse keys that are not known, with the one that is near.
+
+    Raises:
+        BadInput: names the first unknown key.
+    """
+    for key in table:
+        if key not in keys:
+            raise BadInput(f"{where}: unknown key {key!r}; expected {', '.join(keys)}{near(key, keys)}")
 
 
 def plain_rules(joints: Sequence[str]) -> dict[str, Rule]:
     """CONTRACT's own headers: every quantity in the column of its name."""
-    names = ["time", "power", *(f"{joint}.{signal}" for joint in joints for signal in SIGNALS)]
+    names = ["time", "power", *(f"{joint}.{signal}" for joint in joints for signal in JOINT_SIGNALS)]
     return {name: Rule((name,)) for name in names}
-
-
-def ur_rtde(joints: Sequence[str]) -> dict[str, Rule]:
-    """Universal Robots' RTDE recorder: joints by number, arm power as supply voltage times current."""
-    rules = {
-        "time": Rule(("timestamp",)),
-        "power": Rule(("actual_robot_voltage", "actual_robot_current")),
-    }
-    for k, joint in enumerate(joints):
-        rules[f"{joint}.position"] = Rule((f"actual_q_{k}",))
-        rules[f"{joint}.velocity"] = Rule((f"actual_qd_{k}",))
-        rules[f"{joint}.temperature"] = Rule((f"joint_temperatures_{k}",))
-    return rules
-
-
-PRESETS = {"ur_rtde": ur_rtde}
-
-# Columns in which a recorder states the payload that the arm was told of: mass [kg], centre of mass [m].
-PAYLOAD = {"ur_rtde": ("payload", "payload_cog_0", "payload_cog_1", "payload_cog_2")}
-
-
-def build_rules(joints: Sequence[str], preset: str | None, given: Mapping[str, Rule]) -> dict[str, Rule]:
-    """The rules of a set: plain headers or a preset, overlaid by what the log file gives."""
-    rules = PRESETS[preset](joints) if preset else plain_rules(joints)
-    return {**rules, **given}

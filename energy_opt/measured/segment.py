@@ -14,6 +14,8 @@ from energy_opt.measured.run import Run
 STILL_SPEED = 0.01  # [rad/s] below this, over `SHORTEST`, the arm stands still
 SHORTEST = 0.25  # [s] a shorter halt does not part two runs
 LONG = 1.5  # [s] a standstill this long is a static run of its own
+MARGIN = 0.15  # [s] of it left to the motions on either side
+FEW_READINGS = 4  # of the meter that a piece has at least
 MOVES = 0.005  # [rad] a piece in which no joint moves further is static
 FEWEST_ROWS = 8  # joint rows a piece has beyond its first
 
@@ -35,24 +37,36 @@ def standstills(time: np.ndarray, position: np.ndarray) -> list[tuple[int, int]]
 
 
 def cut_at_standstill(run: Run) -> list[Run]:
-    """The pieces of a recording; long standstills become static runs, everything else motion runs."""
+    """The pieces of a recording; long standstills become static runs, everything else motion runs.
+
+    No piece is left with fewer readings of the meter than `FEW_READINGS`: a slow meter's recording is cut less often.
+    """
+    begin, end = run.power_time - run.window, run.power_time
+
+    def enough(first: int, last: int, whole: bool = False) -> bool:
+        inside = (end <= run.time[last]) & ((begin if whole else end) >= run.time[first])
+        return not len(end) or int(inside.sum()) >= FEW_READINGS
+
     cuts: list[int] = [0]
+    final = len(run.time) - 1
+    margin = max(1, round(MARGIN / float(np.median(np.diff(run.time)))))
     for first, last in standstills(run.time, run.position):
-        if run.time[last] - run.time[first] >= LONG:
-            margin = max(1, round(0.15 / float(np.median(np.diff(run.time)))))
-            cuts += [first + margin, last - margin]
-        else:
-            cuts.append((first + last) // 2)
-    return pieces(run, sorted({*cuts, len(run.time) - 1}))
+        low, high, middle = first + margin, last - margin, (first + last) // 2
+        if run.time[last] - run.time[first] >= LONG and enough(low, high, whole=True):
+            cuts += [low, high] if first == 0 or enough(cuts[-1], low) else [high]
+        elif enough(cuts[-1], middle) and enough(middle, final):
+            cuts.append(middle)
+    cuts = sorted({*cuts, final})
+    return pieces(run, [(a, b) for a, b in pairwise(cuts) if b - a >= FEWEST_ROWS])
 
 
-def pieces(run: Run, cuts: Sequence[int]) -> list[Run]:
-    """A run cut at joint rows `cuts` (ascending, both ends included), without the pieces too short to use.
+def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> list[Run]:
+    """Parts of a run between joint rows, first and last included.
 
     Every reading goes to one piece: a still one takes those whose window lies in it; of the rest each goes where most
-    of its window lies, and that piece's joint rows reach back as far as the window does.
+    of its window lies, and that piece's joint rows reach back as far as the window does. Where `strict`, readings
+    whose window lies in no piece are left out.
     """
-    spans = [(a, b) for a, b in pairwise(cuts) if b - a >= FEWEST_ROWS]
     still = [bool(np.ptp(run.position[a : b + 1], axis=0).max() <= MOVES) for a, b in spans]
     begin, end = run.power_time - run.window, run.power_time
     overlap = np.full((len(spans), len(end)), -np.inf)
@@ -60,16 +74,18 @@ def pieces(run: Run, cuts: Sequence[int]) -> list[Run]:
         low, high = run.time[a], run.time[b]
         shared = np.minimum(end, high) - np.maximum(begin, low)
         whole = (begin >= low - 1e-9) & (end <= high + 1e-9)
-        overlap[k] = np.where(whole | ((shared > 0) & (not still[k])), shared, -np.inf)
+        overlap[k] = np.where(whole | ((shared > 0) & (not strict and not still[k])), shared, -np.inf)
     owner = np.argmax(overlap, axis=0) if spans else np.zeros(len(end), dtype=int)
     owned = np.isfinite(overlap.max(axis=0)) if spans else np.zeros(len(end), dtype=bool)
     out: list[Run] = []
     for k, (a, b) in enumerate(spans):
         readings = np.flatnonzero(owned & (owner == k))
-        if readings.size:
+        if readings.size and not strict:
             a = min(a, max(0, int(np.searchsorted(run.time, begin[readings].min(), side="right")) - 1))
             b = max(b, min(len(run.time) - 1, int(np.searchsorted(run.time, end[readings[-1]], side="left"))))
-        out.append(_piece(run, a, b, readings, "static" if still[k] else "motion", len(out) + 1))
+        out.append(
+            _piece(run, a, b, readings, (run.kind if strict else "static" if still[k] else "motion"), len(out) + 1)
+        )
     return out
 
 

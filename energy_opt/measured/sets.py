@@ -2,37 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.columns import PAYLOAD, SIGNALS, Rule, build_rules
-from energy_opt.measured.log import LogFile, RunEntry, read_log
+from energy_opt.measured.log import LogFile, read_log
+from energy_opt.measured.presets import PAYLOAD
+from energy_opt.measured.recording import Recording, read_recording
 from energy_opt.measured.run import MeasuredSet, Run
-from energy_opt.measured.segment import cut_at_standstill
 from energy_opt.measured.table import Table
 from energy_opt.robot import PointMass, Robot, load_robot
 
 
-def read_set(folder: Path, robot: Robot | None = None) -> MeasuredSet:
+def read_set(
+    folder: Path, robot: Robot | None = None, *, allow_outside: bool = False, meter: bool = True
+) -> MeasuredSet:
     """Read a measured set.
 
     Args:
         folder: the set's folder, or its log.toml.
         robot: the robot to use instead of the one that the log names.
+        allow_outside: the log may name files outside the set's folder.
+        meter: a set without any meter's reading is refused.
 
     Raises:
         BadInput: the first fault, with file, row and column, and how many more there are.
     """
-    log = read_log(folder)
+    log = read_log(folder, allow_outside)
     robot = robot or robot_of(log)
-    runs, faults = collect(log, robot)
+    runs, faults, remarks = collect(log, robot)
+    if not faults and meter and not any(len(run.power) for run in runs):
+        faults = [f"{log.path}: no run has a reading of power; is the meter's column named in [columns]?"]
     if faults:
         more = f" (and {len(faults) - 1} more faults; `energy-opt check` lists them)" if len(faults) > 1 else ""
         raise BadInput(faults[0] + more)
-    return MeasuredSet(log.path.parent, robot, tuple(runs), _clock(log), stated_payload(log))
+    return MeasuredSet(log.path.parent, robot, tuple(runs), _clock(log), stated_payload(log), tuple(remarks))
 
 
 def stated_payload(log: LogFile) -> PointMass | None:
@@ -40,9 +46,12 @@ def stated_payload(log: LogFile) -> PointMass | None:
     names = PAYLOAD.get(log.preset or "", ())
     stated = []
     for entry in log.runs:
-        table = Table(log.path.parent / entry.file)
-        if not names or not all(name in table for name in names):
+        if not names:
             return None
+        table = Table(log.file(entry.file), log.csv)
+        if not all(name in table for name in names):
+            return None
+        table.load(names)
         values = np.column_stack([table.column(name) for name in names])
         if table.faults or np.ptp(values, axis=0).max() > 0:
             return None
@@ -64,105 +73,40 @@ def robot_of(log: LogFile, limits: Path | None = None) -> Robot:
     return load_robot(name, limits=limits)
 
 
-def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str]]:
-    """All runs that can be read, and every fault found on the way."""
+def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]]:
+    """All runs that can be read, every fault found on the way, and remarks on what reading took."""
     faults = [
         f"{log.path}: columns.{key}: no joint {key.rpartition('.')[0]!r}; the robot's are {', '.join(robot.joints)}"
         for key in log.rules
         if key.rpartition(".")[0] not in (*robot.joints, "", "power")
     ]
-    rules = build_rules(robot.joints, log.preset, log.rules)
-    runs: list[Run] = []
+    found = _recordings(log, robot, faults)
+    if log.window is None and any(one.interval for one in found):
+        # What a slow meter shows is the meter's, not a run's: all runs decide together.
+        interval = float(np.median([one.interval for one in found if one.interval]))
+        mean = sum(one.mean for one in found) >= 0
+        faults = [fault for fault in faults if fault.startswith(f"{log.path}: columns.")]
+        found = _recordings(dataclasses.replace(log, window=interval if mean else 0.0), robot, faults)
+        shows = f"means over {interval:.3g} s" if mean else "the power at its stamps"
+        found[0].remarks.append(
+            f"meter: a reading every {interval:.3g} s, taken for {shows}, which fits the motion better "
+            "([meter] window states it otherwise)"
+        )
+    faults += [fault for one in found for fault in one.faults]
+    runs = [run for one in found for run in one.runs]
+    return runs, list(dict.fromkeys(faults)), [remark for one in found for remark in one.remarks]
+
+
+def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording]:
+    """Every [[run]] read; what cannot be read at all goes to `faults`."""
+    out = []
     clock = 0.0
     for entry in log.runs:
         try:
-            run, found = _read_run(log, entry, robot, rules, clock)
+            out.append(read_recording(log, entry, robot, clock))
         except BadInput as error:
             faults.append(str(error))
             continue
-        faults += found
-        if run is not None and not found:
-            clock = run.start + float(run.time[-1])
-            runs += cut_at_standstill(run) if log.standstill else [run]
-    return runs, faults
-
-
-def _read_run(
-    log: LogFile, entry: RunEntry, robot: Robot, rules: dict[str, Rule], clock: float
-) -> tuple[Run | None, list[str]]:
-    table = Table(log.path.parent / entry.file)
-    time = _quantity(table, rules["time"])
-    signals = {signal: _per_joint(table, robot.joints, rules, signal) for signal in SIGNALS}
-    power_table, power_time = table, time
-    if entry.power_file is not None:
-        power_table = Table(log.path.parent / entry.power_file)
-        power_time = _quantity(power_table, _power_time(power_table, rules))
-    power = _quantity(power_table, rules["power"])
-    faults = list(table.faults)
-    if entry.power_file is not None:
-        faults += power_table.faults
-    faults = list(dict.fromkeys(faults))
-    position = signals["position"]
-    if faults or position is None:
-        return None, faults
-    faults = _clock_faults(table, rules["time"], time)
-    if entry.power_file is not None:
-        faults += _clock_faults(power_table, _power_time(power_table, rules), power_time)
-    if faults:
-        return None, faults
-    zero = 0.0 if entry.power_file is not None or abs(time[0]) < 3600.0 else float(time[0])
-    time, power_time = time - zero, power_time - zero
-    overlap = min(time[-1], power_time[-1]) - max(time[0], power_time[0])
-    if overlap < 0.5 * (time[-1] - time[0]):
-        return None, [
-            f"{power_table.path}: its clock runs from {power_time[0]:g} to {power_time[-1]:g} s, the motion's from "
-            f"{time[0]:g} to {time[-1]:g} s: they hardly overlap; both count from the run's time 0"
-        ]
-    inside = (power_time >= time[0] - 1e-9) & (power_time <= time[-1] + 1e-9)
-    start = clock if entry.start is None else entry.start
-    run = Run(
-        entry.file, entry.kind, start, time, position, signals["velocity"], signals["acceleration"], signals["effort"],
-        signals["temperature"], power_time[inside], power[inside],
-    )  # fmt: skip
-    return run, []
-
-
-def _power_time(table: Table, rules: dict[str, Rule]) -> Rule:
-    if "power.time" in rules:
-        return rules["power.time"]
-    return rules["time"] if all(name in table for name in rules["time"].columns) else Rule(("time",))
-
-
-def _quantity(table: Table, rule: Rule) -> np.ndarray:
-    return table.product(rule.columns) * rule.factor
-
-
-def _per_joint(table: Table, joints: Sequence[str], rules: dict[str, Rule], signal: str) -> np.ndarray | None:
-    """(N, n) of a signal; None where the file has none of its columns and need not have them."""
-    wanted = [rules.get(f"{joint}.{signal}") for joint in joints]
-    there = [rule is not None and all(name in table for name in rule.columns) for rule in wanted]
-    if signal != "position" and not any(there):
-        return None
-    columns = [_quantity(table, rule) for rule in wanted if rule is not None]
-    return np.column_stack(columns) if len(columns) == len(joints) else None
-
-
-def _clock_faults(table: Table, rule: Rule, time: np.ndarray) -> list[str]:
-    if len(time) < 8:
-        return [f"{table.path}: {len(time)} data rows; a run needs at least 8"]
-    back = np.flatnonzero(np.diff(time) <= 0)
-    if back.size:
-        row = table.row_number(int(back[0]) + 1)
-        return [
-            f"{table.path}: row {row}, column {rule.columns[0]}: time {time[back[0] + 1]:g} s does not come after "
-            f"{time[back[0]]:g} s"
-        ]
-    step = np.diff(time)
-    gap = int(np.argmax(step))
-    if step[gap] > max(0.25, 10 * float(np.median(step))):
-        row = table.row_number(gap + 1)
-        return [
-            f"{table.path}: row {row}, column {rule.columns[0]}: {step[gap]:.3g} s without a sample; "
-            "split the run there"
-        ]
-    return []
+        if out[-1].runs:
+            clock = out[-1].runs[-1].start + float(out[-1].runs[-1].time[-1])
+    return out

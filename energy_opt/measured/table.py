@@ -1,74 +1,222 @@
-"""Columns of a measured CSV file: only those asked for are read, so that text columns beside them do no harm."""
+"""Columns of a measured text table: only those asked for are converted, all in one pass, in memory linear in them."""
 
 from __future__ import annotations
 
-import contextlib
-import csv
-import math
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_text
+from energy_opt.measured.dates import NUMBER, date_form, seconds
+from energy_opt.measured.layout import Csv, Layout, layout_of, split, text
 
 MAX_FAULTS = 5  # named per column; the rest is counted
+BLOCK = 1 << 24  # [bytes] parsed at a time; a row must be shorter
+SHOWN = 40  # characters of a faulty cell
+SPARSE = 0.2  # share of empty cells from which a column is taken for a slower source's
+MISSING = ("", "nan", "NaN", "NAN", "-nan", "null", "NULL", "None", "NA", "N/A", "n/a", "#N/A")
 
 
 class Table:
-    """A CSV file as text cells, converted column by column."""
+    """A text table with a header; columns are read by name."""
 
-    def __init__(self, path: Path) -> None:
-        rows = list(csv.reader(read_text(path).splitlines()))
-        if not rows or not any(cell.strip() for cell in rows[0]):
-            raise BadInput(f"{path}: row 1: no header; expected column names such as time, <joint>.position")
+    def __init__(self, path: Path, given: Csv | None = None) -> None:
         self.path = path
-        self.header = [cell.strip() for cell in rows[0]]
+        self.layout: Layout = layout_of(path, given)
+        self.header = list(self.layout.names)
+        self.units = dict(zip(self.header, self.layout.units, strict=False))
         self.faults: list[str] = []
         for name in sorted({name for name in self.header if name and self.header.count(name) > 1}):
             self.faults.append(f"{path}: row 1: column {name!r} stands there twice")
-        self.rows = [(k, row) for k, row in enumerate(rows[1:], start=2) if row]
-        if not self.rows:
-            self.faults.append(f"{path}: row 2: no data rows below the header")
-        ragged = [(k, len(row)) for k, row in self.rows if len(row) != len(self.header)]
-        for k, cells in ragged[:MAX_FAULTS]:
-            self.faults.append(f"{path}: row {k}: {cells} cells, the header has {len(self.header)}")
+        self._columns: dict[str, np.ndarray] = {}
+        self._count: int | None = None
+        self._numbers: np.ndarray | None = None
+        self._skipped: list[int] = []
+        if not self.layout.sample:
+            self.faults.append(f"{path}: row {self.layout.first_row}: no data rows below the header")
 
     def __contains__(self, name: str) -> bool:
         return name in self.header
 
+    def __len__(self) -> int:
+        if self._count is None:
+            self.load(self.header[:1])
+        return self._count or 0
+
+    def load(self, names: Iterable[str]) -> None:
+        """Read columns that are not read yet, in one pass; cells that are no numbers are added to `faults`.
+
+        A column of which `SPARSE` or more is empty is one of a slower source in a common table, and no fault.
+        """
+        wanted = [name for name in dict.fromkeys(names) if name in self.header and name not in self._columns]
+        if not wanted:
+            return
+        if not self.layout.sample:
+            self._count = 0
+            self._columns |= {name: np.empty(0) for name in wanted}
+            return
+        import pyarrow as pa
+
+        at = [self.header.index(name) for name in wanted]
+        forms = [self._form(k) for k in at]
+        kinds = {f"c{k}": pa.string() if form else pa.float64() for k, form in zip(at, forms, strict=True)}
+        try:
+            table = self._parse(kinds)
+        except pa.ArrowInvalid as error:
+            if "conversion error" not in str(error):
+                raise self._damaged(str(error)) from None
+            table = self._parse({name: pa.string() for name in kinds})
+        self._count = len(table)
+        for name, k, form in zip(wanted, at, forms, strict=True):
+            cells = table.column(f"c{k}")
+            if cells.type == pa.string():
+                values = seconds(cells, form) if form is not None else self._converted(cells)
+            else:
+                values = np.asarray(cells.to_numpy(), dtype=float)
+            self._columns[name] = values
+            empty = np.asarray(cells.is_null().to_numpy(), dtype=bool)
+            bad = np.flatnonzero(~empty & ~np.isfinite(values))
+            if not bad.size and 0 < empty.mean() < SPARSE:
+                bad = np.flatnonzero(empty)
+            if bad.size:
+                self._name(name, bad)
+            elif len(empty) and empty.all():
+                self.faults.append(f"{self.path}: column {name}: every cell is empty")
+
     def column(self, name: str) -> np.ndarray:
-        """One column (N,) as numbers; cells that are none become nan and are added to `faults`."""
+        """One column (N,) as numbers, nan where a cell is empty or none; date-times as seconds."""
         if name not in self.header:
             self.faults.append(f"{self.path}: row 1: no column {name!r}; there are {', '.join(self._shown())}")
-            return np.full(len(self.rows), np.nan)
-        at = self.header.index(name)
-        out = np.full(len(self.rows), np.nan)
-        bad = 0
-        for k, (number, row) in enumerate(self.rows):
-            cell = row[at] if at < len(row) else ""
-            with contextlib.suppress(ValueError):
-                out[k] = float(cell)
-            if not math.isfinite(out[k]):
-                bad += 1
-                if bad <= MAX_FAULTS:
-                    what = "is not a number" if cell.strip() else "is empty"
-                    self.faults.append(f"{self.path}: row {number}, column {name}: {cell!r} {what}")
-        if bad > MAX_FAULTS:
-            self.faults.append(f"{self.path}: column {name}: {bad - MAX_FAULTS} more cells are not numbers")
-        return out
+            return np.full(len(self), np.nan)
+        self.load([name])
+        return self._columns[name]
 
     def product(self, names: Iterable[str]) -> np.ndarray:
         """The product of columns, (N,)."""
-        out = np.ones(len(self.rows))
+        out = np.ones(len(self))
         for name in names:
             out = out * self.column(name)
         return out
 
     def row_number(self, index: int) -> int:
-        """The row in the file of a data row."""
-        return self.rows[index][0]
+        """The row in the file of a data row; empty lines and rows of another width count in the file only."""
+        if self._numbers is None:
+            filled = [k for k, row in enumerate(self._lines()) if row]
+            kept = np.delete(np.array(filled, dtype=int), self._skipped)
+            self._numbers = kept + self.layout.first_row
+        return int(self._numbers[index]) if index < len(self._numbers) else self.layout.first_row + index
+
+    def is_date(self, name: str) -> bool:
+        """Whether a column holds dates or times of day."""
+        return name in self.header and self._form(self.header.index(name)) is not None
+
+    def _form(self, k: int) -> re.Pattern[str] | None:
+        cell = next((row[k] for row in self.layout.sample if k < len(row) and row[k].strip()), "")
+        return date_form(cell)
+
+    def _lines(self) -> list[bytes]:
+        return re.split(rb"\r\n|\r|\n", bytes(self.layout.content[self.layout.first :]))
+
+    def _parse(self, kinds: dict[str, Any]) -> Any:
+        """The columns of `kinds`, and a fault for every row of another width."""
+        import pyarrow as pa
+        import pyarrow.csv as arrow
+
+        ragged: list[tuple[int, int]] = []
+
+        def note(row: Any) -> str:
+            ragged.append((row.number, row.actual_columns))
+            return "skip"
+
+        source = pa.BufferReader(pa.py_buffer(self.layout.content)[self.layout.first :])
+        table = arrow.read_csv(
+            source,
+            read_options=arrow.ReadOptions(
+                use_threads=False, block_size=BLOCK, column_names=[f"c{k}" for k in range(len(self.header))]
+            ),
+            parse_options=arrow.ParseOptions(delimiter=self.layout.delimiter, invalid_row_handler=note),
+            convert_options=arrow.ConvertOptions(
+                column_types=kinds,
+                include_columns=list(kinds),
+                null_values=list(MISSING),
+                strings_can_be_null=True,
+                quoted_strings_can_be_null=True,
+                decimal_point=self.layout.decimal,
+                check_utf8=False,
+            ),
+        )
+        if self._count is None:
+            self._skipped = [number - 1 for number, _ in ragged]
+            self._ragged_faults(ragged)
+            self._lost_rows(len(table) + len(ragged))
+        return table
+
+    def _ragged_faults(self, ragged: Sequence[tuple[int, int]]) -> None:
+        if not ragged:
+            return
+        filled = [k + self.layout.first_row for k, row in enumerate(self._lines()) if row]
+        for number, cells in ragged[:MAX_FAULTS]:
+            self.faults.append(
+                f"{self.path}: row {filled[number - 1]}: {cells} cells, the header has {len(self.header)}"
+            )
+        if len(ragged) > MAX_FAULTS:
+            self.faults.append(f"{self.path}: {len(ragged) - MAX_FAULTS} more rows of another width than the header")
+
+    def _lost_rows(self, read: int) -> None:
+        """A quote that never closes swallows rows: their number tells."""
+        content = self.layout.content
+        if content.find(b'"', self.layout.first) < 0:
+            return
+        lines = self._lines()
+        if read < sum(bool(row.strip()) for row in lines):
+            bad = next((k for k, row in enumerate(lines) if row.count(b'"') % 2), 0)
+            self.faults.append(f"{self.path}: row {bad + self.layout.first_row}: a quotation mark that does not close")
+
+    def _damaged(self, reason: str) -> BadInput:
+        lines = self._lines()
+        longest = max(range(len(lines)), key=lambda k: len(lines[k]))
+        if len(lines[longest]) >= BLOCK // 4:
+            cells = lines[longest].split(self.layout.delimiter.encode())
+            column = max(range(len(cells)), key=lambda k: len(cells[k]))
+            name = self.header[column] if column < len(self.header) else "?"
+            return BadInput(
+                f"{self.path}: row {longest + self.layout.first_row}, column {name}: a cell of "
+                f"{len(cells[column])} characters; the file is damaged"
+            )
+        return BadInput(f"{self.path}: not a table of text: {' '.join(reason.split())[:200]}")
+
+    def _converted(self, cells: Any) -> np.ndarray:
+        """Text cells as numbers, nan where they are none."""
+        import pyarrow as pa
+        import pyarrow.compute as compute
+
+        cells = compute.utf8_trim_whitespace(cells)
+        number = "^" + re.sub(r"\((?!\?)", "(?:", NUMBER).replace("[.,]", f"[{self.layout.decimal}]") + "$"
+        cells = compute.if_else(compute.match_substring_regex(cells, number), cells, None)
+        if self.layout.decimal == ",":
+            cells = compute.replace_substring(cells, ",", ".")
+        cells = compute.replace_substring_regex(cells, r"^\+", "")
+        return np.asarray(compute.cast(cells, pa.float64()).to_numpy(), dtype=float)
+
+    def _name(self, name: str, rows: np.ndarray) -> None:
+        """A fault for the first cells of a column that are no numbers."""
+        lines, k = self._lines(), self.header.index(name)
+        for row in rows[:MAX_FAULTS]:
+            number = self.row_number(int(row))
+            cells = split(text(lines[number - self.layout.first_row]), self.layout.delimiter)
+            cell = cells[k] if k < len(cells) else ""
+            what = "is not a number" if cell.strip() else "is empty"
+            self.faults.append(f"{self.path}: row {number}, column {name}: {shown(cell)} {what}")
+        if len(rows) > MAX_FAULTS:
+            self.faults.append(f"{self.path}: column {name}: {len(rows) - MAX_FAULTS} more cells are not numbers")
 
     def _shown(self, most: int = 12) -> list[str]:
         return self.header[:most] + ([f"... ({len(self.header)} in all)"] if len(self.header) > most else [])
+
+
+def shown(cell: str) -> str:
+    """A faulty cell as a message shows it."""
+    return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "...")

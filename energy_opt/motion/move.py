@@ -9,10 +9,10 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.reshape.nodes import OBJECTIVES
 from energy_opt.motion.trajectory import Trajectory
 
 Mode = Literal["retime", "reshape"]
+OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from energy_opt.motion.limits.base import Limit, box_of, scaled
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Curve, Level, fitted
-from energy_opt.motion.reshape.search import trajectory_of
+from energy_opt.motion.reshape.search import all_rows, trajectory_of
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits, Robot
 
@@ -20,6 +22,7 @@ BEND = 0.5  # standard deviation of a bend's amplitude, as a share of half of a 
 WAVES = 4  # half periods of a bend at most
 ITERATIONS = 40
 SHORTEST = 0.5  # [s]
+PEAKS = {1: 1.875, 2: 5.774, 3: 60.0}  # largest value of a quintic's derivatives, per unit of way and of 1 / T^k
 
 
 @dataclass(frozen=True)
@@ -51,65 +54,60 @@ def reshaped(
 
     It is `leg` itself where the solver ends outside the limits.
     """
-    shape, stated = level.shape, way.limits
-    kinds = ("velocity", "acceleration", "jerk", "effort")
-    limits = stated.replace(**{kind: SPARE * getattr(stated, kind) for kind in kinds})
-    rows = [(k, site, j) for k in (1, 2, 3) for site in range(len(shape.sites[k - 1])) for j in range(shape.joints)]
+    shape, limits = level.shape, scaled(joint_limits(way.limits), SPARE)
     outcome = level.solve(
         leg if rng is None else _bent(level, way, leg, limits, parameters, rng),
-        way.ends, limits, parameters, way.durations, tolerance=1e-3, rows=np.array(rows), rounds=2,
+        way.ends, limits, parameters, way.durations, tolerance=1e-3, rows=all_rows(shape, limits, (1, 2, 3)), rounds=2,
         options={"mu_init": 1e-2, "max_iter": ITERATIONS},
     )  # fmt: skip
     return outcome.curve if outcome.broken < 1 / SPARE - 1 else leg
 
 
 def _bent(
-    level: Level, way: Way, leg: Curve, limits: Limits, parameters: np.ndarray, rng: np.random.Generator
+    level: Level, way: Way, leg: Curve, limits: Sequence[Limit], parameters: np.ndarray, rng: np.random.Generator
 ) -> Curve:
     """The most telling of many randomly bent copies of `leg`, each as fast as limits on motion let it be."""
     shape = level.shape
-    bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk, limits.effort])
-    u, half = np.linspace(0, 1, shape.basis.controls), (limits.upper - limits.lower) / 2
+    lower, upper = box_of(limits, shape.joints)
+    u, half = np.linspace(0, 1, shape.basis.controls), (upper - lower) / 2
     waves = np.stack([np.sin(np.pi * u) * np.sin(k * np.pi * u) for k in range(1, WAVES + 1)])
     best, least = leg, np.inf
     for _ in range(BENT):
         bend = waves.T @ (rng.normal(size=(WAVES, shape.joints)) * half / np.arange(1, WAVES + 1)[:, None])
         bend[: shape.pinned] = bend[-shape.pinned :] = 0
         for size in BEND * 0.6 ** np.arange(8):
-            points = np.clip(leg.points + size * bend, limits.lower, limits.upper)
-            curve = _fast(Curve(shape, points, 1.0, leg.via_u), bounds)
+            points = np.clip(leg.points + size * bend, lower, upper)
+            curve = _fast(Curve(shape, points, 1.0, leg.via_u), limits)
             if curve.duration <= way.durations[1]:
                 break
         curve = replace(curve, duration=float(np.clip(curve.duration, *way.durations)))
-        cost, shares = level.shares(curve, parameters, bounds)
-        value = cost / max(1.0, *(float(share.max()) for share in shares)) ** 2
+        cost, shares = level.shares(curve, parameters, limits)
+        value = cost / max(1.0, *(float(share.max()) for share in shares.values())) ** 2
         if value < least:
             best, least = curve, value
     return best
 
 
-def _fast(curve: Curve, bounds: np.ndarray) -> Curve:
-    """The curve in the shortest duration within bounds on velocity, acceleration and jerk."""
-    sites = curve.shape.sites
-    shortest = [np.max(np.abs(sites[k] @ curve.points) / bounds[k]) ** (1 / (k + 1)) for k in range(3)]
+def _fast(curve: Curve, limits: Sequence[Limit]) -> Curve:
+    """The curve in the shortest duration within limits on the derivatives of position."""
+    shortest = [
+        np.max(np.abs(curve.shape.sites[limit.order - 1] @ curve.points) / limit.bound) ** (1 / limit.order)
+        for limit in limits
+        if limit.order
+    ]
     return replace(curve, duration=float(max(shortest)))
 
 
-def shortest(robot: Robot, limits: Limits, start: np.ndarray, goal: np.ndarray) -> float:
-    """Shortest quintic within velocity, acceleration, jerk and effort limits (with a tenth to spare), s."""
+def shortest(robot: Robot, limits: Sequence[Limit], start: np.ndarray, goal: np.ndarray) -> float:
+    """Shortest quintic within the limits on motion, and within torque limits (with a tenth to spare), s."""
     way = goal - start
-    size = 1.1 * np.abs(way)
-    duration = max(
-        SHORTEST,
-        float(np.max(1.875 * size / limits.velocity)),
-        float(np.max(np.sqrt(5.774 * size / limits.acceleration))),
-        float(np.max(np.cbrt(60 * size / limits.jerk))),
-    )
+    moved = [np.max(PEAKS[k.order] * 1.1 * np.abs(way) / k.bound) ** (1 / k.order) for k in limits if k.order]
+    duration = max(SHORTEST, *(float(one) for one in moved))
     x = np.linspace(0, 1, 21)
     share, rate, curve = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - 3 * x + 2 * x**2)
     for _ in range(12):
         q, v, a = start + np.outer(share, way), np.outer(rate, way) / duration, np.outer(curve, way) / duration**2
-        if (1.1 * np.abs(robot.body.torque(q, v, a)) <= limits.effort).all():
+        if (1.1 * np.abs(robot.body.torque(q, v, a)) <= robot.limits.effort).all():
             break
         duration *= 1.2
     return duration

@@ -16,6 +16,7 @@ import numpy as np
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.layout import Shape
 from energy_opt.motion.reshape.level import Curve, Level
 from energy_opt.motion.trajectory import Trajectory
@@ -69,7 +70,7 @@ def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0) -> NextMo
     drawn = []
     for _ in range(DRAWN):
         poses = rng.uniform(limits.lower, limits.upper, (2, robot.n))
-        ways = _ways(poses, shortest(robot, limits, *poses), limits)
+        ways = _ways(poses, shortest(robot, joint_limits(limits), *poses), limits)
         legs = [way.quintic(shape) for way in ways]
         drawn.append((judge.apart(legs, COARSE), ways, legs))
     judge.live = np.max([apart for apart, *_ in drawn], axis=0) >= SAME
@@ -86,7 +87,7 @@ def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0) -> NextMo
         candidates += _improved(level, judge, ways, apart, rng)
     for value, legs in sorted(candidates, key=lambda pair: -pair[0]):
         trajectory = joined(legs, robot.joints)
-        certificate = certify(trajectory, judge.scorers[0], robot.limits)
+        certificate = certify(trajectory, judge.scorers[0], joint_limits(robot.limits))
         if certificate.valid:
             return NextMotion(judge.scorers[0].filled(trajectory), value, candidates[0][0], certificate)
     raise Infeasible("no motion from pose to pose holds the robot's limits")

@@ -19,6 +19,7 @@ from energy_opt.effects import (
     Kinks,
     PowerEffect,
     Signals,
+    StoreEffect,
     SupplyEffect,
     TorqueEffect,
     WindingEffect,
@@ -32,13 +33,15 @@ class DriveTerms:
 
     `parts` has an entry "mechanical" (tau^T v of the rigid body) and one for every effect of the stages torque,
     heat, winding, drive, power and supply. `conservative` is the part [W] whose integral only the ends decide: the work
-    of the rigid body's torque, of rotors and of springs, times what drives and supply let pass of it.
+    of the rigid body's torque, of rotors and of springs, times what drives and supply let pass of it. `bus` is the
+    joints' drive power [W].
     """
 
     tau_m: ca.SX
     power: ca.SX
     parts: dict[str, ca.SX]
     conservative: ca.SX
+    bus: ca.SX
 
 
 def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT) -> DriveTerms:
@@ -55,6 +58,7 @@ def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT) -
         sum((w * terms.power for w, terms in members), ca.SX(0)),
         {name: sum((w * terms.parts.get(name, 0) for w, terms in members), ca.SX(0)) for name in names},
         sum((w * terms.conservative for w, terms in members), ca.SX(0)),
+        members[0][1].bus,
     )
 
 
@@ -83,10 +87,12 @@ def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks) -> Driv
             parts[effect.name] = ca.sum1(more)
             drive = drive + more
 
-    power = ca.sum1(drive)
+    power = bus = ca.sum1(drive)
     for effect, values in named:
         if isinstance(effect, DriveEffect):
             clamped = effect.drawn(drive, values, kinks)
+            if isinstance(effect, StoreEffect) and x.returned is not None:
+                clamped = clamped - x.returned
             parts[effect.name] = clamped - power
             power = clamped
 
@@ -104,22 +110,28 @@ def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks) -> Driv
     for effect, values in named:
         passed *= effect.passed(values)
     stored = sum((parts[effect.name] for effect, _ in named if effect.stores), parts["mechanical"])
-    return DriveTerms(tau_m, power, parts, passed * stored)
+    return DriveTerms(tau_m, power, parts, passed * stored, bus)
 
 
-def drive_function(model: PowerModel, joints: int, kinks: Kinks = EXACT) -> tuple[ca.Function, tuple[str, ...]]:
-    """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order."""
+def drive_function(
+    model: PowerModel, joints: int, kinks: Kinks = EXACT, past: bool = False
+) -> tuple[ca.Function, tuple[str, ...]]:
+    """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order.
+
+    With `past` it also takes idle and returned (see `Signals`), before p, and gives the power of the bus.
+    """
     q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
-    x = Signals(q, v, a, tau, ca.SX.sym("t"))
+    known = {name: ca.SX.sym(name) for name in ("idle", "returned")} if past else {}
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), **known)
     p = model.symbols(joints)
     terms = drive_terms(model, x, p, kinks)
-    inputs = [x.q, x.v, x.a, x.tau, x.t, p]
+    inputs = [x.q, x.v, x.a, x.tau, x.t, *known.values(), p]
     parts = ca.vertcat(*terms.parts.values())
     function = ca.Function(
         "drive",
         inputs,
-        [terms.tau_m, terms.power, parts],
-        ["q", "v", "a", "tau", "t", "p"],
-        ["tau_m", "power", "parts"],
+        [terms.tau_m, terms.power, parts, *([terms.bus] if past else [])],
+        ["q", "v", "a", "tau", "t", *known, "p"],
+        ["tau_m", "power", "parts", *(["bus"] if past else [])],
     )
     return function, tuple(terms.parts)

@@ -36,6 +36,9 @@ class PowerModel:
         for name in names:
             if names.count(name) > 1:
                 raise BadInput(f"model of {self.robot}: effect {name!r} stands there twice; merge them into one")
+        drives = [e.name for e in self.effects if e.stage == "drive"]
+        if len(drives) > 1:
+            raise BadInput(f"model of {self.robot}: {' and '.join(drives)} both say what becomes of negative power")
         for effect in self.effects:
             for need in effect.needs:
                 if need not in names:
@@ -58,8 +61,11 @@ class PowerModel:
 
     @property
     def structure(self) -> tuple[tuple[str, ...], ...]:
-        """What a built problem depends on: the effects present and their options, not their values."""
-        return tuple(e.form for e in self.effects)
+        """What a built problem depends on: the effects present and their options, not their values.
+
+        But for those that change links, whose values are numbers in the inverse dynamics.
+        """
+        return tuple(e.form if not e.bakes else (*e.form, f"@{hash(e):x}") for e in self.effects)
 
     def values(self, joints: int) -> np.ndarray:
         """All parameter values as one vector, effects in order, each laid out as `Effect.full`."""

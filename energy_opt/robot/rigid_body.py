@@ -5,7 +5,7 @@ Joint positions are angles (rad) for every revolute joint, continuous ones inclu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput
+from energy_opt.robot.meshes import collision_urdf
 from energy_opt.robot.urdf import check_urdf
 
 FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
@@ -56,6 +57,23 @@ class Link:
 
 
 @dataclass(frozen=True)
+class LinkGeometry:
+    """One collision geometry of a link.
+
+    Attributes:
+        link: the link's name.
+        joint: index of the joint that carries it, -1 for the base.
+        pose: (4, 4) in that joint's frame.
+        geometry: the shape as coal holds it, the library that Pinocchio's collision checks stand on.
+    """
+
+    link: str
+    joint: int
+    pose: np.ndarray
+    geometry: Any
+
+
+@dataclass(frozen=True)
 class UrdfLimits:
     """What the URDF states, (n,) each, untouched: position [rad], velocity [rad/s], effort [N m]."""
 
@@ -63,6 +81,75 @@ class UrdfLimits:
     upper: np.ndarray
     velocity: np.ndarray
     effort: np.ndarray
+
+
+def _read(path: Path, lock: Mapping[str, float], collision: str | None = None) -> tuple[Any, Any]:
+    """Pinocchio's model of a URDF with joints locked; with the geometry that the URDF text `collision` describes."""
+    if not path.is_file():
+        raise BadInput(f"{path}: no such URDF file")
+    try:
+        model = pin.buildModelFromUrdf(str(path))
+    except (ValueError, RuntimeError) as error:
+        raise BadInput(f"{path}: not a URDF that can be read: {' '.join(str(error).split())}") from None
+    for j in range(1, model.njoints):
+        if model.joints[j].nv != 1:
+            kind = model.joints[j].shortname()
+            raise BadInput(f"{path}: joint {model.names[j]} ({kind}) has more than one degree of freedom")
+    geometry = None
+    if collision is not None:
+        try:
+            geometry = pin.buildGeomFromUrdfString(model, collision, pin.GeometryType.COLLISION)
+        except (ValueError, RuntimeError) as error:
+            raise BadInput(f"{path}: {' '.join(str(error).split())}; --self-collision off goes without") from None
+    full = pin.neutral(model)
+    for name, position in lock.items():
+        if name not in model.names:
+            raise BadInput(f"{path}: cannot lock {name!r}; joints are {', '.join(model.names[1:])}")
+        joint = model.joints[model.getJointId(name)]
+        full[joint.idx_q : joint.idx_q + joint.nq] = (
+            [np.cos(position), np.sin(position)] if joint.nq == 2 else [position]
+        )
+    if lock:
+        locked = [model.getJointId(name) for name in lock]
+        if geometry is None:
+            model = pin.buildReducedModel(model, locked, full)
+        else:
+            model, geometry = pin.buildReducedModel(model, geometry, locked, full)
+    return model, geometry
+
+
+def collision_geometry(path: Path, lock: Mapping[str, float], package_dirs: Sequence[Path] = ()) -> list[LinkGeometry]:
+    """The collision geometry of a URDF's links, joints in `lock` held where it says; empty where it has none.
+
+    Args:
+        package_dirs: folders in which the packages of `package://` addresses are looked for.
+
+    Raises:
+        BadInput: the file or one of its meshes is missing or cannot be read.
+    """
+    model, geometry = _read(path, lock, collision_urdf(path, package_dirs).text)
+    return [
+        LinkGeometry(
+            model.frames[thing.parentFrame].name,
+            int(thing.parentJoint) - 1,
+            thing.placement.homogeneous.copy(),
+            thing.geometry,
+        )
+        for thing in geometry.geometryObjects
+    ]
+
+
+def link_parents(path: Path) -> dict[str, str]:
+    """The link that each link of a URDF hangs on, by a moving or a fixed joint; the root is not among the keys."""
+    frames, out = _read(path, {})[0].frames, {}
+    for frame in frames:
+        if frame.type == pin.FrameType.BODY:
+            above = frames[frame.parentFrame]
+            while above.type != pin.FrameType.BODY and above.name != frames[0].name:
+                above = frames[above.parentFrame]
+            if above.type == pin.FrameType.BODY:
+                out[frame.name] = above.name
+    return out
 
 
 class RigidBody:
@@ -75,6 +162,7 @@ class RigidBody:
         self.n: int = model.nv
         self.gravity = np.array(model.gravity.linear)
         self.continuous = np.array([model.joints[j].nq == 2 for j in range(1, model.njoints)])
+        self.plain: RigidBody = self  # with the links of the URDF
         self._index_q = np.array([model.joints[j].idx_q for j in range(1, model.njoints)])
 
     @classmethod
@@ -85,27 +173,9 @@ class RigidBody:
             BadInput: the file is missing or does not parse, a locked joint is unknown, or a joint has more than one
                 degree of freedom.
         """
-        if not path.is_file():
-            raise BadInput(f"{path}: no such URDF file")
-        check_urdf(path)
-        try:
-            model = pin.buildModelFromUrdf(str(path))
-        except (ValueError, RuntimeError) as error:
-            raise BadInput(f"{path}: not a URDF that can be read: {' '.join(str(error).split())}") from None
-        for j in range(1, model.njoints):
-            if model.joints[j].nv != 1:
-                kind = model.joints[j].shortname()
-                raise BadInput(f"{path}: joint {model.names[j]} ({kind}) has more than one degree of freedom")
-        full = pin.neutral(model)
-        for name, position in lock.items():
-            if name not in model.names:
-                raise BadInput(f"{path}: cannot lock {name!r}; joints are {', '.join(model.names[1:])}")
-            joint = model.joints[model.getJointId(name)]
-            full[joint.idx_q : joint.idx_q + joint.nq] = (
-                [np.cos(position), np.sin(position)] if joint.nq == 2 else [position]
-            )
-        if lock:
-            model = pin.buildReducedModel(model, [model.getJointId(name) for name in lock], full)
+        if path.is_file():
+            check_urdf(path)
+        model, _ = _read(path, lock)
         if model.nv == 0:
             raise BadInput(f"{path}: no joint is left that moves")
         return cls(model)
@@ -141,9 +211,23 @@ class RigidBody:
             )
         return tuple(out)
 
+    def link_frames(self) -> dict[str, tuple[int, np.ndarray]]:
+        """Every link by name: index of the joint that carries it (-1: base), and its (4, 4) pose in that frame."""
+        bodies = [frame for frame in self._model.frames if frame.type == pin.FrameType.BODY]
+        return {frame.name: (int(frame.parentJoint) - 1, frame.placement.homogeneous.copy()) for frame in bodies}
+
     def tree(self) -> tuple[Link, ...]:
         """The moving links, parents before children, in the order of the joints."""
         return self._links
+
+    def with_links(self, mass: np.ndarray, lever: np.ndarray, inertia: np.ndarray) -> RigidBody:
+        """The same tree with other links: mass (n,) [kg], centre (n, 3) [m], inertia (n, 3, 3) [kg m^2] about it."""
+        model = pin.Model(self._model)
+        for j in range(self.n):
+            model.inertias[j + 1] = pin.Inertia(float(mass[j]), np.array(lever[j]), np.array(inertia[j]))
+        out = RigidBody(model)
+        out.plain = self.plain
+        return out
 
     def on_casadi(self) -> tuple[Any, Any] | None:
         """`pinocchio.casadi` and this model on its scalars; None where Pinocchio was built without that module."""
@@ -218,6 +302,16 @@ class RigidBody:
         out = np.empty((len(q), self.n, 10))
         for k, c in enumerate(self.configuration(q)):
             out[k] = pin.computeJointTorqueRegressor(model, data, c, v[k], a[k])[:, -10:]
+        return out
+
+    def link_regressor(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, gravity: np.ndarray | None = None
+    ) -> np.ndarray:
+        """How torque grows with all links' inertial parameters, (N, n, 10 n), each as in `payload_regressor`."""
+        model, data = self._variant(None, gravity)
+        out = np.empty((len(q), self.n, 10 * self.n))
+        for k, c in enumerate(self.configuration(q)):
+            out[k] = pin.computeJointTorqueRegressor(model, data, c, v[k], a[k])
         return out
 
     def torque_derivatives(

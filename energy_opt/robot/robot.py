@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
 from energy_opt.robot.limits import Limits, overlay, with_assumptions
 from energy_opt.robot.rigid_body import Link, RigidBody
@@ -58,7 +58,8 @@ def load_robot(name_or_urdf: str, *, limits: Path | None = None, lock: Mapping[s
     if entry is None:
         path = Path(name_or_urdf)
         if not path.is_file():
-            raise BadInput(f"{name_or_urdf!r} is neither a URDF file nor a robot by name: {', '.join(CATALOG)}")
+            hint = near(name_or_urdf, CATALOG)
+            raise BadInput(f"{name_or_urdf!r} is neither a URDF file nor a robot by name{hint}: {', '.join(CATALOG)}")
         name, published, locked = path.stem, None, dict(lock or {})
     else:
         path, name = urdf_of(entry), name_or_urdf

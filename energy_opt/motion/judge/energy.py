@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
+from energy_opt.motion.dense import Dense
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_function
-from energy_opt.power.rigid import rigid_inputs, rigid_torque
+from energy_opt.power.past import idle_time, returned_power, store_of
+from energy_opt.power.rigid import body_of, rigid_inputs, rigid_torque
 from energy_opt.robot import Robot
 
 DENSER = 10  # places between two rows at which a trajectory is judged; even, for Simpson's rule
@@ -42,67 +43,37 @@ class Energy:
         }
 
 
-@dataclass(frozen=True)
-class Dense:
-    """A trajectory on a grid that is `factor` times denser than its rows, by Pinocchio's torque and the exact laws.
-
-    time (M,) [s] from 0; q, v, a, jerk (M, n); effort (M, n) [N m] the motors' torque; power (M,) [W] and its parts
-    by effect (M, parts). Every `factor`-th of them is a row.
-    """
-
-    trajectory: Trajectory
-    factor: int
-    time: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    jerk: np.ndarray
-    effort: np.ndarray
-    power: np.ndarray
-    parts: np.ndarray
-
-    @cached_property
-    def weight(self) -> np.ndarray:
-        """Simpson's weights (M,) [s] of an integral over time; `factor` is even.
-
-        At 4 ms between rows and ten places between them the rule errs by about 1e-10 of a smooth integral, and
-        by a tenth of a row where a law has a kink.
-        """
-        step = np.diff(self.trajectory.time) / self.factor
-        pattern = np.tile([2.0, 4.0], self.factor // 2) / 3
-        weight = np.append((step[:, None] * pattern).ravel(), 0.0)
-        pairs = step / 3  # an interval's first and last place count once on either side
-        weight[:: self.factor] = np.append(pairs, 0.0) + np.append(0.0, pairs)
-        return weight
-
-    @property
-    def filled(self) -> Trajectory:
-        """The trajectory with effort and power at its rows."""
-        return replace(self.trajectory, effort=self.effort[:: self.factor], power=self.power[:: self.factor])
-
-
 class Scorer:
     """Scores trajectories of one robot under one model; build it once, use it for many."""
 
     def __init__(self, robot: Robot, model: PowerModel) -> None:
         model.check(robot.n)
         self.robot, self.model = robot, model
-        self._drive, self.parts = drive_function(model, robot.n)
+        self._drive, self.parts = drive_function(model, robot.n, past=True)
         self._values = model.values(robot.n)
 
     def drive(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Motor torque (N, n) [N m], power (N,) [W] and its parts (N, len(self.parts)) [W] by the exact laws."""
+        """Motor torque (N, n) [N m], power (N,) [W] and its parts (N, len(self.parts)) [W] by the exact laws.
+
+        Instants are in order of time; each stands for half the time to both neighbours.
+        """
         tau = rigid_torque(self.model, self.robot.body, q, v, a)
-        tau_m, power, parts = Batch(self._drive, len(q))(q, v, a, tau, t[:, None], self._values)
+        idle, back = idle_time(t, v)[:, None], np.zeros((len(q), 1))
+        law = Batch(self._drive, len(q))
+        tau_m, power, parts, bus = law(q, v, a, tau, t[:, None], idle, back, self._values)
+        if store_of(self.model) is not None and len(q) > 1:
+            back = returned_power(self.model, np.gradient(t), bus[:, 0])[:, None]
+            tau_m, power, parts, _ = law(q, v, a, tau, t[:, None], idle, back, self._values)
         return tau_m, power[:, 0], parts
 
     def stored(self, trajectory: Trajectory) -> float:
         """Change of potential plus kinetic energy between the trajectory's ends, J."""
-        payload, gravity = rigid_inputs(self.model, self.robot.body)
+        body = body_of(self.model, self.robot.body)
+        payload, gravity = rigid_inputs(self.model, body)
         ends_q, ends_v = trajectory.position[[0, -1]], trajectory.velocity[[0, -1]]
-        out = float(np.diff(self.robot.body.energy(ends_q, ends_v, payload, gravity))[0])
+        out = float(np.diff(body.energy(ends_q, ends_v, payload, gravity))[0])
         for weight, member in self.model.weighted:
             for effect in member.effects:
                 if effect.stores:
@@ -115,7 +86,7 @@ class Scorer:
         """The trajectory on a grid `factor` times denser than its rows: what energy and limits are read from."""
         time = trajectory.denser(factor) - trajectory.time[0]
         q, v, a, jerk = trajectory.sample_denser(factor)
-        return Dense(trajectory, factor, time, q, v, a, jerk, *self.drive(q, v, a, time))
+        return Dense(trajectory, self.robot.body, factor, time, q, v, a, jerk, *self.drive(q, v, a, time))
 
     def energy(self, trajectory: Trajectory) -> Energy:
         """Energy of the curve that the rows stand for."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.judge.certificate import ALLOWED, Certificate
+from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.move import Move
 from energy_opt.motion.reshape.layout import Ends
@@ -20,7 +20,6 @@ from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
 from energy_opt.motion.retime.solve import RetimeSolution, retime
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.robot import Limits
 
 if TYPE_CHECKING:
     from energy_opt.motion.plan.planner import Planner
@@ -30,22 +29,12 @@ LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the fi
 SHORTEST = 0.2
 
 
-def tightened(limits: Limits, certificate: Certificate) -> Limits:
-    """Limits taken smaller by a little more than the judge found them broken."""
-    changed = {}
-    for kind in ("velocity", "acceleration", "jerk", "effort"):
-        excess = certificate.max_violation[kind]
-        factor = 1 + 1.5 * excess + 2 * ALLOWED if excess > 0.1 * ALLOWED else 1.0
-        changed[kind] = getattr(limits, kind) / factor
-    return limits.replace(**changed)
-
-
 class Solve:
     """One move on its way from request to result."""
 
     def __init__(self, planner: Planner, move: Move, warm: Sequence[Trajectory]) -> None:
         self.p, self.move, self.warm = planner, move, list(warm)
-        self.robot, self.limits = planner.robot, planner.robot.limits
+        self.robot, self.limits = planner.robot, planner.limits(move)
         self.objective = planner.settings.objective
         self.iterations, self.converged, self.message = 0, True, ""
 
@@ -110,10 +99,10 @@ class Solve:
             self.iterations += solution.iterations
             if move.mode == "retime":
                 self.converged, self.message = solution.converged, solution.message
-            certificate = self.p.certify(solution.trajectory)
+            certificate = self.p.certify(solution.trajectory, move)
             if certificate.valid:
                 return solution
-            tight = tightened(tight, certificate)
+            tight = certificate.tightened(tight)
             timing = self.p._fastest(move, tight)
         if move.mode == "retime":
             self.converged, self.message = False, self._broken("retimed", certificate)
@@ -169,7 +158,9 @@ class Solve:
     def _reference_time(self) -> float:
         if self.timing is not None and self.timing.path.moves:
             return self.timing.duration
-        return max(float((np.abs(self.move.goal - self.move.start) / self.limits.velocity).max()) * 2, 0.1)
+        way = np.abs(self.move.goal - self.move.start)
+        shortest = [float((way / limit.bound).max()) ** (1 / limit.order) for limit in self.limits if limit.order]
+        return max(2 * max(shortest), 0.1)
 
     def _lines(self, retimed: RetimeSolution | None, task: Task) -> list[tuple[np.ndarray, np.ndarray, float]]:
         """First guesses: trajectories handed in, the least-energy timing of the first path, TOPP-RA's."""
@@ -194,10 +185,10 @@ class Solve:
         limits = self.limits
         for mend in range(MENDS + 1):
             trajectory = trajectory_of(best.curve, self.robot.joints)
-            certificate = self.p.certify(trajectory)
+            certificate = self.p.certify(trajectory, self.move)
             if certificate.valid or mend == MENDS or self.p._stopped():
                 break
-            limits = tightened(limits, certificate)
+            limits = certificate.tightened(limits)
             mended = reshaper.polish(best, replace(task, limits=limits))
             self.iterations += mended.iterations
             best = mended
@@ -221,7 +212,7 @@ class Solve:
         if best is None:
             if fallback or self.p._stopped():
                 return None
-            worst = self.p.certify(self._slow(lines[0])).worst
+            worst = self.p.certify(self._slow(lines[0]), self.move).worst
             raise Infeasible(
                 f"{worst['joint']}: the {worst['limit']} limit {worst['bound']:.4g} cannot be held even by a slow move "
                 f"(value {worst['value']:.4g} at {worst['time']:.4g} s)",
@@ -268,7 +259,7 @@ class Solve:
         if self.move.input is not None:
             trajectories.append(("input", self.move.input))
         return [
-            Baseline(name, self.p._scorer.filled(t), self.p.score(t), self.p.certify(t).violation)
+            Baseline(name, self.p._scorer.filled(t), self.p.score(t), self.p.certify(t, self.move).violation)
             for name, t in trajectories
         ]
 
@@ -330,7 +321,7 @@ class Solve:
 
     def _judged(self, candidates: list[tuple[str, Trajectory]]) -> list[tuple[str, Trajectory, Energy, Certificate]]:
         """The candidates that answer what is asked within all limits, with energy and certificate."""
-        answers = ((name, t, self.p.certify(t)) for name, t in candidates if self._answers(t))
+        answers = ((name, t, self.p.certify(t, self.move)) for name, t in candidates if self._answers(t))
         return [(name, t, self.p.score(t), certificate) for name, t, certificate in answers if certificate.valid]
 
     def _answers(self, trajectory: Trajectory) -> bool:

@@ -16,7 +16,7 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import Solve
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.reshape.level import Level, Outcome, fitted
-from energy_opt.motion.reshape.search import COARSE, FEASIBLE, Reshaper, _all_rows
+from energy_opt.motion.reshape.search import COARSE, FEASIBLE, Reshaper, all_rows
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
@@ -80,7 +80,7 @@ class Carrier:
             task.parameters,
             task.durations,
             tolerance=TOLERANCE,
-            rows=_all_rows(self._level.shape) if known is None else known.rows,
+            rows=all_rows(self._level.shape, task.limits) if known is None else known.rows,
             multipliers=None if known is None else known.multipliers,
             offset=task.offset,
             options=OPTIONS,
@@ -109,6 +109,6 @@ class Carrier:
             if found is None:
                 return None
             trajectory, converged = found.trajectory, found.converged
-        if not planner.certify(trajectory).valid:
+        if not planner.certify(trajectory, self.move).valid:
             return None
         return Carried(trajectory, planner.score(trajectory), converged)

@@ -8,9 +8,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from energy_opt.dynamics import torque_function
-from energy_opt.errors import BadInput, Infeasible
-from energy_opt.motion.judge.certificate import ALLOWED, Certificate, certify
+from energy_opt.errors import BadInput
+from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.energy import Energy, Scorer
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.check import check_pose
+from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.plan.candidates import Solve
@@ -22,7 +25,7 @@ from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
-from energy_opt.robot import Limits, Robot
+from energy_opt.robot import Robot
 
 
 class Planner:
@@ -63,19 +66,26 @@ class Planner:
         model.check(self.robot.n)
         self.model = model
         self._scorer = Scorer(self.robot, model)
-        self._certified: tuple[Trajectory, Certificate] | None = None  # the last, which is often asked for again
+        self._certified: tuple[Trajectory, Move | None, Certificate] | None = (
+            None  # the last, which is often asked for again
+        )
         self._values = model.values(self.robot.n)
 
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""
         return self._scorer.energy(trajectory)
 
-    def certify(self, trajectory: Trajectory) -> Certificate:
-        """How far any trajectory stays inside the robot's limits."""
-        if self._certified is None or self._certified[0] is not trajectory:
-            certificate = certify(trajectory, self._scorer, self.robot.limits, self.settings.verify_samples)
-            self._certified = trajectory, certificate
-        return self._certified[1]
+    def limits(self, move: Move | None = None) -> tuple[Limit, ...]:
+        """The limits in force: the robot's, those that the settings ask for, and the move's own."""
+        return limits_of(self.robot, self.settings, move)
+
+    def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
+        """How far any trajectory stays inside the limits, those of the move it is for among them."""
+        known = self._certified
+        if known is None or known[0] is not trajectory or known[1] is not move:
+            certificate = certify(trajectory, self._scorer, self.limits(move), self.settings.verify_samples)
+            self._certified = known = trajectory, move, certificate
+        return known[2]
 
     def minimum_time(self, move: Move) -> float:
         """The shortest duration of the move's path within all limits, by TOPP-RA, s."""
@@ -105,39 +115,13 @@ class Planner:
             raise BadInput(f"--objective {objective} says nothing of duration; give --duration")
 
     def _check_ends(self, move: Move) -> None:
-        limits = self.robot.limits
-        for what, q in (("start", move.start), ("goal", move.goal), *(("via", q) for q in move.via)):
+        limits, rest = self.limits(move), [not np.any(v) for v in move.end_velocities]
+        poses = [("start", move.start, rest[0]), ("goal", move.goal, rest[1]), *(("via", q, False) for q in move.via)]
+        for what, q, _ in poses:
             if np.shape(q) != (self.robot.n,):
                 raise BadInput(f"--{what}: {np.size(q)} positions; {self.robot.name} has {self.robot.n} joints")
-            excess = np.maximum(q - limits.upper, limits.lower - q)
-            j = int(np.argmax(excess))
-            if excess[j] > 1e-9:
-                raise Infeasible(
-                    f"{what}: {self.robot.joints[j]} = {q[j]:.4g} rad is outside its position limits "
-                    f"[{limits.lower[j]:.4g}, {limits.upper[j]:.4g}]",
-                    joint=self.robot.joints[j],
-                    limit="position",
-                    position=1.0 if what == "goal" else 0.0,
-                    excess=float(excess[j]),
-                )
-        self._check_holding(move)
-
-    def _check_holding(self, move: Move) -> None:
-        """An arm that begins or ends at rest must be able to stand there."""
-        rest = [not np.any(v) for v in move.end_velocities]
-        ends = np.stack([move.start, move.goal])
-        tau, _, _ = self._scorer.drive(ends, np.zeros_like(ends), np.zeros_like(ends), np.zeros(2))
-        excess = np.where(np.array(rest)[:, None], np.abs(tau) / self.robot.limits.effort - 1, -1.0)
-        k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
-        if excess[k, j] > ALLOWED:
-            raise Infeasible(
-                f"{('start', 'goal')[k]}: {self.robot.joints[j]} needs {abs(tau[k, j]):.4g} N m to stand still, beyond "
-                f"its effort limit {self.robot.limits.effort[j]:.4g}; a lighter payload or another posture would work",
-                joint=self.robot.joints[j],
-                limit="effort",
-                position=float(k),
-                excess=float(excess[k, j]),
-            )
+        for what, q, resting in poses:
+            check_pose(limits, self.robot, self.model, q, what, resting)
 
     def _path(self, move: Move) -> JointPath:
         if move.path is not None:
@@ -146,13 +130,13 @@ class Planner:
             return through(np.vstack([move.start, *move.via, move.goal]))
         return straight(move.start, move.goal)
 
-    def _fastest(self, move: Move, limits: Limits | None = None) -> Timing:
+    def _fastest(self, move: Move, limits: Sequence[Limit] | None = None) -> Timing:
         path = self._path(move)
         return fastest(
             self.robot,
             self.model,
             path,
-            limits=limits,
+            limits=self.limits(move) if limits is None else limits,
             start_speed=path.start_speed,
             end_speed=path.end_speed,
         )
@@ -160,7 +144,7 @@ class Planner:
     def _reshaper(self, objective: str) -> Reshaper:
         if objective not in self._reshapers:
             begin = time.perf_counter()
-            nodes = node_functions(self.model, self.robot.body, objective, self.settings.dynamics)
+            nodes = node_functions(self.model, self.robot.body, self.limits(), objective, self.settings.dynamics)
             functions, self._compiled = compiled(nodes.as_list(), self.settings.compile, self._batch)
             free = self.settings.end_acceleration == "free"
             self._reshapers[objective] = Reshaper(NodeFunctions(*functions), self.robot.n, self.settings.controls, free)

@@ -65,16 +65,15 @@ class Shape:
         """`matrices` of derivatives 0 to 2 as one, (3 K, controls), node by node."""
         return np.stack(self.matrices[:3], axis=1).reshape(-1, self.basis.controls)
 
-    @cached_property
-    def spans(self) -> np.ndarray:
-        """First control point that each node touches, (K,)."""
-        inside = np.searchsorted(self.basis.breaks, self.grid[0], side="right") - 1
+    def first(self, u: np.ndarray) -> np.ndarray:
+        """First of the six control points that each place u (M,) touches, (M,)."""
+        inside = np.searchsorted(self.basis.breaks, u, side="right") - 1
         return np.clip(inside, 0, len(self.basis.breaks) - 2)
 
     @cached_property
     def local(self) -> np.ndarray:
         """Basis values of the touched control points for derivatives 0 to 3, (K, 4, 6)."""
-        columns = self.spans[:, None] + np.arange(LOCAL)
+        columns = self.first(self.grid[0])[:, None] + np.arange(LOCAL)
         return np.stack([np.take_along_axis(m, columns, axis=1) for m in self.matrices], axis=1)
 
     @cached_property
@@ -114,13 +113,17 @@ class Pattern:
     """What all programs of one shape share: index maps of unknowns, the Hessian's pattern and its scatter matrix."""
 
     def __init__(self, shape: Shape) -> None:
-        s = self.shape = shape
-        n, count = s.joints, len(s.grid[0])
-        self.time = n * s.free  # index of T
-        points = s.spans[:, None] + np.arange(LOCAL) - s.pinned
-        index = points[:, :, None] * n + np.arange(n)
+        self.shape = shape
+        self.time = shape.joints * shape.free  # index of T
+        self.index = self.touched(shape.grid[0])
+
+    def touched(self, u: np.ndarray) -> np.ndarray:
+        """The unknown of each (control point, joint) that a place u (M,) touches, (M, 6 n); -1 where it is pinned."""
+        s = self.shape
+        points = s.first(u)[:, None] + np.arange(LOCAL) - s.pinned
+        index = points[:, :, None] * s.joints + np.arange(s.joints)
         index = np.where(((points >= 0) & (points < s.free))[:, :, None], index, -1)
-        self.index = index.reshape(count, LOCAL * n)  # unknown of each touched (control point, joint), -1 if pinned
+        return index.reshape(len(u), LOCAL * s.joints)
 
     def positions(self, rows: np.ndarray, columns: np.ndarray, pattern: ca.Sparsity) -> np.ndarray:
         """Where entries (rows, columns) lie among a pattern's nonzeros."""
@@ -151,12 +154,13 @@ class Pattern:
         _ = self.hessian
         return self._lookup
 
-    def scatter(self, nodes: np.ndarray) -> csr_matrix:
-        """Sparse matrix that sums per-node blocks (nodes, 6, n, n, 6) into the Hessian's nonzeros.
+    def scatter(self, touched: np.ndarray) -> csr_matrix:
+        """Sparse matrix that sums the blocks (M, 6, n, n, 6) of places into the Hessian's nonzeros.
 
-        A block's axes are control point and joint of the row, joint and control point of the column.
+        A block's axes are control point and joint of the row, joint and control point of the column; `touched` is of
+        the places.
         """
-        index = self.index[nodes].reshape(len(nodes), LOCAL, -1)
+        index = touched.reshape(len(touched), LOCAL, -1)
         a = np.broadcast_to(index[:, :, :, None, None], (*index.shape, index.shape[2], LOCAL))
         b = np.broadcast_to(index.transpose(0, 2, 1)[:, None, None], a.shape)
         keep = ((a >= 0) & (b >= 0) & (a <= b)).ravel()

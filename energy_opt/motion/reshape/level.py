@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from energy_opt.motion.limits.base import Limit, box_of, values_of
 from energy_opt.motion.reshape.layout import Ends, Pattern, Shape
-from energy_opt.motion.reshape.nlp import Program
+from energy_opt.motion.reshape.nlp import ReshapeProgram
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.batch import Batch
-from energy_opt.robot import Limits
 
 BROKEN = 1e-7  # share beyond a bound at which a limit becomes a row
 NEAR = 0.97  # share of a bound from which a limit joins the rows when others do
@@ -27,14 +28,35 @@ class Curve:
     duration: float
     via_u: np.ndarray
 
+    def position(self, u: np.ndarray) -> np.ndarray:
+        """Positions (M, n) at u (M,)."""
+        return self.shape.basis.matrix(u) @ self.points
+
     def derivatives(self, u: np.ndarray) -> list[np.ndarray]:
         """Position, velocity, acceleration and jerk (M, n) at t = u T."""
         return [self.shape.basis.matrix(u, k) @ self.points / self.duration**k for k in range(4)]
 
 
 @dataclass(frozen=True)
+class Multipliers:
+    """Of the bounds on the unknowns, and of rows that are named by `keys` (R, 3) (see ReshapeProgram.keys)."""
+
+    bounds: np.ndarray
+    keys: np.ndarray
+    rows: np.ndarray
+
+    def of(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Those of the bounds, and of other rows; of rows that are new, none."""
+        known = dict(zip(map(tuple, self.keys.tolist()), self.rows.tolist(), strict=True))
+        return self.bounds, np.array([known.get(tuple(key), 0.0) for key in keys.tolist()])
+
+
+@dataclass(frozen=True)
 class Outcome:
-    """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess at a node."""
+    """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess at a node.
+
+    `rows` (R, 3) number what was held: limit, site or node, joint or column.
+    """
 
     curve: Curve
     cost: float
@@ -43,7 +65,7 @@ class Outcome:
     status: str
     iterations: int
     rows: np.ndarray
-    multipliers: tuple[np.ndarray, np.ndarray] | None
+    multipliers: Multipliers
 
 
 class Level:
@@ -53,21 +75,31 @@ class Level:
         self.shape, self.pattern, self._nodes = shape, Pattern(shape), nodes
         self._value = Batch(nodes.value, len(shape.grid[0]))
 
-    def shares(self, curve: Curve, parameters: np.ndarray, bounds: np.ndarray) -> tuple[float, list[np.ndarray]]:
-        """Cost, and velocity, acceleration, jerk (at sites) and motor torque (at nodes) as shares of their bounds."""
+    def shares(
+        self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit]
+    ) -> tuple[float, dict[int, np.ndarray]]:
+        """Cost, and the share of its bound that each limit's every row uses, (sites or nodes, columns) by number."""
         s = self.shape
         u, w = s.grid
         q = [m @ curve.points for m in s.matrices[:3]]
         z = np.hstack([*q, np.full((len(u), 1), curve.duration)])
-        rate, tau = self._value(z, u[:, None], parameters)
-        moved = [np.abs(s.sites[k] @ curve.points) / curve.duration ** (k + 1) / bounds[k] for k in range(3)]
-        return float(w @ rate[:, 0]), [*moved, np.abs(tau) / bounds[3]]
+        rate, limited = self._value(z, u[:, None], np.concatenate([parameters, values_of(limits)]))
+        shares, used = {}, 0
+        for number, limit in enumerate(limits):
+            if limit.order:
+                moved = s.sites[limit.order - 1] @ curve.points
+                shares[number] = np.abs(moved) / curve.duration**limit.order / limit.bound
+            if limit.scale.size:
+                values = limited[:, used : used + limit.scale.size]
+                shares[number] = (values if limit.one_sided else np.abs(values)) / limit.scale
+                used += limit.scale.size
+        return float(w @ rate[:, 0]), shares
 
     def solve(
         self,
         guess: Curve,
         ends: Ends,
-        limits: Limits,
+        limits: Sequence[Limit],
         parameters: np.ndarray,
         durations: tuple[float, float],
         *,
@@ -76,58 +108,58 @@ class Level:
         offset: float = 0.0,
         options: dict[str, object] | None = None,
         rounds: int = ROUNDS,
-        multipliers: tuple[np.ndarray, np.ndarray] | None = None,
+        multipliers: Multipliers | None = None,
+        reach: float = np.inf,
     ) -> Outcome:
         """Minimise from `guess`; `durations` bounds T (equal: fixed).
 
-        `multipliers` (of bounds, of `rows`) of a neighbouring problem make it a warm start.
-
-        `offset` is what the objective costs per second whatever the path; it only serves the scaling.
+        `multipliers` of a neighbouring problem make it a warm start. `reach` [rad] is how far control points may go
+        from where they are. `offset` is what the objective costs per second whatever the path; it only serves scaling.
         """
         s = self.shape
-        bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk, limits.effort])
-        active = [np.zeros((len(m), s.joints), dtype=bool) for m in (*s.sites, s.grid[0])]
+        cost, shares = self.shares(guess, parameters, limits)
+        active = {number: share > NEAR for number, share in shares.items()}
         if rows is not None:
-            for kind, site, joint in rows:
-                active[kind - 1][site, joint] = True
-        cost, shares = self.shares(guess, parameters, bounds)
-        for k in range(4):
-            active[k] |= shares[k] > NEAR
+            for number, held in active.items():
+                _, site, column = rows[rows[:, 0] == number].T
+                held[site, column] = True
         scale = 1 / max(abs(cost - offset * guess.duration), 0.01 * abs(cost), 1e-6)
         inner = guess.points[s.pinned : s.basis.controls - s.pinned]
         x = np.concatenate([inner.ravel(), [guess.duration], guess.via_u])
+        lower, upper = box_of(limits, s.joints)
         box = (
-            np.concatenate([np.tile(limits.lower, s.free), [durations[0]], np.zeros(s.vias)]),
-            np.concatenate([np.tile(limits.upper, s.free), [durations[1]], np.ones(s.vias)]),
+            np.concatenate([np.maximum(lower, inner - reach).ravel(), [durations[0]], np.zeros(s.vias)]),
+            np.concatenate([np.minimum(upper, inner + reach).ravel(), [durations[1]], np.ones(s.vias)]),
         )
-        iterations, warm, fixed = 0, multipliers, durations[0] == durations[1]
-        before = np.zeros((0, 3), dtype=int) if rows is None else rows
+        iterations, known, fixed = 0, multipliers, durations[0] == durations[1]
+        values, curve = np.concatenate([parameters, values_of(limits)]), guess
         for _ in range(rounds):
-            chosen = np.vstack([np.insert(np.argwhere(active[k]), 0, k + 1, axis=1) for k in range(4)])
-            program = Program(self.pattern, self._nodes, ends, chosen, bounds, parameters, scale, fixed)
-            one = np.concatenate([np.ones(len(chosen)), np.zeros(s.joints * s.vias)])
+            chosen = np.vstack([np.insert(np.argwhere(held), 0, k, axis=1) for k, held in active.items()])
+            asked = ((k, limit.places(curve.position)) for k, limit in enumerate(limits))
+            places = [(k, found) for k, found in asked if found is not None]
+            program = ReshapeProgram(self.pattern, self._nodes, ends, limits, chosen, values, scale, fixed, places)
             chosen_options = {"tol": tolerance, "max_iter": 150, **(options or {})}
-            if warm is not None:
-                known = {tuple(row): value for row, value in zip(before.tolist(), warm[1], strict=False)}
-                lam = np.array([known.get(tuple(row), 0.0) for row in chosen.tolist()])
-                warm = warm[0], np.concatenate([lam, warm[1][len(before) :]])
+            warm = None
+            if known is not None:
+                warm = known.of(program.keys)
                 chosen_options.pop("mu_init", None)
-            answer = ipopt.solve(program, x, box, (-one, one), chosen_options, warm)
-            warm, before = (answer.bound_multipliers, answer.row_multipliers), chosen
+            answer = ipopt.solve(program, x, box, program.row_bounds, chosen_options, warm)
+            known = Multipliers(answer.bound_multipliers, program.keys, answer.row_multipliers)
             iterations += answer.iterations
             x = answer.x
             curve = Curve(s, program.points(x), float(x[program.pattern.time]), x[program.pattern.time + 1 :])
-            cost, shares = self.shares(curve, parameters, bounds)
-            broken = max(float(share.max()) for share in shares) - 1
-            new = [(shares[k] > 1 + BROKEN) & ~active[k] for k in range(4)]
-            if not any(block.any() for block in new) or answer.status == "User_Requested_Stop":
+            cost, shares = self.shares(curve, parameters, limits)
+            broken = max([float(share.max()) - 1 for share in shares.values()] + [program.broken_places(x)])
+            new = {k: (share > 1 + BROKEN) & ~active[k] for k, share in shares.items()}
+            if not any(block.any() for block in new.values()) or answer.status == "User_Requested_Stop":
                 break
-            for k in range(4):
-                active[k] |= shares[k] > NEAR
+            for k, held in active.items():
+                held |= shares[k] > NEAR
                 # The peak between two rows moves to their neighbours next: take them along.
-                active[k][1:] |= new[k][:-1]
-                active[k][:-1] |= new[k][1:]
-        return Outcome(curve, cost, broken, answer.success, answer.status, iterations, chosen, warm)
+                held[1:] |= new[k][:-1]
+                held[:-1] |= new[k][1:]
+        assert known is not None
+        return Outcome(curve, cost, broken, answer.success, answer.status, iterations, chosen, known)
 
 
 def fitted(

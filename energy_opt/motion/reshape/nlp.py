@@ -7,10 +7,12 @@ node functions' derivatives g_k and C_k
     gradient  sum_k w_k L_k^T g_k            Hessian  sum_k L_k^T C_k L_k
 
 where L_k = (basis values) kron (identity over joints): both sums are small batched products, and the Hessian is banded
-but for the row of T. Nothing is differentiated here. Rows, all as shares of their bound in [-1, 1]:
+but for the row of T. Nothing is differentiated here. Rows, those of a bound as shares of it:
 
-    q'_ij / (V_j T)    q''_ij / (A_j T^2)    q'''_ij / (J_j T^3)    tau_m,j(z_k) / tau_j
-    via points: q(u_i) - Q_i = 0 at an unknown u_i
+    q^(k)_ij / (bound_j T^k)    control points of joint j's k-th derivative, in [-1, 1]
+    g_j(z_k) / scale_j          what limits bound at nodes, in [-1, 1] or below 1
+    f_r(q(u_r))                 numeric rows at places of their own, within their bounds
+    q(u_i) - Q_i                via points at unknown u_i, 0
 
 q'_ij is the i-th control point of joint j's derivative. A spline lies in the hull of its control points, so these rows
 hold a limit everywhere, not at nodes only; and there is one of them for every degree of freedom, so that a limit which
@@ -19,23 +21,28 @@ is active along an arc gives independent rows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 
+from energy_opt.motion.limits.base import Limit, PlaceRows
 from energy_opt.motion.reshape.layout import LOCAL, Ends, Pattern
 from energy_opt.motion.reshape.nodes import NodeFunctions
+from energy_opt.motion.reshape.places import Placed
 from energy_opt.numerics.batch import Batch
 
-EFFORT = 4  # the kind of a torque row; kinds 1 to 3 are derivatives of position
+VIA = -1  # in the place of a limit's number, the key of a via point's row
 
 
-class Program:
+class ReshapeProgram:
     """One nonlinear program in the form that `ipopt.solve` takes.
 
     Args:
-        rows: (R, 3) integers: kind (1 velocity, 2 acceleration, 3 jerk, 4 effort), site (for effort: node), joint.
-        bounds: (4, n) velocity, acceleration, jerk and effort limits that rows are shares of.
-        parameters: the model's values; scale: what the cost is multiplied by.
+        limits: what `rows` number.
+        rows: (R, 3) integers: limit, site of its derivative's control polygon or node, joint or column.
+        places: numeric rows, with the number of the limit they come from.
+        parameters: the model's values and the limits'; scale: what the cost is multiplied by.
         fixed: T is given; the solver then takes it for a constant, and the Hessian's column of T is left empty.
     """
 
@@ -44,41 +51,51 @@ class Program:
         pattern: Pattern,
         nodes: NodeFunctions,
         ends: Ends,
+        limits: Sequence[Limit],
         rows: np.ndarray,
-        bounds: np.ndarray,
         parameters: np.ndarray,
         scale: float,
         fixed: bool = False,
+        places: Sequence[tuple[int, PlaceRows]] = (),
     ) -> None:
         s = self.shape = pattern.shape
         self.pattern, self.ends, self.parameters, self.scale = pattern, ends, parameters, scale
         self.fixed = fixed
         n = s.joints
         _, w = s.grid
-        linear = rows[:, 0] != EFFORT
-        rows = np.vstack([rows[linear], rows[~linear]])
-        self._linear, self._effort = rows[: linear.sum()], rows[linear.sum() :]
-        self._bounds = bounds[rows[:, 0] - 1, rows[:, 2]]
-        self._hot = np.unique(self._effort[:, 1])
-        self._needed = np.union1d(np.flatnonzero(w), self._hot)
+        orders = np.array([limit.order for limit in limits])
+        linear = orders[rows[:, 0]] > 0
+        self._linear, self._hot = rows[linear], rows[~linear]
+        self._power = orders[self._linear[:, 0]]  # of 1 / T
+        widths = [limit.scale.size for limit in limits]
+        offsets = np.cumsum([0, *widths])[:-1]
+        self._column = offsets[self._hot[:, 0]] + self._hot[:, 2]  # among the node functions' limited values
+        self._bound = _picked([limit.bound for limit in limits], self._linear)
+        self._hot_scale = _picked([limit.scale for limit in limits], self._hot)
+        self._hot_lower = np.where(np.array([limit.one_sided for limit in limits])[self._hot[:, 0]], -np.inf, -1.0)
+        self._width = sum(widths)
+        self._hot_nodes = np.unique(self._hot[:, 1])
+        self._needed = np.union1d(np.flatnonzero(w), self._hot_nodes)
         self._quad = np.flatnonzero(w)
         self._cost = Batch(nodes.cost, len(self._quad))
         self._curvature = Batch(nodes.curvature, len(self._needed))
-        self._torque = Batch(nodes.torque, len(self._hot)) if len(self._hot) else None
-        self._which = np.searchsorted(self._hot, self._effort[:, 1])
-        self._scatter = pattern.scatter(self._needed)
+        self._limited = Batch(nodes.limited, len(self._hot_nodes)) if len(self._hot_nodes) else None
+        self._which = np.searchsorted(self._hot_nodes, self._hot[:, 1])
+        self._scatter = pattern.scatter(pattern.index[self._needed])
         self._slope = np.zeros((s.basis.controls, n))  # d(control points)/dT, of the pinned ends
         self._slope[: s.pinned] = np.outer(s.end_slopes[0], ends.v_start)
         self._slope[s.basis.controls - s.pinned :] = np.outer(s.end_slopes[1], ends.v_goal)
         self._z_slope = np.stack([m @ self._slope for m in s.matrices], axis=1)  # (K, 4, n)
-        kind, site, joint = self._linear.T
-        self._coefficients = np.zeros((len(kind), LOCAL))  # of the touched control points, per unit of bound
-        first = np.zeros(len(kind), dtype=int)
+        self._placed = [Placed(place_rows, pattern, self._slope) for _, place_rows in places]
+        self._place_limits = [number for number, _ in places]
+        _, site, joint = self._linear.T
+        self._coefficients = np.zeros((len(site), LOCAL))  # of the touched control points, per unit of bound
+        first = np.zeros(len(site), dtype=int)
         for k in (1, 2, 3):
-            here = kind == k
+            here = self._power == k
             start, local = s.site_local[k - 1]
             first[here], self._coefficients[here] = start[site[here]], local[site[here]]
-        self._coefficients /= self._bounds[: len(kind), None]
+        self._coefficients /= self._bound[:, None]
         touched = first[:, None] + np.arange(LOCAL)
         self._touched = touched, joint[:, None]
         inside = (touched >= s.pinned) & (touched < s.pinned + s.free)
@@ -92,7 +109,7 @@ class Program:
         """What every evaluation uses, gathered once."""
         s, needed = self.shape, self._needed
         u, w = s.grid
-        self._u = {"quad": u[self._quad, None], "hot": u[self._hot, None], "needed": u[needed, None]}
+        self._u = {"quad": u[self._quad, None], "hot": u[self._hot_nodes, None], "needed": u[needed, None]}
         self._weight, self._needed_weight = w[self._quad], w[needed, None]
         self._z = np.empty((len(u), 3 * s.joints + 1))
         self._down = s.stacked.reshape(len(u), 3, -1)[self._quad].reshape(3 * len(self._quad), -1).T.copy()
@@ -109,7 +126,39 @@ class Program:
     @property
     def count(self) -> int:
         """Number of rows."""
-        return len(self._linear) + len(self._effort) + self.shape.joints * self.shape.vias
+        return len(self._linear) + len(self._hot) + self._place_count + self.shape.joints * self.shape.vias
+
+    @property
+    def _place_count(self) -> int:
+        return sum(len(placed.rows.place) for placed in self._placed)
+
+    @property
+    def keys(self) -> np.ndarray:
+        """What every row is, (count, 3): rows as given; limit, -1 and key of a numeric row; VIA, point and joint."""
+        of_places = [
+            np.stack([np.full(len(placed.rows.keys), number), np.full(len(placed.rows.keys), -1), placed.rows.keys], 1)
+            for number, placed in zip(self._place_limits, self._placed, strict=True)
+        ]
+        of_vias = np.stack(
+            np.meshgrid(VIA, np.arange(self.shape.vias), np.arange(self.shape.joints), indexing="ij"), -1
+        )
+        return np.concatenate([self._linear, self._hot, *of_places, of_vias.reshape(-1, 3)])
+
+    @property
+    def row_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of all rows, (count,) each."""
+        one, none = np.ones(len(self._linear)), np.zeros(self.shape.joints * self.shape.vias)
+        placed = [placed.rows for placed in self._placed]
+        return (
+            np.concatenate([-one, self._hot_lower, *(rows.lower for rows in placed), none]),
+            np.concatenate([one, np.ones(len(self._hot)), *(rows.upper for rows in placed), none]),
+        )
+
+    def broken_places(self, x: np.ndarray) -> float:
+        """By how much the numeric rows leave their bounds at most; -inf where there are none."""
+        self._move(x)
+        found = ((placed.value, placed.rows) for placed in self._placed if placed.value.size)
+        return max((float(np.max([r.lower - f, f - r.upper])) for f, r in found), default=-np.inf)
 
     def points(self, x: np.ndarray) -> np.ndarray:
         """All control points (controls, n)."""
@@ -135,9 +184,11 @@ class Program:
         rate, slope = self._cost(self._z[self._quad], self._u["quad"], self.parameters)
         self._f = self.scale * float(self._weight @ rate[:, 0])
         self._g = self.scale * self._weight[:, None] * slope
-        if self._torque is not None:
-            tau, jac = self._torque(self._z[self._hot], self._u["hot"], self.parameters)
-            self._tau, self._tau_z = tau, jac.reshape(len(self._hot), -1, self.shape.joints)  # column-major: (z, joint)
+        if self._limited is not None:
+            self._values, jac = self._limited(self._z[self._hot_nodes], self._u["hot"], self.parameters)
+            self._values_z = jac.reshape(len(self._hot_nodes), -1, self._width)  # column-major: (z, column)
+        for placed in self._placed:
+            placed.move(self._points)
 
     def cost(self, x: np.ndarray) -> float:
         self._move(x)
@@ -154,13 +205,13 @@ class Program:
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
-        out = self._moved / self.duration ** self._linear[:, 0]
-        if len(self._effort):
-            tau = self._tau[self._which, self._effort[:, 2]] / self._bounds[len(out) :]
-            out = np.concatenate([out, tau])
+        parts = [self._moved / self.duration**self._power]
+        if len(self._hot):
+            parts.append(self._values[self._which, self._column] / self._hot_scale)
+        parts += [placed.value for placed in self._placed]
         if self.shape.vias:
-            out = np.concatenate([out, (self._via(x, 0) - self.ends.via).ravel()])
-        return out
+            parts.append((self._via(x, 0) - self.ends.via).ravel())
+        return np.concatenate(parts)
 
     def _via(self, x: np.ndarray, order: int) -> np.ndarray:
         """q or its derivatives at the via times, (vias, n)."""
@@ -169,11 +220,12 @@ class Program:
     def _build_jacobian(self) -> None:
         """The Jacobian's pattern, and where each row's entries go: its six control points or all of a node's, and T."""
         s, n, t = self.shape, self.shape.joints, self.pattern.time
-        linear, hot = len(self._linear), len(self._effort)
-        touched = (self._row_index, self.pattern.index[self._effort[:, 1]])
+        touched = [self._row_index, self.pattern.index[self._hot[:, 1]], *(placed.unknowns for placed in self._placed)]
         columns = [np.hstack([index, np.full((len(index), 1), t)]).ravel() for index in touched]
-        rows = [np.repeat(np.arange(linear), LOCAL + 1), np.repeat(linear + np.arange(hot), LOCAL * n + 1)]
-        base = linear + hot
+        rows, base = [], 0
+        for index in touched:
+            rows.append(np.repeat(base + np.arange(len(index)), index.shape[1] + 1))
+            base += len(index)
         for i in range(s.vias):
             for j in range(n):
                 columns.append(np.concatenate([np.arange(j, t, n), [t, t + 1 + i]]))
@@ -189,13 +241,14 @@ class Program:
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
         s, n, t = self.shape, self.shape.joints, self.duration
-        kind = self._linear[:, 0]
-        by_point = self._coefficients / (t**kind)[:, None]
-        by_time = (self._row_slope - kind * self._moved / t) / t**kind
+        order = self._power
+        by_point = self._coefficients / (t**order)[:, None]
+        by_time = (self._row_slope - order * self._moved / t) / t**order
         parts = [np.concatenate([by_point, by_time[:, None]], axis=1).ravel()]
-        if len(self._effort):
-            slope = self._tau_z[self._which, :, self._effort[:, 2]] / self._bounds[len(kind) :, None]  # (R, nz)
-            parts.append(self._through_nodes(slope, self._effort[:, 1]).ravel())
+        if len(self._hot):
+            slope = self._values_z[self._which, :, self._column] / self._hot_scale[:, None]  # (R, nz)
+            parts.append(self._through_nodes(slope, self._hot[:, 1]).ravel())
+        parts += [placed.slopes().ravel() for placed in self._placed]
         if s.vias:
             basis = s.basis.matrix(x[self.pattern.time + 1 :])
             speed = self._via(x, 1)
@@ -221,21 +274,21 @@ class Program:
         column[time] = local[:, -1].sum()
         # b x / T^k has second derivatives -k b / T^(k+1) with (x, T) and k (k + 1) b x / T^(k+2) with T.
         if len(multipliers):
-            kind = self._linear[:, 0]
-            share = multipliers / t**kind
-            cross = -(kind * share / t)[:, None] * self._coefficients
+            order = self._power
+            share = multipliers / t**order
+            cross = -(order * share / t)[:, None] * self._coefficients
             column += np.bincount(self._row_place, cross[self._row_inside], size)
-            column[time] += np.sum(share * kind * ((kind + 1) * self._moved / t - 2 * self._row_slope) / t)
+            column[time] += np.sum(share * order * ((order + 1) * self._moved / t - 2 * self._row_slope) / t)
         return column[: time + 1]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         self._move(x)
         s, n = self.shape, self.shape.joints
         needed, time = self._needed, self.pattern.time
-        lam = np.zeros((len(s.grid[0]), n))
+        lam = np.zeros((len(s.grid[0]), self._width))
         first = len(self._linear)
-        effort = slice(first, first + len(self._effort))
-        np.add.at(lam, (self._effort[:, 1], self._effort[:, 2]), multipliers[effort] / self._bounds[effort])
+        used = first + len(self._hot)
+        np.add.at(lam, (self._hot[:, 1], self._column), multipliers[first:used] / self._hot_scale)
         weight = self.scale * factor * self._needed_weight
         (blocks,) = self._curvature(self._z[needed], self._u["needed"], self.parameters, weight, lam[needed])
         nz, count = 3 * n + 1, len(needed)
@@ -247,13 +300,28 @@ class Program:
         if not self.fixed:
             local = self._through_nodes(np.matmul(c, self._by_time[:, :, None])[:, :, 0], needed)
             out[self.pattern.lookup[: time + 1, time]] += self._time_column(local, multipliers[:first])
+        for placed in self._placed:
+            share, column = placed.hessian(multipliers[used : used + len(placed.rows.place)])
+            used += len(placed.rows.place)
+            out += share
+            if not self.fixed:
+                out[self.pattern.lookup[: time + 1, time]] += column
         for i in range(s.vias):
             via = time + 1 + i
-            first_via = first + len(self._effort) + i * n
-            m = multipliers[first_via : first_via + n]
+            m = multipliers[used + i * n : used + (i + 1) * n]
             basis = s.basis.matrix(x[via : via + 1], 1)[0]
             inner = slice(s.pinned, s.basis.controls - s.pinned)
             out[self.pattern.lookup[:time, via]] += np.outer(basis[inner], m).ravel()
             out[self.pattern.lookup[time, via]] += basis @ self._slope @ m
             out[self.pattern.lookup[via, via]] += (s.basis.matrix(x[via : via + 1], 2) @ self._points @ m)[0]
         return out
+
+
+def _picked(bounds: Sequence[np.ndarray], rows: np.ndarray) -> np.ndarray:
+    """The bound that belongs to each of the rows (R, 3), of limits' bounds per joint or column."""
+    out = np.zeros(len(rows))
+    for number, bound in enumerate(bounds):
+        here = rows[:, 0] == number
+        if here.any():
+            out[here] = bound[rows[here, 2]]
+    return out

@@ -7,6 +7,7 @@ respect to u = t / T, and the duration; then v = q' / T and a = q'' / T^2.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -14,10 +15,11 @@ import casadi as ca
 from energy_opt.dynamics import torque_function
 from energy_opt.effects import RigidEffect, Signals, Smooth
 from energy_opt.errors import BadInput
+from energy_opt.motion.limits.base import Limit, State
+from energy_opt.motion.move import OBJECTIVES
 from energy_opt.power import PowerModel, drive_terms
+from energy_opt.power.rigid import body_of
 from energy_opt.robot import RigidBody
-
-OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
 
 
 @dataclass(frozen=True)
@@ -25,18 +27,18 @@ class NodeFunctions:
     """CasADi functions of one node; `u` is its place in [0, 1], `p` the model's values.
 
     cost: (z, u, p) -> (e, de/dz) with e the rate of the objective per unit of u.
-    torque: (z, u, p) -> (tau_m, d tau_m / dz).
-    curvature: (z, u, p, s, lam) -> Hessian of s e + lam^T tau_m, dense (nz, nz).
-    value: (z, u, p) -> (e, tau_m), without derivatives.
+    limited: (z, u, p) -> (g, dg/dz) with g (m, 1) what limits bound at a node, such as the motors' torque.
+    curvature: (z, u, p, s, lam) -> Hessian of s e + lam^T g, dense (nz, nz).
+    value: (z, u, p) -> (e, g), without derivatives.
     """
 
     cost: ca.Function
-    torque: ca.Function
+    limited: ca.Function
     curvature: ca.Function
     value: ca.Function
 
     def as_list(self) -> list[ca.Function]:
-        return [self.cost, self.torque, self.curvature, self.value]
+        return [self.cost, self.limited, self.curvature, self.value]
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,8 @@ class NodeSymbols:
 
 
 def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str) -> ca.SX:
-    """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`."""
+    """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`, its links as numbers."""
+    body = body_of(model, body)
     gravity, mass, com = ca.SX(ca.DM(body.gravity)), ca.SX(0), ca.SX.zeros(3)
     for effect, where in zip(model.effects, model.slices(body.n), strict=True):
         if isinstance(effect, RigidEffect):
@@ -84,9 +87,9 @@ def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: c
 
 
 def node_functions(
-    model: PowerModel, body: RigidBody, objective: str = "energy", dynamics: str = "auto"
+    model: PowerModel, body: RigidBody, limits: Sequence[Limit], objective: str = "energy", dynamics: str = "auto"
 ) -> NodeFunctions:
-    """Build the node functions of a model's structure on a robot; values enter as parameters.
+    """Build the node functions of a model's and the limits' structure on a robot; values enter as parameters.
 
     Objectives: "energy" (J, less the work that only the ends decide: left in the cost it would add nothing but a way
     for the solver to exploit the quadrature of a term that changes sign), and what others minimise: "torque" (integral
@@ -106,18 +109,24 @@ def node_functions(
         "path_length": lambda: ca.dot(x.q1, x.q1),
         "time": lambda: x.duration,
     }[objective]()
-    return derived(rate, terms.tau_m, x, p)
+    state = State(x.q, v, a, terms.tau_m, terms.power, x.t)
+    rows, values = [], []
+    for limit in limits:
+        if limit.scale.size:
+            values.append(ca.SX.sym(limit.name, len(limit.values)))
+            rows.append(limit.expression(state, values[-1]))
+    return derived(rate, ca.vertcat(*rows), x, ca.vertcat(p, *values))
 
 
-def derived(rate: ca.SX, tau_m: ca.SX, x: NodeSymbols, p: ca.SX) -> NodeFunctions:
-    """The functions, with their derivatives, of any rate of cost per unit of u and motor torque (n, 1)."""
-    z, u, s, lam = x.z, x.u, ca.SX.sym("s"), ca.SX.sym("lam", tau_m.numel())
-    jacobian = ca.densify(ca.jacobian(tau_m, z))
-    hessian = ca.densify(ca.hessian(s * rate + ca.dot(lam, tau_m), z)[0])
+def derived(rate: ca.SX, limited: ca.SX, x: NodeSymbols, p: ca.SX) -> NodeFunctions:
+    """The functions, with their derivatives, of any rate of cost per unit of u and what limits bound (m, 1)."""
+    z, u, s, lam = x.z, x.u, ca.SX.sym("s"), ca.SX.sym("lam", limited.numel())
+    jacobian = ca.densify(ca.jacobian(limited, z))
+    hessian = ca.densify(ca.hessian(s * rate + ca.dot(lam, limited), z)[0])
     names = ["z", "u", "p"]
     return NodeFunctions(
         cost=ca.Function("cost", [z, u, p], [rate, ca.densify(ca.gradient(rate, z))], names, ["e", "grad"]),
-        torque=ca.Function("torque", [z, u, p], [tau_m, jacobian], names, ["tau", "jac"]),
+        limited=ca.Function("limited", [z, u, p], [ca.densify(limited), jacobian], names, ["g", "jac"]),
         curvature=ca.Function("curvature", [z, u, p, s, lam], [hessian], [*names, "s", "lam"], ["hess"]),
-        value=ca.Function("value", [z, u, p], [rate, tau_m], names, ["e", "tau"]),
+        value=ca.Function("value", [z, u, p], [rate, ca.densify(limited)], names, ["e", "g"]),
     )

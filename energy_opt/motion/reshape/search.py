@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from energy_opt.motion.limits.base import Limit, box_of
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Curve, Level, Outcome, fitted, refined
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.bspline import Basis
-from energy_opt.robot import Limits
 
 COARSE, COARSE_PACKING = 12, 0.5
 CANDIDATES = 16  # random bends of which the cheapest descends
@@ -36,7 +36,7 @@ class Task:
     """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that no path changes."""
 
     ends: Ends
-    limits: Limits
+    limits: tuple[Limit, ...]
     parameters: np.ndarray
     durations: tuple[float, float]
     offset: float
@@ -77,7 +77,7 @@ class Reshaper:
         descents = self._descents(coarse, guesses[0], task, starts - len(guesses), seed, stopped)
         iterations += sum(outcome.iterations for outcome in descents)
         lowest = sorted(descents, key=lambda outcome: outcome.cost)[: -(-len(descents) // TRIED)]
-        rows = _all_rows(coarse.shape)
+        rows = all_rows(coarse.shape, task.limits)
         for guess in (*guesses, *(outcome.curve for outcome in lowest)):
             outcome = coarse.solve(
                 guess,
@@ -119,8 +119,7 @@ class Reshaper:
         stopped: Callable[[], bool],
     ) -> list[Outcome]:
         """A few iterations from each of `count` bent copies of a curve, at its duration, with limits on torque only."""
-        none = np.full(level.shape.joints, np.inf)
-        limits = task.limits.replace(velocity=none, acceleration=none, jerk=none)
+        limits = tuple(limit.scaled(np.inf) if limit.order else limit for limit in task.limits)
         rng = np.random.default_rng(seed)
         out: list[Outcome] = []
         while len(out) < count and not stopped():
@@ -147,7 +146,7 @@ class Reshaper:
             task.parameters,
             task.durations,
             tolerance=1e-5,
-            rows=_all_rows(fine.shape),
+            rows=all_rows(fine.shape, task.limits),
             offset=task.offset,
             options={"mu_init": 1e-2},
         )
@@ -179,30 +178,30 @@ class Reshaper:
     def _bent(self, level: Level, straight: Curve, task: Task, rng: np.random.Generator) -> Curve:
         """The cheapest of many randomly bent copies of a curve; a broken limit makes a copy dearer."""
         shape, limits = level.shape, task.limits
-        bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk, limits.effort])
-        half = np.clip((limits.upper - limits.lower) / 2, 0, np.pi)
+        lower, upper = box_of(limits, shape.joints)
+        half = np.clip((upper - lower) / 2, 0, np.pi)
         u = np.linspace(0, 1, shape.basis.controls)
         best, least = straight, np.inf
         for _ in range(CANDIDATES):
             amplitude = rng.normal(size=(2, shape.joints)) * [[1.0], [0.5]] * BEND * half
             bend = np.sin(np.pi * u)[:, None] ** 2 * amplitude[0] + np.sin(2 * np.pi * u)[:, None] ** 3 * amplitude[1]
-            points = np.clip(straight.points + bend, limits.lower, limits.upper)
+            points = np.clip(straight.points + bend, lower, upper)
             points[: shape.pinned] = straight.points[: shape.pinned]
             points[-shape.pinned :] = straight.points[-shape.pinned :]
             curve = replace(straight, points=points)
-            cost, shares = level.shares(curve, task.parameters, bounds)
-            excess = max(0.0, max(float(share.max()) for share in shares) - 1)
+            cost, shares = level.shares(curve, task.parameters, limits)
+            excess = max(0.0, max(float(share.max()) for share in shares.values()) - 1)
             score = (cost - task.offset * curve.duration) * (1 + excess)
             if score < least:
                 best, least = curve, score
         return best
 
 
-def _all_rows(shape: Shape) -> np.ndarray:
-    """Rows for velocity and acceleration at every site; (R, 3) kind, site, joint."""
-    return np.array(
-        [(kind, site, j) for kind in (1, 2) for site in range(len(shape.sites[kind - 1])) for j in range(shape.joints)]
-    )
+def all_rows(shape: Shape, limits: Sequence[Limit], orders: Sequence[int] = (1, 2)) -> np.ndarray:
+    """Rows of limits on the derivatives of those orders, at every site; (R, 3) limit, site, joint."""
+    sites = [(k, site) for k, limit in enumerate(limits) if limit.order in orders
+             for site in range(len(shape.sites[limit.order - 1]))]  # fmt: skip
+    return np.array([(k, site, j) for k, site in sites for j in range(shape.joints)])
 
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:

@@ -1,60 +1,225 @@
-"""A model's law at the points of a path: nine coefficients at each where that is all there is to it, else the law."""
+"""What a retiming sums over its points, as CasADi functions of path acceleration a and squared speed b.
+
+A point's share of the energy is weight P(a, b) / sqrt(b), with the power law of the model. In it
+
+    sign(v)      is that of q', exactly: the path is passed forwards
+    max(x, 0)    of a drive power x becomes sqrt(b) psi(x / sqrt(b)), psi(y) = (y + sqrt(y^2 + d^2) - d) / 2
+
+x / sqrt(b), energy per length, is convex in (a, b) (quadratic over concave), and psi is convex and does not fall, so
+the smoothed problem is as convex as the exact one, and psi never exceeds the exact law: bounds stay bounds.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 
-from energy_opt.motion.retime.limits import point_numbers
-from energy_opt.motion.retime.points import AnyLaw, Cost, Monomials
-from energy_opt.motion.retime.terms import BLURS, DEGREES, compressed, law_function
-from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure
-from energy_opt.power import PowerModel
+from energy_opt.effects import EXACT, Signals
+from energy_opt.motion.limits.base import Limit, State
+from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.numerics.batch import Batch
+from energy_opt.power import drive_function, drive_terms
+
+# Widths of the smoothed kinks, in units of those stated at each law: an interior-point method crosses sharp kinks in
+# short steps only, so it is led to them from wide ones.
+WIDTHS = (400.0, 40.0, 4.0, 1.0)
 
 
 @dataclass(frozen=True)
-class PathLaw:
-    """The law at points (M,) of a path.
+class AlongPath:
+    """Kinks for a path that is passed forwards at speed `rate` = sqrt(b); `typical` is a usual value of it.
 
-    Attributes:
-        numbers: (6 n + 1, M) what the law is given at each point.
-        unit: of squared speed [1/s^2] to which the coefficients belong.
-        coefficients: (9, M) of the power's monomials; None where the law has other terms, kinks among them.
+    `width` multiplies the smoothing width of every kink.
     """
 
-    model: PowerModel
-    joints: int
-    numbers: np.ndarray
-    unit: float
-    coefficients: np.ndarray | None
+    rate: ca.SX
+    typical: ca.SX
+    width: ca.SX
 
-    @classmethod
-    def of(cls, model: PowerModel, dynamics: PathDynamics, unit: float, time: np.ndarray) -> PathLaw:
-        """At the points of `dynamics`, which are passed at `time` (M,) [s]."""
-        numbers, n = point_numbers(dynamics, time), dynamics.robot.n
-        shared = np.append(model.values(n), [unit, BLURS[0]])
-        return cls(model, n, numbers, unit, compressed(SharedByStructure(model), n, numbers, shared))
+    def sign(self, x: ca.SX, width: float) -> ca.SX:
+        return ca.sign(x)
 
-    def cost(self, weight: np.ndarray, unit: float, energy: float, time: float, blur: float) -> Cost:
-        """Sum over points of weight / sqrt(b) (energy P + time), with a and b in `unit` and kinks `blur` wide."""
-        if self.coefficients is None:
-            shared = np.append(self.model.values(self.joints), [unit, blur, energy, time])
-            return AnyLaw.of(SharedByStructure(self.model), self.joints, self.numbers, weight, shared)
-        k = energy * self.coefficients * (unit / self.unit) ** DEGREES[:, None]
-        k[0] += time
-        return Monomials(k, weight)
+    def magnitude(self, x: ca.SX, width: float) -> ca.SX:
+        w = width * self.width
+        return ca.sqrt(x * x + w * w) - w
 
-    def smoothing(self, z: np.ndarray, unit: float, weight: np.ndarray) -> float:
-        """What the smoothed kinks leave out of a bound [J]: supporting lines of the exact ones in their place.
+    def positive(self, x: ca.SX, width: float) -> ca.SX:
+        d = width * self.width / self.typical
+        y = x / self.rate
+        return self.rate * (y + ca.sqrt(y * y + d * d) - d) / 2
 
-        At z = (a, b) (2, M) in `unit`.
-        """
-        shared = np.append(self.model.values(self.joints), [unit, BLURS[-1]])
-        values = np.repeat(shared[:, None], z.shape[1], axis=1)
-        shared_by = SharedByStructure(self.model)
-        lines, smooth = (
-            np.array(law_function(shared_by, self.joints, tangents)(z, self.numbers, values)[0]).ravel()
-            for tangents in (True, False)
-        )
-        return float((weight / np.sqrt(unit * z[1])) @ (lines - smooth))
+    def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
+        return EXACT.power(x, exponent, width)  # its sign is fixed along the path
+
+    def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX:
+        return EXACT.below(x, bound, width)
+
+    def moving(self, v: ca.SX) -> ca.SX:
+        return ca.SX(1)
+
+
+class Tangents(AlongPath):
+    """The exact kinks' supporting lines, with the slopes that the smoothed kinks have at the same place.
+
+    A clamp is nowhere below slope * x, whatever the slope between 0 and 1, and with fixed slopes the law is convex: its
+    bounds are bounds of the exact law, without the smoothed one's offset of half its width.
+    """
+
+    def magnitude(self, x: ca.SX, width: float) -> ca.SX:
+        return x * x / ca.sqrt(x * x + (width * self.width) ** 2)
+
+    def positive(self, x: ca.SX, width: float) -> ca.SX:
+        d = width * self.width / self.typical
+        y = x / self.rate
+        return x * (1 + y / ca.sqrt(y * y + d * d)) / 2
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Functions of one point; z = (a, b) in the problem's unit, `at` its numbers, `shared` those of all points.
+
+    value: (z, at, shared) -> cost and its gradient (2, 1)
+    curvature: (z, at, shared) -> upper triangle (3, 1) of the Hessian
+    """
+
+    value: ca.Function
+    curvature: ca.Function
+
+
+def _triangle(h: ca.SX) -> ca.SX:
+    full = ca.densify(h)
+    return ca.vertcat(*(full[i, j] for j in range(h.shape[1]) for i in range(j + 1)))
+
+
+@dataclass(frozen=True)
+class Law:
+    """The model's law at a point, (z, at, shared) -> the state there, motor torque and power among it.
+
+    at (6 n + 1, 1): q, q', q'', M, C, G and the time [s] (for effects that drift); shared: the model's values, the
+    unit of a and b [1/s^2] and the width of the kinks.
+    """
+
+    z: ca.SX
+    at: ca.SX
+    shared: ca.SX
+    state: State
+
+
+@lru_cache(maxsize=16)
+def law(shared_by: SharedByStructure, n: int, tangents: bool = False) -> Law:
+    """Built once for a model's structure, number of joints and way of writing kinks (smooth, or as `Tangents`)."""
+    z, at = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1)
+    unit, width = ca.SX.sym("unit"), ca.SX.sym("width")
+    p = shared_by.model.symbols(n)
+    q, q1, q2, inertial, centrifugal, gravity = (at[k * n : (k + 1) * n] for k in range(6))
+    a, b = unit * z[0], unit * z[1]
+    rate = ca.sqrt(b)
+    tau = inertial * a + centrifugal * b + gravity
+    signals = Signals(q, q1 * rate, q1 * a + q2 * b, tau, at[-1])
+    kinks = Tangents if tangents else AlongPath
+    drive = drive_terms(shared_by.model, signals, p, kinks(rate, ca.sqrt(unit), width))
+    state = State(signals.q, signals.v, signals.a, drive.tau_m, drive.power, signals.t)
+    return Law(z, at, ca.vertcat(p, unit, width), state)
+
+
+@lru_cache(maxsize=16)
+def law_function(shared_by: SharedByStructure, n: int, tangents: bool = False) -> ca.Function:
+    """(z, at, shared) -> power, motor torque."""
+    built = law(shared_by, n, tangents)
+    return ca.Function("law", [built.z, built.at, built.shared], [built.state.power, built.state.effort])
+
+
+@lru_cache(maxsize=16)
+def general_terms(shared_by: SharedByStructure, n: int) -> Terms:
+    """A point's share of the cost, weight / sqrt(b) (energy P + time), by any model.
+
+    `at` is the law's with the weight behind it, `shared` the law's with the factors of energy and time behind it.
+    """
+    built, weight, factors = law(shared_by, n), ca.SX.sym("weight"), ca.SX.sym("factors", 2)
+    cost = weight / ca.sqrt(built.z[1]) * (factors[0] * built.state.power + factors[1])
+    given = [built.z, ca.vertcat(built.at, weight), ca.vertcat(built.shared, factors)]
+    slope = ca.densify(ca.gradient(cost, built.z))
+    return Terms(
+        ca.Function("value", given, [cost, slope]),
+        ca.Function("curvature", given, [_triangle(ca.hessian(cost, built.z)[0])]),
+    )
+
+
+def _monomials(a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
+    root = b**0.5
+    return [1 + 0 * a, a, b, a * a, a * b, b * b, root, root * a, root * b]
+
+
+DEGREES = np.array([0, 1, 1, 2, 2, 2, 0.5, 1.5, 1.5])  # of the monomials in (a, b)
+_PROBES = np.array(
+    [(0, 0.02), (0, 0.15), (0, 0.4), (0, 0.8), (0, 1.3), (5, 0.05), (5, 0.4), (5, 1.2), (-4, 0.2), (-2, 0.9)],
+    dtype=float,
+).T
+_INVERSE = np.linalg.pinv(np.stack(_monomials(*_PROBES), axis=1))
+_RESIDUAL = np.eye(_PROBES.shape[1]) - np.stack(_monomials(*_PROBES), axis=1) @ _INVERSE
+
+
+@lru_cache(maxsize=16)
+def _probed(shared_by: SharedByStructure, n: int) -> ca.Function:
+    """(at (6 n + 1, 1), shared) -> power at every probe, (10, 1)."""
+    built, function = law(shared_by, n), law_function(shared_by, n)
+    power = ca.vertcat(*(function(ca.DM(probe), built.at, built.shared)[0] for probe in _PROBES.T))
+    return ca.Function("probed", [built.at, built.shared], [power])
+
+
+def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.ndarray) -> np.ndarray | None:
+    """Coefficients (9, M) of the power's monomials at points `at` (6 n + 1, M); None where the law has other terms.
+
+    Copper loss, viscous friction and all that is affine come down to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b.
+    The coefficients are found from the law itself, evaluated at ten probes, one more than there are unknowns.
+    """
+    power = Batch(_probed(shared_by, n), at.shape[1])(at.T, shared)[0].T
+    if np.abs(_RESIDUAL @ power).max() > 1e-9 * np.abs(power).max():
+        return None
+    return _INVERSE @ power
+
+
+@lru_cache(maxsize=16)
+def exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
+    """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
+    function, _ = drive_function(shared_by.model, n)
+    inputs = function.sx_in()
+    return ca.Function("exact_power", inputs, [function(*inputs)[1]])
+
+
+@dataclass(frozen=True, eq=False)
+class LimitByStructure:
+    """A limit that equals any other of the same structure: the key under which built functions are kept."""
+
+    limit: Limit
+
+    def __hash__(self) -> int:
+        return hash(self.limit.structure)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, LimitByStructure) and other.limit.structure == self.limit.structure
+
+
+@lru_cache(maxsize=32)
+def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> tuple[ca.Function, ca.Function]:
+    """A limit's rows: (z, at, shared) -> value (m, 1), Jacobian (m, 2); and their Hessian for given multipliers.
+
+    `shared` is the law's with the limit's values behind it.
+    """
+    built, limit = law(shared_by, n), by.limit
+    values, multiplier = ca.SX.sym("values", len(limit.values)), ca.SX.sym("multiplier", limit.scale.size)
+    rows = ca.densify(limit.expression(built.state, values))
+    given = [built.z, built.at, ca.vertcat(built.shared, values)]
+    held = ca.hessian(ca.dot(multiplier, rows), built.z)[0]
+    return (
+        ca.Function("limited", given, [rows, ca.densify(ca.jacobian(rows, built.z))]),
+        ca.Function("limited_curvature", [*given, multiplier], [_triangle(held)]),
+    )
+
+
+def point_numbers(d: PathDynamics, time: np.ndarray) -> np.ndarray:
+    """What the law is given at each point, (6 n + 1, M); see Law."""
+    return np.vstack([d.q.T, d.q1.T, d.q2.T, d.M.T, d.C.T, d.G.T, time])

@@ -2,144 +2,161 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion.retime.points import Jerk, Torque
+from energy_opt.motion.limits.base import Functions, Limit, Linear
+from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.motion.retime.law import WIDTHS, point_numbers
+from energy_opt.motion.retime.points import Symbolic
 from energy_opt.motion.retime.quadrature import Lift, kept_lift, lift
 from energy_opt.motion.retime.rows import CurvedRows, LinearRows, Rows
-from energy_opt.motion.retime.terms import BLURS
-from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure, has_torque_effects
-from energy_opt.robot import Limits
 
 MARGIN = 5e-7  # share of every bound that is kept free, for what lies between the points
 BROKEN = 1e-7  # of a bound: more than this is a violation
 NEAR = 0.9  # of a bound: places from here on become constraints together with the broken ones
 WIDE = 0.8  # the same for a joint's limit that is broken somewhere: mending it moves what is beside it
-JERK_NEAR = 0.8  # the same for jerk, which moves farther when it is mended
+PIECE_NEAR = 0.8  # the same for jerk and its like, which move farther when they are mended
 FAR = 1.5  # times its bound: jerk that is so far beyond it is limited all along the path
 BESIDE = 4  # so many points on both sides are taken along
 CLOSE = 1 - 1e-3  # of a bound: from here on the places between the grid's points are looked at
-AFFINE = 1e-9  # relative: torque that deviates less from its tangent is affine
-KINDS = ("velocity", "acceleration", "effort")
+EVEN = 1e-12  # relative: a limit that differs by less from place to place is the same everywhere
 
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst violation: kind of limit, joint, path position, and excess as a fraction of the bound."""
+    """The worst violation: limit, column of it, path position, and excess as a fraction of the bound."""
 
-    limit: str
-    joint: int
+    limit: Limit
+    column: int
     position: float
     excess: float
 
 
-class Block:
-    """Places along the path with their dynamics, which limits hold there as constraints, and how much tighter."""
+class AtPoints:
+    """A limit on path acceleration and squared speed, at the grid's points: where it is held, and how much tighter."""
 
-    def __init__(self, dynamics: PathDynamics, knots: np.ndarray) -> None:
-        self.dynamics = dynamics
-        self.lift: Lift = kept_lift(knots, dynamics.s)
-        shape = dynamics.q.shape
-        self.held = {kind: np.zeros(shape, dtype=bool) for kind in KINDS}
-        self.tight = {kind: np.ones(shape) for kind in KINDS}
-        self._last: tuple[np.ndarray, dict[str, np.ndarray]] | None = None
+    def __init__(self, limit: Limit, d: PathDynamics, shape: tuple[int, ...], typical: float) -> None:
+        self.limit = limit
+        self.held = np.zeros(shape, dtype=bool)
+        self.tight = np.ones(shape)
+        line = limit.linear(d, typical)
+        # the same everywhere: a speed that control values' bounds stand for, an acceleration that is linear in between
+        self.bounds_speed = line is not None and line.of_speed and _same(line.rb)
+        self.bounds_slope = line is not None and not (line.rb.any() or line.r0.any()) and _same(line.ra)
 
-    def usage(self, control: np.ndarray, limits: Limits) -> dict[str, np.ndarray]:
-        """Share of each bound that is used, (M, n) per kind; that of velocity squared. The last answer is kept."""
-        if self._last is None or not np.array_equal(self._last[0], control):
-            self._last = control.copy(), usage(self.dynamics, self.lift, control, limits)
-        return self._last[1]
-
-
-def usage(d: PathDynamics, at: Lift, control: np.ndarray, limits: Limits) -> dict[str, np.ndarray]:
-    """Share of each bound that is used at the places of `d` and `at`, (M, n) per kind; that of velocity squared."""
-    a, b = at.values(control)
-    return {
-        "velocity": d.q1**2 * b[:, None] / limits.velocity**2,
-        "acceleration": np.abs(d.q1 * a[:, None] + d.q2 * b[:, None]) / limits.acceleration,
-        "effort": np.abs(d.motor_torque(a, b)) / limits.effort,
-    }
+    def tightest(self, line: Linear) -> np.ndarray:
+        """Which columns (M, m) to hold: where |ra a| <= 1 is all there is, the steepest stands for the others."""
+        if not self.bounds_slope:
+            return self.held
+        slope = np.abs(line.ra) / self.tight
+        out = np.zeros_like(self.held)
+        out[np.arange(len(slope)), slope.argmax(axis=1)] = self.held.any(axis=1)
+        return out
 
 
-class JerkLimits:
-    """Jerk at both ends and in the middle of every interval of the timing."""
+def _same(x: np.ndarray) -> bool:
+    return bool(np.ptp(x, axis=0).max() <= EVEN * np.abs(x).max())
 
-    def __init__(self, dynamics: PathDynamics, knots: np.ndarray, limits: Limits) -> None:
-        count = len(knots) - 1
-        inside = 1e-9 * np.diff(knots)
-        s = np.concatenate([knots[:-1] + inside, (knots[1:] + knots[:-1]) / 2, knots[1:] - inside])
-        piece = np.tile(np.arange(count), 3)
-        path = dynamics.path
-        self.s = s
-        self.lift = lift(knots, s, "abw", piece)
-        # (3, M, n): jerk is (k0 a + k1 b + k2 w) sqrt(b), in units of the bound
-        self.factors = np.stack([3 * path(s, 2), path(s, 3), path(s, 1)]) / limits.jerk
-        self.held = np.zeros(self.factors.shape[1:], dtype=bool)
 
-    def usage(self, control: np.ndarray) -> np.ndarray:
-        """Share of the bound that is used, (M, n)."""
+class OnPieces:
+    """A limit that needs w = da/ds, such as jerk, at both ends and in the middle of every interval of the timing."""
+
+    def __init__(self, limit: Limit, s: np.ndarray, at: Lift, functions: Callable[..., Functions]) -> None:
+        self.limit, self.s, self.lift, self.functions = limit, s, at, functions
+        shape = len(s), limit.bound.size
+        self.held = np.zeros(shape, dtype=bool)
+        self._everywhere = tuple(x.ravel() for x in np.indices(shape))
+        self._all = functions(*self._everywhere)
+
+    def use(self, control: np.ndarray) -> np.ndarray:
+        """Share of the bound that is used, (M, m)."""
         z = self.lift.values(control)
-        return np.abs(np.einsum("dmj,dm->mj", self.factors, z)) * np.sqrt(np.maximum(z[1], 0))[:, None]
+        z[1] = np.maximum(z[1], 0.0)
+        return np.abs(self._all.value(z[:, self._everywhere[0]])).reshape(self.held.shape)
 
 
 class PathLimits:
     """The limits of one path on one grid; remembers which of them have become constraints."""
 
-    def __init__(self, dynamics: PathDynamics, knots: np.ndarray, limits: Limits, jerk: bool) -> None:
-        tight = {kind: getattr(limits, kind) * (1 - MARGIN) for kind in (*KINDS, "jerk")}
-        self.limits = limits.replace(**tight)
-        self.knots = knots
-        self.grid = Block(dynamics, knots)
-        s = dynamics.s
+    def __init__(self, dynamics: PathDynamics, knots: np.ndarray, limits: Sequence[Limit], typical: float) -> None:
+        """`typical` is a usual squared speed of the path."""
+        self.dynamics, self.knots = dynamics, knots
+        self.lift: Lift = kept_lift(knots, dynamics.s)
+        s, none = dynamics.s, np.zeros(len(dynamics.s))
         nearest = np.abs(s - knots[np.searchsorted((knots[1:] + knots[:-1]) / 2, s)])
         self.at_knot = (nearest < 1e-9) | (s < knots[1]) | (s > knots[-2])
-        # where the velocity limits allow the same speed everywhere, bounds of the control values stand for them
-        self.even = bool(np.ptp(dynamics.q1, axis=0).max() <= 1e-12 * np.abs(dynamics.q1).max())
-        limited = jerk and bool(np.isfinite(limits.jerk).any())
-        self.jerk = JerkLimits(dynamics, knots, self.limits) if limited else None
+        self.at_points: list[AtPoints] = []
+        self.on_pieces: list[OnPieces] = []
+        inside = 1e-9 * np.diff(knots)
+        pieces = np.concatenate([knots[:-1] + inside, (knots[1:] + knots[:-1]) / 2, knots[1:] - inside])
+        for limit in (limit.scaled(1 - MARGIN) for limit in limits):
+            share = limit.use(dynamics, none, none)
+            functions = limit.functions(dynamics.path, pieces)
+            if share is not None:
+                self.at_points.append(AtPoints(limit, dynamics, share.shape, typical))
+            elif functions is not None:
+                at = lift(knots, pieces, "abw", np.tile(np.arange(len(knots) - 1), 3))
+                self.on_pieces.append(OnPieces(limit, pieces, at, functions))
+        speeds = [line for held in self.at_points if (line := held.limit.linear(dynamics, typical)) and line.of_speed]
+        self.speed_bound = np.min([line.fastest for line in speeds], axis=0)
+        # where |ra a| <= 1 is the same everywhere: the steepest path acceleration that all such limits allow
+        slopes = [held.limit.linear(dynamics, typical) for held in self.at_points if held.bounds_slope]
+        steepest = max((float(np.abs(line.ra[0]).max()) for line in slopes if line is not None), default=0.0)
+        self.steepest = 1 / steepest if steepest > 0 else np.inf
+        self._last: tuple[np.ndarray, list[np.ndarray]] | None = None
+
+    def _uses(self, control: np.ndarray) -> list[np.ndarray]:
+        """Share of each bound that is used at the grid's points, (M, m) per limit. The last answer is kept."""
+        if self._last is None or not np.array_equal(self._last[0], control):
+            self._last = control.copy(), self._used(self.dynamics, self.lift, control)
+        return self._last[1]
+
+    def _used(self, d: PathDynamics, at: Lift, control: np.ndarray) -> list[np.ndarray]:
+        a, b = at.values(control)
+        found = [held.limit.use(d, a, b) for held in self.at_points]
+        return [share for share in found if share is not None]
 
     def worst(self, control: np.ndarray) -> Worst:
         """The limit that is used most."""
-        out = Worst("velocity", 0, 0.0, -1.0)
-        s = self.grid.dynamics.s
-        found = [(kind, s, use) for kind, use in self.grid.usage(control, self.limits).items()]
-        if self.jerk is not None:
-            found.append(("jerk", self.jerk.s, self.jerk.usage(control)))
-        for kind, s, use in found:
-            k, j = np.unravel_index(int(np.argmax(use)), use.shape)
-            if use[k, j] - 1 > out.excess:
-                out = Worst(kind, int(j), float(s[k]), float(use[k, j] - 1))
-        return out
+        found = [
+            (held.limit, self.dynamics.s, use) for held, use in zip(self.at_points, self._uses(control), strict=True)
+        ]
+        found += [(piece.limit, piece.s, piece.use(control)) for piece in self.on_pieces]
+        limit, s, use = max(found, key=lambda one: float(one[2].max()))
+        k, j = np.unravel_index(int(np.argmax(use)), use.shape)
+        return Worst(limit, int(j), float(s[k]), float(use[k, j] - 1))
 
     def hold(self, control: np.ndarray, *, always: bool = False) -> bool:
         """Make constraints of the limits that `control` breaks and of those near it; True where there were any.
 
         With `always`, also where nothing is broken.
         """
-        grid = self.grid
-        shares = {kind: use / grid.tight[kind] for kind, use in grid.usage(control, self.limits).items()}
-        broken = {kind: use.max(axis=0) > 1 + BROKEN for kind, use in shares.items()}
-        if always or any(joints.any() for joints in broken.values()):
-            for kind, use in shares.items():
-                if kind == "velocity" and self.even:
+        shares = [use / held.tight for held, use in zip(self.at_points, self._uses(control), strict=True)]
+        broken = [use.max(axis=0) > 1 + BROKEN for use in shares]
+        if always or any(columns.any() for columns in broken):
+            for held, use, columns in zip(self.at_points, shares, broken, strict=True):
+                if held.bounds_speed:
                     continue
-                near = _near(use, np.where(broken[kind], WIDE, NEAR))
-                if kind == "acceleration" and self.even:  # on a straight path it is linear between knots
+                near = _near(use, np.where(columns, WIDE, NEAR))
+                if held.bounds_slope:
                     near &= self.at_knot[:, None] | (use > 1 + BROKEN)
-                grid.held[kind] |= near
+                held.held |= near
             return True
-        if self.jerk is None:
-            return False
-        use = self.jerk.usage(control)
+        found = [self._hold_piece(piece, piece.use(control)) for piece in self.on_pieces]
+        return any(found)
+
+    @staticmethod
+    def _hold_piece(piece: OnPieces, use: np.ndarray) -> bool:
         if use.max() <= 1 + BROKEN:
             return False
-        near = use > JERK_NEAR
+        near = use > PIECE_NEAR
         if use.max() > FAR:  # mending it will move the whole course of that joint
             near[:, np.argmax(use.max(axis=0))] = True
         third = len(near) // 3  # both ends and the middle of every interval
-        self.jerk.held |= np.tile(near[:third] | near[third : 2 * third] | near[2 * third :], (3, 1))
+        piece.held |= np.tile(near[:third] | near[third : 2 * third] | near[2 * third :], (3, 1))
         return True
 
     def refine(self, control: np.ndarray) -> bool:
@@ -147,119 +164,98 @@ class PathLimits:
 
         Where it is broken there, it is tightened at the points beside; True where there was any.
         """
-        grid, d = self.grid, self.grid.dynamics
+        d = self.dynamics
         edges = np.concatenate([[0.0], d.s, [1.0]])
         inner = np.array([0.0, 1 / 3, 2 / 3])
-        shares = grid.usage(control, self.limits)
-        # on a straight path no speed is above the largest control value, and these are within the velocity limits
-        kinds = [kind for kind in KINDS if not (self.even and kind == "velocity")]
         close = np.zeros(len(edges), dtype=bool)
         close[[0, -1]] = True
-        for kind in kinds:
-            close[1:-1] |= shares[kind].max(axis=1) > CLOSE
+        # where control values' bounds stand for a speed, no speed is above the largest of them
+        for held, use in zip(self.at_points, self._uses(control), strict=True):
+            if not held.bounds_speed:
+                close[1:-1] |= use.max(axis=1) > CLOSE
         intervals = np.flatnonzero(close[:-1] | close[1:])
         share_of = np.where(intervals[:, None] == len(d.s), 1 - inner, inner)
         places = (edges[intervals, None] + np.diff(edges)[intervals, None] * share_of).ravel()
         between = PathDynamics(d.robot, d.model, d.path, places)
-        there = usage(between, lift(self.knots, places), control, self.limits)
         broken = False
-        for kind in kinds:
-            excess = there[kind].reshape(len(intervals), len(inner), -1).max(axis=1) - 1
+        for held, use in zip(self.at_points, self._used(between, lift(self.knots, places), control), strict=True):
+            if held.bounds_speed:
+                continue
+            excess = use.reshape(len(intervals), len(inner), -1).max(axis=1) - 1
             k, j = np.nonzero(excess > 0.9 * MARGIN)  # the margin is there for what remains
-            broken |= bool(k.size)
             if not k.size:
                 continue
-            factor = np.ones(grid.tight[kind].shape)
+            broken = True
+            factor = np.ones(held.tight.shape)
             for side in (-1, 0):
                 place = (np.clip(intervals[k] + side, 0, len(d.s) - 1), j)
-                grid.held[kind][place] = True
+                held.held[place] = True
                 np.minimum.at(factor, place, 1 - 1.5 * excess[k, j])
-            grid.tight[kind] *= factor
+            held.tight *= factor
         return broken
 
     def loose(self, control: np.ndarray) -> np.ndarray:
         """Which control values (N + 2,) may change a little: those inside that meet no limit anywhere near."""
         out = np.ones(len(control), dtype=bool)
         out[[0, -1]] = False
-        found = [(self.grid.lift, use) for use in self.grid.usage(control, self.limits).values()]
-        if self.jerk is not None:
-            found.append((self.jerk.lift, self.jerk.usage(control)))
+        found = [(self.lift, use) for use in self._uses(control)]
+        found += [(piece.lift, piece.use(control)) for piece in self.on_pieces]
         for at, use in found:
             out[at.touched[use.max(axis=1) > NEAR]] = False
         return out
 
     def rows(self, unit: float) -> Rows:
         """The limits that are held, for control values in the given unit."""
-        grid, d, limits = self.grid, self.grid.dynamics, self.limits
         places: list[np.ndarray] = []
         parts: list[tuple[np.ndarray, ...]] = []
-
-        def add(kind: str, k: np.ndarray, j: np.ndarray, *linear: np.ndarray) -> None:
-            tight = grid.tight[kind][k, j]
-            places.append(k)
-            parts.append((*(x / tight for x in linear), 1 / (tight * (1 - MARGIN) ** 2)))
-
-        k, j = np.nonzero(grid.held["velocity"])
-        zero = np.zeros(k.size)
-        add("velocity", k, j, zero, unit * (d.q1[k, j] / limits.velocity[j]) ** 2, zero)
-        k, j = np.nonzero(self._accelerations())
-        scale = unit / limits.acceleration[j]
-        add("acceleration", k, j, d.q1[k, j] * scale, d.q2[k, j] * scale, np.zeros(k.size))
         curved: list[CurvedRows] = []
-        k, j = np.nonzero(grid.held["effort"])
-        if k.size and self.affine:
-            none = np.zeros(len(d.s))
-            ra, rb, r0 = (x[k, j] / limits.effort[j] for x in d.affine_torque(none, none + unit))
-            add("effort", k, j, ra * unit, rb * unit, r0)
-        elif k.size:
-            curved.append(self._torque_rows(np.unique(k), unit))
-        if self.jerk is not None and self.jerk.held.any():
-            k, j = np.nonzero(self.jerk.held)
-            functions = Jerk(self.jerk.factors[:, k, j] * unit**1.5)
-            curved.append(CurvedRows(self.jerk.lift.part(k), functions, 1))
-        where = np.concatenate(places)
-        if not where.size:
+        for held in self.at_points:
+            if not held.held.any():
+                continue
+            line = held.limit.linear(self.dynamics, unit)
+            if line is None:
+                curved.append(self._symbolic(held, unit))
+                continue
+            k, j = np.nonzero(held.tightest(line))
+            tight = held.tight[k, j]
+            places.append(k)
+            of_unit = (line.ra[k, j] * unit, line.rb[k, j] * unit, line.r0[k, j])
+            parts.append((*(x / tight for x in of_unit), 1 / (tight * (1 - MARGIN) ** 2)))
+        for piece in self.on_pieces:
+            if piece.held.any():
+                k, j = np.nonzero(piece.held)
+                curved.append(CurvedRows(piece.lift.part(k), InUnit(piece.functions(k, j), unit), 1))
+        if not places:
             return Rows(None, tuple(curved))
+        where = np.concatenate(places)
         ra, rb, r0, allowed = (np.concatenate([part[i] for part in parts]) for i in range(4))
-        return Rows(LinearRows(grid.lift.part(where), ra, rb, r0, allowed), tuple(curved))
+        return Rows(LinearRows(self.lift.part(where), ra, rb, r0, allowed), tuple(curved))
 
-    def _accelerations(self) -> np.ndarray:
-        """Which accelerations (M, n) to hold: on a straight path, |q'_j a| <= bound_j is one bound of |a|."""
-        held = self.grid.held["acceleration"]
-        if not self.even:
-            return held
-        slope = np.abs(self.grid.dynamics.q1) / (self.limits.acceleration * self.grid.tight["acceleration"])
-        tightest = np.zeros_like(held)
-        tightest[np.arange(len(held)), slope.argmax(axis=1)] = held.any(axis=1)
-        return tightest
-
-    @property
-    def affine(self) -> bool:
-        """Is the motors' torque affine in (a, b)?"""
-        d = self.grid.dynamics
-        if not has_torque_effects(d.model):
-            return True
-        one = np.ones(len(d.s)) * d.speed_bound(self.limits.velocity).min()
-        ma, mb, m0 = d.affine_torque(0 * one, one)
-        for a, b in ((-one, 0.3 * one), (one, 0.7 * one)):
-            there = d.motor_torque(a, b)
-            if np.abs(ma * a[:, None] + mb * b[:, None] + m0 - there).max() > AFFINE * (1 + np.abs(there).max()):
-                return False
-        return True
-
-    def _torque_rows(self, k: np.ndarray, unit: float) -> CurvedRows:
-        """Nonlinear limits on the torque of all joints at the places k."""
-        d = self.grid.dynamics
-        n = d.robot.n
-        shared = np.append(d.model.values(n), [unit, BLURS[-1]])
+    def _symbolic(self, held: AtPoints, unit: float) -> CurvedRows:
+        """A limit that is not linear, all its columns at every place where one is held."""
+        d, limit, k = self.dynamics, held.limit, np.unique(np.nonzero(held.held)[0])
+        shared = np.concatenate([d.model.values(d.robot.n), [unit, WIDTHS[-1]], limit.values])
         numbers = point_numbers(d, np.zeros(len(d.s)))[:, k]
-        scale = 1 / (self.limits.effort * self.grid.tight["effort"][k])
-        return CurvedRows(self.grid.lift.part(k), Torque.of(SharedByStructure(d.model), numbers, shared, scale), n)
+        scale = 1 / (limit.scale * held.tight[k])
+        functions = Symbolic.of(SharedByStructure(d.model), limit, numbers, shared, scale)
+        return CurvedRows(self.lift.part(k), functions, limit.scale.size, limit.one_sided)
 
 
-def point_numbers(d: PathDynamics, time: np.ndarray) -> np.ndarray:
-    """What the law is given at each point, (6 n + 1, M); see retime_terms.Law."""
-    return np.vstack([d.q.T, d.q1.T, d.q2.T, d.M.T, d.C.T, d.G.T, time])
+@dataclass(frozen=True)
+class InUnit:
+    """Functions of (a, b, w) for values of them in another unit."""
+
+    functions: Functions
+    unit: float
+
+    def value(self, z: np.ndarray) -> np.ndarray:
+        return self.functions.value(self.unit * z)
+
+    def slope(self, z: np.ndarray) -> np.ndarray:
+        return self.unit * self.functions.slope(self.unit * z)
+
+    def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        return self.unit**2 * self.functions.curvature(self.unit * z, multipliers)
 
 
 def _near(use: np.ndarray, share: np.ndarray) -> np.ndarray:

@@ -136,8 +136,8 @@ class Program:
         `near` says that the start is close to the answer; `loosely`, that a bound is all that is wanted. The first row
         multiplier is that of T / T_ref.
         """
-        count = self.rows_held.count
-        row_bounds = np.append(1.0 if exactly else -np.inf, -np.ones(count)), np.ones(1 + count)
+        lower = self.rows_held.lower
+        row_bounds = np.append(1.0 if exactly else -np.inf, lower), np.ones(1 + len(lower))
         start = np.clip(start, *bounds)
         used = 0
         for way in (NEAR if near else LEAP, CREEP):

@@ -1,5 +1,7 @@
 """What a retiming's cost and its curved limits are at all points at once, with their derivatives.
 
+A model's law comes down to nine coefficients at each point where that is all there is to it; else it is the law itself.
+
 z (d, M) is (a, b) at every point (and w = da/ds for jerk), in the program's unit. Hessians are upper triangles, column
 by column: (aa, ab, bb) or (aa, ab, bb, aw, bw, ww).
 """
@@ -11,9 +13,20 @@ from typing import Protocol
 
 import numpy as np
 
-from energy_opt.motion.retime.terms import general_terms, torque_terms
-from energy_opt.motion.timing.path_dynamics import SharedByStructure
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.motion.retime.law import (
+    DEGREES,
+    WIDTHS,
+    LimitByStructure,
+    compressed,
+    general_terms,
+    law_function,
+    limit_terms,
+    point_numbers,
+)
 from energy_opt.numerics.batch import Batch
+from energy_opt.power import PowerModel
 
 
 class Cost(Protocol):
@@ -51,8 +64,8 @@ class Monomials:
     def curvature(self, z: np.ndarray) -> np.ndarray:
         u, q, qa, qb = self._parts(z)
         k, u2 = self.k, u * u
-        bent = np.stack([2 * k[3], k[4] - 0.5 * qa * u2, 2 * k[5] - qb * u2 + 0.75 * q * u2 * u2])
-        return self.weight * u * bent
+        hessian = np.stack([2 * k[3], k[4] - 0.5 * qa * u2, 2 * k[5] - qb * u2 + 0.75 * q * u2 * u2])
+        return self.weight * u * hessian
 
 
 @dataclass(frozen=True)
@@ -61,7 +74,7 @@ class AnyLaw:
 
     batches: tuple[Batch, Batch]
     at: np.ndarray  # (M, 6 n + 2) what the law is given at each point, and the weight
-    shared: np.ndarray  # (M, values + 4) the model's values, unit, blur, energy, time
+    shared: np.ndarray  # (M, values + 4) the model's values, unit, width, energy, time
 
     @classmethod
     def of(cls, shared_by: SharedByStructure, n: int, at: np.ndarray, weight: np.ndarray, shared: np.ndarray) -> AnyLaw:
@@ -80,65 +93,78 @@ class AnyLaw:
         return self.batches[1](z.T, self.at, self.shared)[0].T.copy()
 
 
-class Curved(Protocol):
-    """Functions of z at K points, r of them at each, in units of their bounds."""
-
-    def value(self, z: np.ndarray) -> np.ndarray:
-        """(K, r)."""
-
-    def slope(self, z: np.ndarray) -> np.ndarray:
-        """(K, r, d)."""
-
-    def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """Sum of the functions' Hessians times multipliers (K, r), (d (d + 1) / 2, K)."""
-
-
 @dataclass(frozen=True)
-class Jerk:
-    """(k0 a + k1 b + k2 w) sqrt(b) of one joint at each point."""
-
-    k: np.ndarray  # (3, K)
-
-    def value(self, z: np.ndarray) -> np.ndarray:
-        return ((self.k * z).sum(axis=0) * np.sqrt(z[1]))[:, None]
-
-    def slope(self, z: np.ndarray) -> np.ndarray:
-        root = np.sqrt(z[1])
-        slope = self.k * root
-        slope[1] += (self.k * z).sum(axis=0) / (2 * root)
-        return slope.T[:, None]
-
-    def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        k, none = self.k, np.zeros(z.shape[1])
-        by_b = 2 * k[1] - (k * z).sum(axis=0) / (2 * z[1])
-        return multipliers[:, 0] / (2 * np.sqrt(z[1])) * np.stack([none, k[0], by_b, none, k[2], none])
-
-
-@dataclass(frozen=True)
-class Torque:
-    """Motor torque of every joint at each point by the model's law, times `scale`."""
+class Symbolic:
+    """A limit's symbolic rows at each point by the model's law, times `scale`; see limits.base.Functions."""
 
     batches: tuple[Batch, Batch]
     at: np.ndarray  # (K, 6 n + 1)
-    shared: np.ndarray  # (K, values + 2) the model's values, unit, blur
-    scale: np.ndarray  # (K, n)
+    shared: np.ndarray  # (K, values + 2 + values of the limit) the model's values, unit, width, the limit's values
+    scale: np.ndarray  # (K, m)
 
     @classmethod
-    def of(cls, shared_by: SharedByStructure, at: np.ndarray, shared: np.ndarray, scale: np.ndarray) -> Torque:
-        """From the law's numbers `at` (6 n + 1, K) and those (values + 2,) that all points share."""
-        count, n = scale.shape
-        numbers = np.ascontiguousarray(at.T)
-        value, curvature = torque_terms(shared_by, n)
-        batches = Batch(value, count), Batch(curvature, count)
-        return cls(batches, numbers, np.tile(shared, (count, 1)), scale)
+    def of(
+        cls, shared_by: SharedByStructure, limit: Limit, at: np.ndarray, shared: np.ndarray, scale: np.ndarray
+    ) -> Symbolic:
+        """From the law's numbers `at` (6 n + 1, K) and those that all points share."""
+        value, curvature = limit_terms(shared_by, (len(at) - 1) // 6, LimitByStructure(limit))
+        batches = Batch(value, len(scale)), Batch(curvature, len(scale))
+        return cls(batches, np.ascontiguousarray(at.T), np.tile(shared, (len(scale), 1)), scale)
 
     def value(self, z: np.ndarray) -> np.ndarray:
         return self.batches[0](z.T, self.at, self.shared)[0] * self.scale
 
     def slope(self, z: np.ndarray) -> np.ndarray:
-        count, n = self.scale.shape
-        by_column = self.batches[0](z.T, self.at, self.shared)[1].reshape(count, 2, n)
+        count, m = self.scale.shape
+        by_column = self.batches[0](z.T, self.at, self.shared)[1].reshape(count, 2, m)
         return by_column.transpose(0, 2, 1) * self.scale[:, :, None]
 
     def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         return self.batches[1](z.T, self.at, self.shared, multipliers * self.scale)[0].T.copy()
+
+
+@dataclass(frozen=True)
+class PathLaw:
+    """The law at points (M,) of a path.
+
+    Attributes:
+        numbers: (6 n + 1, M) what the law is given at each point.
+        unit: of squared speed [1/s^2] to which the coefficients belong.
+        coefficients: (9, M) of the power's monomials; None where the law has other terms, kinks among them.
+    """
+
+    model: PowerModel
+    joints: int
+    numbers: np.ndarray
+    unit: float
+    coefficients: np.ndarray | None
+
+    @classmethod
+    def of(cls, model: PowerModel, dynamics: PathDynamics, unit: float, time: np.ndarray) -> PathLaw:
+        """At the points of `dynamics`, which are passed at `time` (M,) [s]."""
+        numbers, n = point_numbers(dynamics, time), dynamics.robot.n
+        shared = np.append(model.values(n), [unit, WIDTHS[0]])
+        return cls(model, n, numbers, unit, compressed(SharedByStructure(model), n, numbers, shared))
+
+    def cost(self, weight: np.ndarray, unit: float, energy: float, time: float, width: float) -> Cost:
+        """Sum over points of weight / sqrt(b) (energy P + time), with a and b in `unit` and kinks `width` wide."""
+        if self.coefficients is None:
+            shared = np.append(self.model.values(self.joints), [unit, width, energy, time])
+            return AnyLaw.of(SharedByStructure(self.model), self.joints, self.numbers, weight, shared)
+        k = energy * self.coefficients * (unit / self.unit) ** DEGREES[:, None]
+        k[0] += time
+        return Monomials(k, weight)
+
+    def smoothing(self, z: np.ndarray, unit: float, weight: np.ndarray) -> float:
+        """What the smoothed kinks leave out of a bound [J]: supporting lines of the exact ones in their place.
+
+        At z = (a, b) (2, M) in `unit`.
+        """
+        shared = np.append(self.model.values(self.joints), [unit, WIDTHS[-1]])
+        values = np.repeat(shared[:, None], z.shape[1], axis=1)
+        shared_by = SharedByStructure(self.model)
+        lines, smooth = (
+            np.array(law_function(shared_by, self.joints, tangents)(z, self.numbers, values)[0]).ravel()
+            for tangents in (True, False)
+        )
+        return float((weight / np.sqrt(unit * z[1])) @ (lines - smooth))

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import copy
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path import JointPath
+from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime.bound import largest_price, lower_bound
-from energy_opt.motion.retime.law import PathLaw
+from energy_opt.motion.retime.law import WIDTHS, exact_power
 from energy_opt.motion.retime.limits import MARGIN, PathLimits
 from energy_opt.motion.retime.nlp import Program
+from energy_opt.motion.retime.points import PathLaw
 from energy_opt.motion.retime.quadrature import GAUSS, quadrature
 from energy_opt.motion.retime.rows import Rows
-from energy_opt.motion.retime.terms import BLURS, exact_power
 from energy_opt.motion.timing.law import Timing, greville
-from energy_opt.motion.timing.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel
-from energy_opt.robot import Limits, Robot
+from energy_opt.robot import Robot
 
 ROUNDS = 12  # of adding constraints
 # Share of a price above standby that is used: at the price itself, creeping at one place would cost nothing.
@@ -73,14 +75,14 @@ def _power(d: PathDynamics, a: np.ndarray, b: np.ndarray, time: np.ndarray) -> n
 class Retiming:
     """The retiming of one path: its grid, limits and model, and all that its solves share."""
 
-    def __init__(self, robot: Robot, model: PowerModel, shortest: Timing, limits: Limits, jerk: bool) -> None:
+    def __init__(self, robot: Robot, model: PowerModel, shortest: Timing, limits: Sequence[Limit]) -> None:
         self.robot, self.model, self.shortest = robot, model, shortest
         self.ends = shortest.control[[0, -1]]
         self.rest = (bool(self.ends[0] == 0), bool(self.ends[1] == 0))
         self.grid = quadrature(shortest.knots, self.rest)
         self.dynamics = PathDynamics(robot, model, shortest.path, self.grid.s)
-        self.limits = PathLimits(self.dynamics, shortest.knots, limits, jerk)
-        self.speed_bound = self.dynamics.speed_bound(self.limits.limits.velocity)
+        self.limits = PathLimits(self.dynamics, shortest.knots, limits, float(shortest.control.max()))
+        self.speed_bound = self.limits.speed_bound
         self.tally = Tally()
         self._law: PathLaw | None = None
 
@@ -105,7 +107,7 @@ class Retiming:
 
     def energy(self, timing: Timing) -> float:
         """J by the exact laws: by the grid's quadrature where its duration is the true one, else integrated anew."""
-        a, b = z = self.limits.grid.lift.values(timing.control)
+        a, b = z = self.limits.lift.values(timing.control)
         pace = self.grid.weight / np.sqrt(b)
         if abs(pace.sum() / timing.duration - 1) > RESOLVED:
             return self._integrated(timing)
@@ -138,18 +140,17 @@ class Retiming:
         too, the control polygon's slope is twice the path acceleration at a knot, so that control values rise from
         either end no faster than the acceleration limits allow; of that a little more is left, so that it never binds.
         """
-        first = self.limits.grid.lift.first
+        first = self.limits.lift.first
         count = len(self.shortest.control)
         most, least = np.zeros(count), np.full(count, np.inf)
         for k in range(3):
             np.maximum.at(most, first + k, self.speed_bound)
             np.minimum.at(least, first + k, self.speed_bound)
         upper = 2 * most - least
-        if self.limits.even and np.isfinite(self.limits.limits.acceleration).all():
+        if np.isfinite(self.limits.steepest):
             g = greville(self.shortest.knots)
-            steepest = (self.limits.limits.acceleration / np.maximum(np.abs(self.dynamics.q1[0]), 1e-12)).min()
             for end, away in zip(self.ends, (g, 1 - g), strict=True):
-                upper = np.minimum(upper, ROOM * (end + 2 * steepest * away))
+                upper = np.minimum(upper, ROOM * (end + 2 * self.limits.steepest * away))
         return upper[1:-1]
 
     def optimise(
@@ -189,7 +190,7 @@ class Retiming:
     ) -> Solved:
         unit = float(start.control.max())
         clock = 1 / np.sqrt(unit)  # seconds in the program's unit of time
-        weight, points = self.grid.weight, self.limits.grid.lift
+        weight, points = self.grid.weight, self.limits.lift
         law = self.law(start)
         ends, upper = self.ends / unit, self._upper() / unit
         g = greville(start.knots)[1:-1]
@@ -197,30 +198,30 @@ class Retiming:
         x = np.clip(start.control[1:-1] / unit, lower, upper)
         size = 1.0
 
-        def program(rows: Rows, blur: float) -> Program:
-            cost = law.cost(weight, unit, clock * energy / size, -price * clock / size, blur)
+        def program(rows: Rows, width: float) -> Program:
+            cost = law.cost(weight, unit, clock * energy / size, -price * clock / size, width)
             return Program(points, weight, cost, ends, longest / clock, rows)
 
-        whole = program(Rows(), BLURS[0])
+        whole = program(Rows(), WIDTHS[0])
         size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)
         self.limits.hold(self.shortest.control, always=True)
         self.limits.hold(start.control, always=True)
-        blurs = [BLURS[-1]] if law.coefficients is not None else list(BLURS)
+        widths = [WIDTHS[-1]] if law.coefficients is not None else list(WIDTHS)
         rounds = 0
         while True:
             begun = time.perf_counter()
             rows = self.limits.rows(unit)
-            whole = program(rows, blurs[0])
+            whole = program(rows, widths[0])
             built = time.perf_counter()
-            near = law.coefficients is None and blurs[0] < BLURS[0]
+            near = law.coefficients is None and widths[0] < WIDTHS[0]
             answer = whole.solve(
                 x, (lower, upper), exactly=exactly, near=near, loosely=only_bound and law.coefficients is not None
             )
             self.tally.iterations += answer.iterations
             self.tally.build += built - begun
             self.tally.solve += time.perf_counter() - built
-            if len(blurs) > 1:
-                blurs.pop(0)
+            if len(widths) > 1:
+                widths.pop(0)
                 x = answer.x if answer.success else x
                 continue
             x = answer.x

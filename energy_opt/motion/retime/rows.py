@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from energy_opt.motion.retime.points import Curved
+from energy_opt.motion.limits.base import Functions
 from energy_opt.motion.retime.quadrature import Lift, gathered
 
 
@@ -59,8 +59,9 @@ class CurvedRows:
     """Limits that are not linear in (a, b) or (a, b, w), `each` of them at every place of `lift`."""
 
     lift: Lift
-    functions: Curved
+    functions: Functions
     each: int
+    one_sided: bool = False
 
     @cached_property
     def first(self) -> np.ndarray:
@@ -98,6 +99,12 @@ class Rows:
     def count(self) -> int:
         """Number of constraints."""
         return len(self.first)
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower bounds (count,)."""
+        sides = [(-np.inf if isinstance(b, CurvedRows) and b.one_sided else -1.0, len(b.first)) for b in self.blocks]
+        return np.concatenate([np.zeros(0), *(np.full(count, side) for side, count in sides)])
 
     def values(self, control: np.ndarray) -> np.ndarray:
         """(count,)."""

@@ -17,18 +17,21 @@ answer is one more start.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from energy_opt.errors import Infeasible
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.retime.program import Retiming, Solved, standing_power
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.timing.toppra import INTERVALS, fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
-from energy_opt.robot import Limits, Robot
+from energy_opt.robot import Robot
 
 LONGEST = 50.0  # a free duration ends at this many times the shortest one
 GLOBAL_GAP = 0.25  # [%] an answer with a bound closer than this is called the global optimum
@@ -102,7 +105,7 @@ def retime(
     max_duration: float | None = None,
     shortest: Timing | None = None,
     grid: int | np.ndarray = INTERVALS,
-    limits: Limits | None = None,
+    limits: Sequence[Limit] | None = None,
     jerk: bool = True,
 ) -> RetimeSolution:
     """The timing of `path` that takes the least energy under `model`.
@@ -118,13 +121,15 @@ def retime(
     Raises:
         Infeasible: the path breaks limits at any timing, or the duration is too short for it.
     """
-    bounds = robot.limits if limits is None else limits
+    held = joint_limits(robot.limits) if limits is None else tuple(limits)
+    if not jerk:
+        held = tuple(limit for limit in held if limit.order != 3)
     if shortest is None:
-        ends = {"start_speed": path.start_speed, "end_speed": path.end_speed}
-        shortest = fastest(robot, model, path, grid=grid, limits=bounds, jerk=jerk, **ends)
+        speeds = path.start_speed, path.end_speed
+        shortest = fastest(robot, model, path, grid=grid, limits=held, start_speed=speeds[0], end_speed=speeds[1])
     if not path.moves:
         return _standing(robot, model, path, duration, shortest)
-    work = Retiming(robot, model, shortest, bounds, jerk)
+    work = Retiming(robot, model, shortest, held)
     wanted = duration if duration is not None else max_duration
     start = shortest
     if wanted is not None and shortest.duration > wanted:
@@ -146,9 +151,9 @@ def _shorter(work: Retiming, shortest: Timing, wanted: float) -> Timing:
     if best.duration <= wanted:
         return best
     worst = work.limits.worst(best.control * (best.duration / wanted) ** 2)
-    joint = work.robot.joints[worst.joint]
+    joint = worst.limit.where(work.robot.joints, worst.column)
     raise Infeasible(
-        f"{joint}: the {worst.limit} limit would be exceeded by {100 * worst.excess:.3g} % at path position "
+        f"{joint}: the {worst.limit.name} limit would be exceeded by {100 * worst.excess:.3g} % at path position "
         f"{worst.position:.3f} in {wanted:.6g} s; the shortest duration that works on this path is "
         f"{best.duration:.6g} s",
         joint=joint,

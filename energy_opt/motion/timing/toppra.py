@@ -8,43 +8,28 @@ solved again.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from energy_opt.errors import Infeasible
+from energy_opt.motion.limits.along import Tightening, Use, used
+from energy_opt.motion.limits.base import Limit, Linear
+from energy_opt.motion.limits.check import check_path
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath
+from energy_opt.motion.path_dynamics import CRAWL, PathDynamics, has_torque_effects, points_of
 from energy_opt.motion.timing.law import Timing, greville
-from energy_opt.motion.timing.path_dynamics import CRAWL, PathDynamics, check_path, has_torque_effects, points_of
 from energy_opt.power import PowerModel
-from energy_opt.robot import Limits, Robot
+from energy_opt.robot import Robot
 
 INTERVALS = 200
 TOLERANCE = 1e-7  # of a bound: less than this is no violation
 ROUNDS = 8
 CHECKS_PER_INTERVAL = 5
-
-
-@dataclass(frozen=True)
-class _Tightening:
-    """Factors (M, n), at the grid's points, by which the bounds are taken smaller than they are."""
-
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    effort: np.ndarray
-
-    def after(self, excess: dict[str, np.ndarray], s: np.ndarray, grid: np.ndarray) -> _Tightening:
-        """Smaller around the places `s` where a limit was broken, by a little more than it was."""
-        interval = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, len(grid) - 2)
-        changed = {}
-        for kind in ("velocity", "acceleration", "effort"):
-            worst = np.zeros((len(grid) - 1, excess[kind].shape[1]))
-            np.maximum.at(worst, interval, excess[kind])
-            padded = np.concatenate([worst[:1], worst[:1], worst, worst[-1:], worst[-1:]])
-            around = np.maximum.reduce([padded[j : j + len(grid)] for j in range(4)])
-            changed[kind] = getattr(self, kind) / (1 + 1.2 * around)
-        return _Tightening(**changed)
+SLOWEST = 50.0  # times the duration: slowing further mends nothing
 
 
 def fastest(
@@ -55,13 +40,14 @@ def fastest(
     grid: int | np.ndarray = INTERVALS,
     start_speed: float = 0.0,
     end_speed: float = 0.0,
-    limits: Limits | None = None,
+    limits: Sequence[Limit] | None = None,
     jerk: bool = True,
 ) -> Timing:
-    """The fastest timing within velocity, acceleration and torque limits (torque with every torque effect of `model`).
+    """The fastest timing within limits (torque with every torque effect of `model`).
 
-    TOPP-RA knows no jerk: where the robot has jerk limits (and `jerk` is not False) and the result breaks them, coarser
-    grids, which switch more gently, and an even slowing down are tried, and the fastest that holds them is returned.
+    TOPP-RA knows limits that are linear in path acceleration and squared speed, or that a tangent stands for. Where the
+    result breaks others, such as jerk (left aside where `jerk` is False), coarser grids, which switch more gently, and
+    an even slowing down are tried, and the fastest that holds them is returned.
 
     Args:
         grid: number of grid intervals, or the knots of the timing (grid points lie between them and at both ends).
@@ -72,30 +58,39 @@ def fastest(
         Infeasible: names joint, limit, path position and excess, where that is known before solving; else the place
             where TOPP-RA gave up.
     """
-    bounds = robot.limits if limits is None else limits
+    held = joint_limits(robot.limits) if limits is None else tuple(limits)
+    if not jerk:
+        held = tuple(limit for limit in held if limit.order != 3)
     knots = np.linspace(0, 1, grid) if isinstance(grid, int) else np.asarray(grid, dtype=float)
     count = CHECKS_PER_INTERVAL * (len(knots) - 1) + 1
     dense = PathDynamics(robot, model, path, points_of(path, count))
-    check_path(robot, dense, bounds)
+    check_path(held, dense)
     if not path.moves:
         return Timing(path, np.array([0.0, 0.5, 1.0]), np.zeros(4))
-    timing = _without_jerk(robot, model, path, knots, (start_speed, end_speed), bounds, dense)
-    if not jerk or not np.isfinite(bounds.jerk).any():
-        return timing
-    return _with_jerk(robot, model, path, knots, (start_speed, end_speed), bounds, dense, timing)
+    ends = (start_speed, end_speed)
+    timing = _within_tangents(robot, model, path, knots, ends, held, dense)
+    middle, one = PathDynamics(robot, model, path, np.array([0.5])), np.ones(1)
+    rest = [limit for limit in held if limit.tangent(middle, one, one) is None]
+    return _within_all(robot, model, path, knots, ends, held, rest, dense, timing)
 
 
-def _with_jerk(
+def _uses(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> list[Use]:
+    b, a, w = timing.speed(dense.s)
+    return used(limits, dense, a, b, w)
+
+
+def _within_all(
     robot: Robot,
     model: PowerModel,
     path: JointPath,
     knots: np.ndarray,
     ends: tuple[float, float],
-    bounds: Limits,
+    limits: Sequence[Limit],
+    rest: Sequence[Limit],
     dense: PathDynamics,
     timing: Timing,
 ) -> Timing:
-    """The fastest of: the timing slowed until jerk holds, and the same on coarser grids."""
+    """The fastest of: the timing slowed until the `rest` of the limits hold too, and the same on coarser grids."""
     best: Timing | None = None
     for coarser in (1, 2, 4, 8):
         if coarser > 1:
@@ -103,10 +98,10 @@ def _with_jerk(
                 break
             try:
                 picked = np.append(knots[:-1:coarser], 1.0)
-                timing = _without_jerk(robot, model, path, picked, ends, bounds, dense)
+                timing = _within_tangents(robot, model, path, picked, ends, limits, dense)
             except Infeasible:
                 break
-        factor = max(1.0, float((dense.excess(timing, bounds)["jerk"].max() + 1) ** (1 / 3)))
+        factor = _slowing(rest, dense, timing)
         if factor > 1 and any(ends):
             continue  # the end speeds are given: they cannot be slowed
         slowed = timing.slowed(timing.duration * factor * (1 + TOLERANCE)) if factor > 1 else timing
@@ -115,67 +110,85 @@ def _with_jerk(
         if factor == 1:
             break
     if best is None:
-        excess = dense.excess(timing, bounds)["jerk"]
-        k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
-        raise Infeasible(
-            f"{robot.joints[j]}: the jerk limit {bounds.jerk[j]:.4g} rad/s^3 does not hold with the given end speeds "
-            f"at path position {dense.s[k]:.3f}",
-            joint=robot.joints[j],
-            limit="jerk",
-            position=float(dense.s[k]),
-            excess=float(excess[k, j]),
-        )
+        raise _not_held(robot, rest, dense, timing, "does not hold with the given end speeds")
     return best
 
 
-def _without_jerk(
+def _slowing(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> float:
+    """By how much to slow a timing evenly so that all limits hold that it breaks by more than the tolerance."""
+    broken = [use for use in _uses(limits, dense, timing) if use.worst[0] > 1 + TOLERANCE]
+    if not broken:
+        return 1.0
+    # a derivative falls with that power of the duration; other limits are tried
+    factor = max([1.0, *(use.worst[0] ** (1 / use.limit.order) for use in broken if use.limit.order)])
+    others = [use.limit for use in broken if not use.limit.order]
+    while factor < SLOWEST and others:
+        slower = timing.slowed(timing.duration * factor * (1 + TOLERANCE))
+        if max(use.worst[0] for use in _uses(others, dense, slower)) <= 1 + TOLERANCE:
+            break
+        factor *= 1.01
+    return factor
+
+
+def _within_tangents(
     robot: Robot,
     model: PowerModel,
     path: JointPath,
     knots: np.ndarray,
     ends: tuple[float, float],
-    bounds: Limits,
+    limits: Sequence[Limit],
     dense: PathDynamics,
 ) -> Timing:
     """TOPP-RA, checked and solved again with tighter bounds until the check passes."""
     points = greville(knots)
     at = PathDynamics(robot, model, path, points)
-    one = np.ones_like(at.q)
-    tight = _Tightening(one, one, one)
-    a, b = np.zeros(len(points)), at.speed_bound(bounds.velocity)
-    timing: Timing | None = None
+    a, b = np.zeros(len(points)), _fastest_speed(limits, at)
+    lines = [(limit, limit.tangent(at, a, b)) for limit in limits]
+    known = [limit for limit, line in lines if line is not None]
+    tight, timing = Tightening(), Timing(path, knots, np.zeros(len(points)))
     for _ in range(ROUNDS):
-        timing = _solve(robot, at, knots, ends, bounds, tight, at.affine_torque(a, b))
-        excess = dense.excess(timing, bounds, jerk=False)
-        if max(float(e.max()) for e in excess.values()) <= TOLERANCE:
+        timing = _solve(robot, at, knots, ends, lines, tight)
+        uses = _uses(known, dense, timing)
+        if max(use.worst[0] for use in uses) <= 1 + TOLERANCE:
             return timing
-        tight = tight.after(excess, dense.s, points)
+        tight = tight.after(uses, dense.s, points)
         if has_torque_effects(model):
             b, a, _ = timing.speed(points)
             b = np.maximum(b, CRAWL)
-    assert timing is not None
-    return _slowed_until_inside(robot, timing, dense, bounds, ends)
+            lines = [(limit, limit.tangent(at, a, b)) for limit in known]
+    return _slowed_until_inside(robot, timing, dense, known, ends)
+
+
+def _fastest_speed(limits: Sequence[Limit], at: PathDynamics) -> np.ndarray:
+    """Largest squared path speed (M,) that the limits on speed alone allow."""
+    fastest = np.full(len(at.s), np.inf)
+    for limit in limits:
+        line = limit.linear(at, 1.0)
+        if line is not None and line.of_speed:
+            fastest = np.minimum(fastest, line.fastest)
+    return fastest
 
 
 def _slowed_until_inside(
-    robot: Robot, timing: Timing, dense: PathDynamics, bounds: Limits, ends: tuple[float, float]
+    robot: Robot, timing: Timing, dense: PathDynamics, limits: Sequence[Limit], ends: tuple[float, float]
 ) -> Timing:
     """Even slowing brings torque towards what holding takes, and all else to zero."""
-    factor = 1.0
-    while not any(ends) and factor < 50:
-        factor *= 1.01
-        slower = timing.slowed(timing.duration * factor)
-        if max(float(e.max()) for e in dense.excess(slower, bounds, jerk=False).values()) <= TOLERANCE:
-            return slower
-    worst = dense.excess(timing, bounds, jerk=False)
-    kind = max(worst, key=lambda name: float(worst[name].max()))
-    k, j = np.unravel_index(int(np.argmax(worst[kind])), worst[kind].shape)
-    raise Infeasible(
-        f"{robot.joints[j]}: the {kind} limit cannot be held at path position {dense.s[k]:.3f}",
-        joint=robot.joints[j],
-        limit=kind,
-        position=float(dense.s[k]),
-        excess=float(worst[kind][k, j]),
+    factor = 1.0 if any(ends) else _slowing(limits, dense, timing)
+    if 1 < factor < SLOWEST:
+        return timing.slowed(timing.duration * factor * (1 + TOLERANCE))
+    raise _not_held(robot, limits, dense, timing, "cannot be held")
+
+
+def _not_held(robot: Robot, limits: Sequence[Limit], dense: PathDynamics, timing: Timing, text: str) -> Infeasible:
+    use = max(_uses(limits, dense, timing), key=lambda use: use.worst[0])
+    share, k, j = use.worst
+    where, s = use.limit.where(robot.joints, j), float(dense.s[k])
+    return Infeasible(
+        f"{where}: the {use.limit.name} limit {text} at path position {s:.3f}",
+        joint=where,
+        limit=use.limit.name,
+        position=s,
+        excess=share - 1,
     )
 
 
@@ -184,14 +197,13 @@ def _solve(
     at: PathDynamics,
     knots: np.ndarray,
     ends: tuple[float, float],
-    bounds: Limits,
-    tight: _Tightening,
-    torque: tuple[np.ndarray, np.ndarray, np.ndarray],
+    tangents: Sequence[tuple[Limit, Linear | None]],
+    tight: Tightening,
 ) -> Timing:
     """One run of TOPP-RA on the grid at.s, the Greville points of `knots`."""
     from toppra.algorithm import TOPPRA
 
-    rows = _Rows.of(at, bounds, tight, torque)
+    rows = _Rows.of(robot.joints, [(limit, line, tight.of(limit)) for limit, line in tangents if line is not None])
     # in the unit of time in which squared speeds are of order one: the library's tolerances are absolute
     unit = float(min(rows.speed.max(), max(ends) ** 2 if any(ends) else np.inf, rows.typical()))
     algorithm = TOPPRA([_constraint(rows, unit)], _Interval(robot.n), gridpoints=at.s, solver_wrapper="seidel")
@@ -200,7 +212,7 @@ def _solve(
     data = algorithm.problem_data
     if data.sd_vec is None or np.isnan(data.sd_vec).any():
         sets = None if data.K is None else np.asarray(data.K) * unit
-        raise _failure(robot, rows, at.s, ends, sets)
+        raise _failure(rows, at.s, ends, sets)
     control = unit * data.sd_vec**2
     control[1:-1] = np.maximum(control[1:-1], 1e-9 * control.max())
     control[[0, -1]] = np.square(ends)
@@ -215,26 +227,30 @@ class _Rows:
     rb: np.ndarray
     r0: np.ndarray
     speed: np.ndarray
-    names: tuple[tuple[int, str], ...]  # (m,) joint and kind
+    names: tuple[tuple[str, str], ...]  # (m,) joint and limit
+    fastest: tuple[tuple[str, str], ...]  # (M,) those of the limit that bounds the speed
 
     @classmethod
-    def of(
-        cls,
-        at: PathDynamics,
-        bounds: Limits,
-        tight: _Tightening,
-        torque: tuple[np.ndarray, np.ndarray, np.ndarray],
-    ) -> _Rows:
-        accelerating, lifting = np.isfinite(bounds.acceleration), np.isfinite(bounds.effort)
-        a, e = bounds.acceleration[accelerating], bounds.effort[lifting]
-        zero = np.zeros((len(at.s), a.size))
-        parts = zip((at.q1, at.q2, zero), torque, strict=True)
-        ra, rb, r0 = (np.hstack([x if x is zero else x[:, accelerating] / a, y[:, lifting] / e]) for x, y in parts)
-        names = [(int(j), "acceleration") for j in np.flatnonzero(accelerating)]
-        names += [(int(j), "effort") for j in np.flatnonzero(lifting)]
-        bound = np.hstack([tight.acceleration[:, accelerating], tight.effort[:, lifting]])
-        speed = at.speed_bound(bounds.velocity * tight.velocity)
-        return cls(ra / bound, rb / bound, r0 / bound, speed, tuple(names))
+    def of(cls, joints: tuple[str, ...], lines: Sequence[tuple[Limit, Linear, np.ndarray | float]]) -> _Rows:
+        parts: list[list[np.ndarray]] = []
+        names: list[tuple[str, str]] = []
+        speeds: list[np.ndarray] = []
+        of_speeds: list[tuple[str, str]] = []
+        for limit, line, factor in lines:
+            owners = [(limit.where(joints, j), limit.name) for j in range(line.ra.shape[1])]
+            if line.of_speed:
+                square = factor**2 if limit.squared else factor
+                speeds.append(1 / np.maximum(line.rb / square, 1e-24))
+                of_speeds += owners
+                continue
+            bounded = np.abs(np.stack([line.ra, line.rb, line.r0])).max(axis=(0, 1)) > 0
+            parts.append([(x / factor)[:, bounded] for x in (line.ra, line.rb, line.r0)])
+            names += [owner for owner, some in zip(owners, bounded, strict=True) if some]
+        ra, rb, r0 = (np.hstack(block) for block in zip(*parts, strict=True))
+        speed = np.hstack(speeds)
+        first = speed.argmin(axis=1)
+        tightest = tuple(of_speeds[j] for j in first)
+        return cls(ra, rb, r0, speed[np.arange(len(first)), first], tuple(names), tightest)
 
     def typical(self) -> float:
         """A squared path speed that the path accelerations within the limits reach."""
@@ -273,9 +289,7 @@ def _constraint(rows: _Rows, unit: float) -> Any:
     return Given()
 
 
-def _failure(
-    robot: Robot, rows: _Rows, s: np.ndarray, ends: tuple[float, float], sets: np.ndarray | None
-) -> Infeasible:
+def _failure(rows: _Rows, s: np.ndarray, ends: tuple[float, float], sets: np.ndarray | None) -> Infeasible:
     """Where and on which limit the reachability analysis gave up."""
     lost = np.flatnonzero(np.isnan(sets).any(axis=1)) if sets is not None else np.zeros(0, dtype=int)
     if lost.size or sets is None:
@@ -287,21 +301,20 @@ def _failure(
             f"the start's path speed {ends[0]:.4g} 1/s is not among those that lead to the goal, "
             f"{np.sqrt(max(sets[0, 0], 0)):.4g} to {np.sqrt(max(sets[0, 1], 0)):.4g} 1/s"
         )
-    joint, limit, excess = _tightest(robot, rows, k, b)
+    joint, limit, excess = _tightest(rows, k, b)
     return Infeasible(
-        f"{robot.joints[joint]}: {text}: the {limit} limit stands in the way",
-        joint=robot.joints[joint],
+        f"{joint}: {text}: the {limit} limit stands in the way",
+        joint=joint,
         limit=limit,
         position=float(s[k]),
         excess=excess,
     )
 
 
-def _tightest(robot: Robot, rows: _Rows, k: int, b: float) -> tuple[int, str, float]:
+def _tightest(rows: _Rows, k: int, b: float) -> tuple[str, str, float]:
     """The limit that binds most at grid point k and squared speed b: joint, kind, excess there."""
     if b > rows.speed[k]:
-        speeds = np.sqrt(b / rows.speed[k])
-        return int(np.argmin(robot.limits.velocity)), "velocity", float(speeds - 1)
+        return (*rows.fastest[k], float(np.sqrt(b / rows.speed[k]) - 1))
     slope, rest = rows.ra[k], rows.rb[k] * b + rows.r0[k]
     with np.errstate(divide="ignore"):
         ends = np.stack([(1 - rest) / slope, (-1 - rest) / slope])

@@ -12,7 +12,6 @@ The path is passed forwards, so the sign of a joint's velocity is that of q' and
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -20,13 +19,12 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects import Exact, Signals
-from energy_opt.errors import Infeasible
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.timing.law import Timing
 from energy_opt.power import PowerModel, drive_terms
 from energy_opt.power.rigid import rigid_torque
-from energy_opt.robot import Limits, Robot
+from energy_opt.robot import Robot
 
+AFFINE = 1e-9  # relative: torque that deviates less from its tangent is affine
 CRAWL = 1e-9  # [1/s^2] squared path speed that stands for "about to move": friction has its sign, dynamics vanish
 
 
@@ -66,6 +64,7 @@ class PathDynamics:
     def __init__(self, robot: Robot, model: PowerModel, path: JointPath, s: np.ndarray) -> None:
         self.robot, self.model, self.path, self.s = robot, model, path, s
         self.q, self.q1, self.q2, self.q3 = (path(s, order) for order in range(4))
+        self._affine: bool | None = None
 
     @property
     def M(self) -> np.ndarray:
@@ -99,7 +98,7 @@ class PathDynamics:
     def under(self, model: PowerModel) -> PathDynamics:
         """The same for a model whose payload and tilt are the same."""
         other = copy.copy(self)
-        other.model = model
+        other.model, other._affine = model, None
         return other
 
     def motor_torque(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -119,6 +118,19 @@ class PathDynamics:
         here, ma, mb = self._evaluated(a, b)
         return ma, mb, here - ma * a[:, None] - mb * np.maximum(b, CRAWL)[:, None]
 
+    def affine(self, b: float) -> bool:
+        """Is the motors' torque affine in (a, b)? Tried about the squared path speed b."""
+        if self._affine is None:
+            self._affine = not has_torque_effects(self.model) or self._deviation(b) <= AFFINE
+        return self._affine
+
+    def _deviation(self, b: float) -> float:
+        one = np.full(len(self.s), b)
+        ma, mb, m0 = self.affine_torque(0 * one, one)
+        tried = [(a, c, self.motor_torque(a, c)) for a, c in ((-one, 0.3 * one), (one, 0.7 * one))]
+        off = [np.abs(ma * a[:, None] + mb * c[:, None] + m0 - t).max() / (1 + np.abs(t).max()) for a, c, t in tried]
+        return float(max(off))
+
     def _evaluated(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         n = self.robot.n
         at = np.stack([self.q, self.q1, self.q2, self.M, self.C, self.G], axis=1)  # (M, 6, n)
@@ -129,63 +141,8 @@ class PathDynamics:
         tau_m, ma, mb = (np.array(x).T for x in out)
         return tau_m, ma, mb
 
-    def speed_bound(self, velocity: np.ndarray) -> np.ndarray:
-        """Largest squared path speed (M,) [1/s^2] that the velocity limits (n,) allow."""
-        return np.min((velocity / np.maximum(np.abs(self.q1), 1e-12)) ** 2, axis=1)
-
-    def excess(self, timing: Timing, limits: Limits, jerk: bool = True) -> dict[str, np.ndarray]:
-        """By how much each limit is broken, as a fraction of the bound (<= 0 is inside); (M, n) per kind of limit."""
-        b, a, w = (x[:, None] for x in timing.speed(self.s))
-        root = np.sqrt(np.maximum(b, 0.0))
-        out = {
-            "velocity": np.abs(self.q1) * root / limits.velocity - 1,
-            "acceleration": np.abs(self.q1 * a + self.q2 * b) / limits.acceleration - 1,
-            "effort": np.abs(self.motor_torque(a[:, 0], b[:, 0])) / limits.effort - 1,
-        }
-        if jerk and np.isfinite(limits.jerk).any():
-            out["jerk"] = np.abs(self.q1 * w + 3 * self.q2 * a + self.q3 * b) * root / limits.jerk - 1
-        return out
-
 
 def points_of(path: JointPath, count: int) -> np.ndarray:
     """About `count` evenly spaced path positions, with points close to both sides of every knot of the path."""
     inner = path.knots[1:-1]
     return np.unique(np.concatenate([np.linspace(0, 1, count), inner - 1e-9, inner]))
-
-
-def check_path(robot: Robot, dynamics: PathDynamics, limits: Limits) -> None:
-    """What no timing can mend: positions outside the limits, and torque that merely holding the arm would take.
-
-    Raises:
-        Infeasible: names joint, limit, path position and excess.
-    """
-    q, s = dynamics.q, dynamics.s
-    width = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, 1.0)
-    outside = np.maximum(q - limits.upper, limits.lower - q) / width
-    _refuse(robot, s, outside, "position", lambda k, j: _position_text(q[k, j], limits.lower[j], limits.upper[j]))
-    zero = np.zeros(len(s))
-    holding = np.abs(dynamics.motor_torque(zero, zero))
-    _refuse(
-        robot,
-        s,
-        holding / limits.effort - 1,
-        "effort",
-        lambda k, j: f"moving slowly takes {holding[k, j]:.4g} N m, the limit is {limits.effort[j]:.4g} N m",
-    )
-
-
-def _position_text(q: float, lower: float, upper: float) -> str:
-    return f"position {q:.6g} rad is outside [{lower:.6g}, {upper:.6g}] rad"
-
-
-def _refuse(robot: Robot, s: np.ndarray, excess: np.ndarray, limit: str, text: Callable[[int, int], str]) -> None:
-    k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
-    if excess[k, j] > 1e-9:
-        where = {0.0: "at the start", 1.0: "at the goal"}.get(float(s[k]), f"at path position {s[k]:.3f}")
-        raise Infeasible(
-            f"{robot.joints[j]}: {text(int(k), int(j))} {where}",
-            joint=robot.joints[j],
-            limit=limit,
-            position=float(s[k]),
-            excess=float(excess[k, j]),
-        )

@@ -1,0 +1,136 @@
+"""Everything that can touch: the links' collision geometry, what they carry, and what stands in the cell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.solids import Ruler, Solid, placement
+from energy_opt.robot.kinematics import Kinematics, Poses
+
+FAR_AWAY = 1e9  # [m] from a half-space, of what has no corners itself
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A solid on joint `joint` (-1: the base, which does not move), at `pose` (4, 4) in that joint's frame."""
+
+    name: str
+    joint: int
+    pose: np.ndarray
+    solid: Solid
+
+
+class Bodies:
+    """All bodies of a cell, and the pairs of them that must not touch.
+
+    Args:
+        pairs: (P, 2) indices of bodies; they are put in order so that the first is moved by more joints.
+    """
+
+    def __init__(self, kinematics: Kinematics, bodies: Sequence[Body], pairs: np.ndarray) -> None:
+        self.kinematics, self.all = kinematics, tuple(bodies)
+        self.joint = np.array([body.joint for body in bodies], dtype=int)
+        self.rotation = np.array([body.pose[:3, :3] for body in bodies]).reshape(-1, 3, 3)
+        self.shift = np.array([body.pose[:3, 3] for body in bodies]).reshape(-1, 3)
+        self.flat = np.array([body.solid.corners is None for body in bodies], dtype=bool)
+        boxes = [np.zeros((8, 3)) if b.solid.corners is None else b.solid.corners for b in bodies]
+        self.corners = np.array([box @ b.pose[:3, :3].T + b.pose[:3, 3] for box, b in zip(boxes, bodies, strict=True)])
+        moved = kinematics.moves[self.joint].sum(axis=1)
+        pairs = np.asarray(pairs, dtype=int).reshape(-1, 2)
+        swap = moved[pairs[:, 0]] < moved[pairs[:, 1]]
+        self.pairs = np.where(swap[:, None], pairs[:, ::-1], pairs)
+        # moves[side, pair, joint]: the joint moves that side and not the other
+        a, b = kinematics.moves[self.joint[self.pairs[:, 0]]], kinematics.moves[self.joint[self.pairs[:, 1]]]
+        self.moves = np.stack([a & ~b, b & ~a])
+        self._rulers: dict[int, Ruler] = {}
+
+    def ruler(self, pair: int) -> Ruler:
+        """What measures a pair's distance."""
+        if pair not in self._rulers:
+            a, b = self.pairs[pair]
+            self._rulers[pair] = Ruler(self.all[a].solid, self.all[b].solid)
+        return self._rulers[pair]
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """The names of a pair's bodies."""
+        a, b = self.pairs[pair]
+        return self.all[a].name, self.all[b].name
+
+
+class Scenery:
+    """The bodies at N configurations; boxes and placements of those that are asked for."""
+
+    def __init__(self, bodies: Bodies, q: np.ndarray) -> None:
+        self.bodies, self.q = bodies, q
+        self.poses: Poses = bodies.kinematics(q)
+        self._placed: dict[tuple[int, int], Any] = {}
+
+    def corners(self, k: np.ndarray, body: np.ndarray) -> np.ndarray:
+        """Corners (M, 8, 3) [m] in the base frame, of bodies (M,) at configurations (M,)."""
+        joint = self.bodies.joint[body]
+        turned = np.matmul(self.bodies.corners[body], self.poses.rotation[k, joint].transpose(0, 2, 1))
+        return turned + self.poses.origin[k, joint][:, None]
+
+    def placed(self, k: int, body: int) -> Any:
+        """A body's placement as coal wants it."""
+        key = k, body
+        if key not in self._placed:
+            b, joint = self.bodies, self.bodies.joint[body]
+            r = self.poses.rotation[k, joint]
+            self._placed[key] = placement(r @ b.rotation[body], r @ b.shift[body] + self.poses.origin[k, joint])
+        return self._placed[key]
+
+    def apart(self, k: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lower bounds (M,) [m] of pairs' distances from boxes around them (0: none), and the corners of both sides."""
+        b = self.bodies
+        sides = b.pairs[pair]
+        boxes = []
+        for side in (0, 1):
+            key, back = np.unique(k * len(b.all) + sides[:, side], return_inverse=True)
+            boxes.append(self.corners(key // len(b.all), key % len(b.all))[back])
+        low = [box.min(axis=1) for box in boxes]
+        high = [box.max(axis=1) for box in boxes]
+        gap = np.maximum(low[0] - high[1], low[1] - high[0]).clip(0)
+        out = np.sqrt(np.sum(gap**2, axis=1))
+        for side in (0, 1):
+            flat = np.flatnonzero(b.flat[sides[:, side]])
+            if len(flat):
+                plane = sides[flat, side]
+                joint = b.joint[plane]
+                r = self.poses.rotation[k[flat], joint]
+                normal = np.matmul(r, b.rotation[plane, :, 2][:, :, None])[..., 0]
+                through = np.matmul(r, b.shift[plane][:, :, None])[..., 0] + self.poses.origin[k[flat], joint]
+                heights = np.einsum("mci,mi->mc", boxes[1 - side][flat] - through[:, None], normal)
+                out[flat] = heights.min(axis=1).clip(0)
+        return out, boxes[0], boxes[1]
+
+    def travel(
+        self, k: np.ndarray, pair: np.ndarray, boxes: tuple[np.ndarray, np.ndarray], far: np.ndarray
+    ) -> np.ndarray:
+        """How far (M,) [m] a pair's bodies can come towards each other when joints turn by up to `far` (M, n).
+
+        Joints are moved one after the other, the outermost first: a joint that turns by d moves a point by at most d
+        times its distance from the axis, which is that in the middle plus what the joints before have moved it.
+        """
+        b, out = self.bodies, np.zeros(len(k))
+        for side in (0, 1):
+            moved = np.zeros(len(k))
+            used = b.moves[side][pair]
+            for j in range(b.kinematics.n - 1, -1, -1):
+                here = np.flatnonzero(used[:, j] & (far[:, j] > 0))
+                if not len(here):
+                    continue
+                if b.kinematics.prismatic[j]:
+                    moved[here] += far[here, j]
+                    continue
+                arm = boxes[side][here] - self.poses.origin[k[here], j][:, None]
+                axis = self.poses.axis[k[here], j]
+                along = np.einsum("mci,mi->mc", arm, axis)
+                reach = np.sqrt((np.einsum("mci,mci->mc", arm, arm) - along**2).max(axis=1).clip(0))
+                moved[here] += far[here, j] * (reach + moved[here])
+            out += moved
+        return out

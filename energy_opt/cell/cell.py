@@ -1,0 +1,241 @@
+"""The arm's body and its cell, built once and asked many times: does this motion touch anything?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from energy_opt.cell import solids
+from energy_opt.cell.bodies import Bodies, Body, Scenery
+from energy_opt.cell.curve import MotionCurve
+from energy_opt.cell.pairs import Kept, OwnPairs, kept_apart, own_pairs
+from energy_opt.cell.proof import Proof, Touch, inside_at, prove
+from energy_opt.cell.request import CLEARANCE, CellRequest, pose_of
+from energy_opt.cell.scene import TOOL, PlacedShape, Scene, Shape
+from energy_opt.cell.solids import GJK_ERROR, Solid
+from energy_opt.errors import BadInput
+from energy_opt.robot import Robot
+from energy_opt.robot.kinematics import Kinematics
+from energy_opt.robot.rigid_body import collision_geometry, link_parents
+from energy_opt.robot.srdf import semantics
+
+PAYLOAD = "payload"
+TOUCHING = 2.5 * GJK_ERROR  # [m] an end that stands nearer than this touches, as far as can be told
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """What is known of a motion's distance from all that it must not touch.
+
+    Attributes:
+        verdict: "proven", "colliding" or "undecided".
+        lower_bound: every pair keeps more than this at every instant, m; None unless proven.
+        min_distance: the smallest distance that was measured, m (negative: overlap), of `pair` at `time` [s].
+        depth: how deep they overlap, m; None unless colliding.
+        pairs: how many pairs were kept apart; `disabled_pairs` of links may touch, by what `source` says.
+        touches: where the clearance is broken, the deepest first; coarse.
+    """
+
+    verdict: str
+    lower_bound: float | None
+    min_distance: float | None
+    pair: tuple[str, str] | None
+    time: float | None
+    depth: float | None
+    pairs: int
+    disabled_pairs: tuple[tuple[str, str], ...]
+    source: str
+    touches: tuple[Touch, ...] = field(default=(), repr=False)
+
+    @property
+    def proven(self) -> bool:
+        """Nothing is touched."""
+        return self.verdict == "proven"
+
+    def document(self) -> dict[str, object]:
+        """As it stands in result.json."""
+        out: dict[str, object] = {
+            "verdict": self.verdict,
+            "lower_bound": self.lower_bound,
+            "min_distance": self.min_distance,
+            "pair": None if self.pair is None else list(self.pair),
+            "time": self.time,
+        }
+        if self.depth is not None:
+            out["depth"] = self.depth
+        return {
+            **out,
+            "pairs": self.pairs,
+            "disabled_pairs": [list(pair) for pair in self.disabled_pairs],
+            "source": self.source,
+        }
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two bodies that are too near at one pose: names, distance [m] (0 or less: they touch) and depth [m]."""
+
+    pair: tuple[str, str]
+    distance: float
+    depth: float
+
+    def __str__(self) -> str:
+        a, b = self.pair
+        if self.distance <= TOUCHING:
+            return f"{a} touches {b} ({1e3 * self.depth:.3g} mm deep)"
+        return f"{a} is {1e3 * self.distance:.3g} mm from {b}"
+
+
+class Cell:
+    """A robot's body among what stands around it.
+
+    Args:
+        request: what was asked for.
+        scene: what stands around; None for nothing but the request's floor.
+    """
+
+    def __init__(self, robot: Robot, request: CellRequest, scene: Scene | None = None) -> None:
+        self.robot, self.request, self.scene = robot, request, scene
+        self.asked = CLEARANCE if request.clearance is None else request.clearance
+        kinematics = Kinematics(robot.body.tree())
+        links = [
+            Body(thing.link, thing.joint, thing.pose, _solid(thing.geometry, thing.link))
+            for thing in collision_geometry(robot.urdf, robot.locked, request.package_dirs)
+        ]
+        self.own: OwnPairs | None = None
+        if request.self_collision and links:
+            parents = link_parents(robot.urdf)
+            self.own = own_pairs(links, kinematics, parents, robot.limits, semantics(robot, request.srdf))
+        things = [Kept(body, True) for body in links]
+        whole = scene or Scene()
+        if request.floor is not None:
+            whole = Scene(whole.objects, whole.allowed, whole.source, request.floor, whole.warnings)
+        frames = {**robot.body.link_frames(), TOOL: (robot.n - 1, np.eye(4))}
+        made: dict[int, Solid] = {}
+        for placed in whole.placed(request.base_pose):
+            solid = made.setdefault(id(placed.shape), _shape(placed.shape))
+            things.append(_kept(placed, solid, frames))
+        if request.payload_size is not None:
+            at = pose_of(request.payload_at)
+            things.append(Kept(Body(PAYLOAD, robot.n - 1, at, solids.box(request.payload_size)), False))
+        self.has_body = bool(links)
+        self.bodies = Bodies(kinematics, [thing.body for thing in things], kept_apart(things, self.own, whole.allowed))
+
+    @property
+    def checks(self) -> bool:
+        """Whether there is any pair to keep apart."""
+        return len(self.bodies.pairs) > 0
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user should know of the checks."""
+        out = list(self.scene.warnings) if self.scene is not None else []
+        if not self.has_body:
+            out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is checked against nothing")
+        return out
+
+    def distances(self, q: np.ndarray, reach: float) -> list[tuple[int, float]]:
+        """Pairs that are nearer than `reach` [m] at q (n,): number and distance (0 or less: they touch)."""
+        scene = Scenery(self.bodies, q[None])
+        pair = np.arange(len(self.bodies.pairs))
+        floor, _, _ = scene.apart(np.zeros_like(pair), pair)
+        inside = inside_at(self.bodies, q)
+        out = []
+        for p in np.flatnonzero(floor < reach).tolist():
+            ruler = self.bodies.ruler(p)
+            a, b = self.bodies.pairs[p].tolist()
+            at, bt = scene.placed(0, a), scene.placed(0, b)
+            distance = ruler.near(at, bt)
+            if distance < reach and not ruler.convex:
+                distance = 0.0 if p in inside else ruler.exact(at, bt)
+            if distance < reach:
+                out.append((p, distance))
+        return out
+
+    def touching(self, q: np.ndarray) -> Contact | None:
+        """The pair that overlaps deepest at q (n,); None where nothing touches."""
+        found = [self._contact(q, p, d) for p, d in self.distances(q, TOUCHING)]
+        return max(found, key=lambda contact: contact.depth, default=None)
+
+    def _contact(self, q: np.ndarray, pair: int, distance: float) -> Contact:
+        scene = Scenery(self.bodies, q[None])
+        a, b = self.bodies.pairs[pair].tolist()
+        depth = self.bodies.ruler(pair).depth(scene.placed(0, a), scene.placed(0, b))
+        return Contact(self.bodies.names(pair), distance, depth)
+
+    def wanted(self, ends: np.ndarray) -> np.ndarray:
+        """The clearance (P,) [m] that each pair keeps between the poses `ends` (2, n): half of that there if less."""
+        out = np.full(len(self.bodies.pairs), self.asked)
+        for q in ends:
+            for p, distance in self.distances(q, 2 * self.asked):
+                out[p] = min(out[p], max(distance / 2, 0.0))
+        return out
+
+    def prove(
+        self,
+        time: np.ndarray,
+        position: np.ndarray,
+        velocity: np.ndarray,
+        acceleration: np.ndarray,
+        wanted: np.ndarray | None = None,
+    ) -> Clearance:
+        """Does the motion of these rows, (N,) and (N, n), touch anything, between rows too?"""
+        curve = MotionCurve(time, position, velocity, acceleration)
+        if wanted is None:
+            wanted = self.wanted(position[[0, -1]])
+        return self._clearance(prove(self.bodies, curve, wanted), curve, float(time[0]))
+
+    def _clearance(self, proof: Proof, curve: MotionCurve, begin: float) -> Clearance:
+        worst = proof.touches[0] if proof.touches else proof.least
+        depth = None
+        if proof.verdict == "colliding" and worst is not None:
+            depth = self._contact(curve.sample(worst.time), worst.pair, worst.distance).depth
+        return Clearance(
+            verdict=proof.verdict,
+            lower_bound=None if not np.isfinite(proof.lower_bound) else proof.lower_bound,
+            min_distance=None if worst is None else worst.distance,
+            pair=None if worst is None else self.bodies.names(worst.pair),
+            time=None if worst is None else worst.time - begin,
+            depth=depth,
+            pairs=len(self.bodies.pairs),
+            disabled_pairs=() if self.own is None else tuple(self.own.disabled),
+            source="off" if self.own is None else Path(self.own.source).name,
+            touches=tuple(proof.touches),
+        )
+
+
+def _solid(geometry: object, link: str) -> Solid:
+    try:
+        return solids.solid_of(geometry)
+    except BadInput as error:
+        raise BadInput(f"link {link}: {error}") from None
+
+
+def _shape(shape: Shape) -> Solid:
+    """The solid of a scene's shape."""
+    if shape.kind == "box":
+        return solids.box(shape.size)
+    if shape.kind == "sphere":
+        return solids.sphere(*shape.size)
+    if shape.kind == "cylinder":
+        return solids.cylinder(*shape.size)
+    if shape.kind == "cone":
+        return solids.cone(*shape.size)
+    if shape.kind == "plane":
+        return solids.half_space()
+    return solids.mesh(shape.vertices, shape.triangles)
+
+
+def _kept(placed: PlacedShape, solid: Solid, frames: dict[str, tuple[int, np.ndarray]]) -> Kept:
+    """A scene's shape as a body: on the joint that carries it, or standing."""
+    link = placed.frame or placed.attached_to
+    if link is None:
+        return Kept(Body(placed.object, -1, placed.pose, solid), False)
+    if link not in frames:
+        names = ", ".join(sorted(frames.keys() - {TOOL}))
+        raise BadInput(f"{placed.object}: attached to {link!r}, which is no link; links are {names}")
+    joint, frame = frames[link]
+    touch = {placed.attached_to or link, *placed.touch_links}
+    return Kept(Body(placed.object, joint, frame @ placed.pose, solid), False, frozenset(touch))

@@ -1,0 +1,142 @@
+"""The curve that a trajectory's rows stand for, and bounds of how far it goes within any interval of time.
+
+Between rows it is the quintic through positions, velocities and accelerations. A polynomial lies within the hull of its
+Bernstein coefficients; their least and greatest over any range of rows come from tables of powers of two, so that an
+interval costs the same whether it spans one row or thousands. Only below one row a piece is cut itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ROUNDING = 1e-12  # [rad, m] that arithmetic may have taken from a bound
+
+# Bernstein coefficients of a quintic on [0, 1] from (q0, h v0, h^2 a0, q1, h v1, h^2 a1).
+_ENDS = np.array(
+    [
+        [1, 0, 0, 0, 0, 0],
+        [1, 1 / 5, 0, 0, 0, 0],
+        [1, 2 / 5, 1 / 20, 0, 0, 0],
+        [0, 0, 0, 1, -2 / 5, 1 / 20],
+        [0, 0, 0, 1, -1 / 5, 0],
+        [0, 0, 0, 1, 0, 0],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Spans:
+    """M intervals of a curve: from row `first` to row `last`, or the part [low, high] of the one piece between them."""
+
+    first: np.ndarray
+    last: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def take(self, which: np.ndarray) -> Spans:
+        """Some of them."""
+        return Spans(self.first[which], self.last[which], self.low[which], self.high[which])
+
+    def halves(self) -> Spans:
+        """Each cut at its middle, (2 M): the first halves, then the second halves."""
+        many = self.last - self.first > 1
+        middle_row, middle = (self.first + self.last) // 2, (self.low + self.high) / 2
+        return Spans(
+            np.concatenate([self.first, np.where(many, middle_row, self.first)]),
+            np.concatenate([np.where(many, middle_row, self.last), self.last]),
+            np.concatenate([self.low, np.where(many, 0.0, middle)]),
+            np.concatenate([np.where(many, 1.0, middle), self.high]),
+        )
+
+
+class MotionCurve:
+    """Time (N,) [s], position, velocity, acceleration (N, n) of a motion's rows."""
+
+    def __init__(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> None:
+        self.time, self.rows = time, len(time)
+        self._position = position
+        h = np.diff(time)[:, None]
+        ends = (
+            position[:-1], h * velocity[:-1], h**2 * acceleration[:-1],
+            position[1:], h * velocity[1:], h**2 * acceleration[1:],
+        )  # fmt: skip
+        self._bernstein = np.tensordot(_ENDS, np.stack(ends), axes=1)  # (6, pieces, n)
+        self._low = _tables(self._bernstein.min(axis=0), np.minimum)
+        self._high = _tables(self._bernstein.max(axis=0), np.maximum)
+
+    def whole(self, pieces: int) -> Spans:
+        """The whole curve as about `pieces` intervals."""
+        cuts = np.unique(np.linspace(0, self.rows - 1, min(pieces, self.rows - 1) + 1).astype(int))
+        return Spans(cuts[:-1], cuts[1:], np.zeros(len(cuts) - 1), np.ones(len(cuts) - 1))
+
+    def middles(self, spans: Spans) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Time (M,) and position (M, n) in the middle of each interval, and how far the curve goes from it (M, n)."""
+        many = spans.last - spans.first > 1
+        row = np.where(many, (spans.first + spans.last) // 2, 0)
+        q = self._position[row]
+        time = self.time[row].copy()
+        low, high = np.empty_like(q), np.empty_like(q)
+        if many.any():
+            low[many] = _range(self._low, spans.first[many], spans.last[many], np.minimum)
+            high[many] = _range(self._high, spans.first[many], spans.last[many], np.maximum)
+        one = ~many
+        if one.any():
+            first, a, b = spans.first[one], spans.low[one], spans.high[one]
+            b_points = _part(self._bernstein[:, first], a[:, None], b[:, None])
+            low[one], high[one] = b_points.min(axis=0), b_points.max(axis=0)
+            middle = (a + b) / 2
+            q[one] = _part(self._bernstein[:, first], middle[:, None], b[:, None])[0]
+            time[one] = self.time[first] + middle * (self.time[first + 1] - self.time[first])
+        return time, q, np.maximum(high - q, q - low) + ROUNDING
+
+    def seconds(self, spans: Spans) -> np.ndarray:
+        """How long each interval is, (M,) [s]."""
+        return (self.time[spans.last] - self.time[spans.first]) * (spans.high - spans.low)
+
+    def sample(self, time: float) -> np.ndarray:
+        """Position (n,) at a time [s]."""
+        k = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.rows - 2))
+        x = (time - self.time[k]) / (self.time[k + 1] - self.time[k])
+        return _part(self._bernstein[:, [k]], np.full((1, 1), x), np.ones((1, 1)))[0, 0]
+
+    def at(self, row: int) -> np.ndarray:
+        """Position (n,) of a row."""
+        return self._position[row]
+
+
+def _tables(values: np.ndarray, better: np.ufunc) -> list[np.ndarray]:
+    """Least (or greatest) of 1, 2, 4, ... neighbours from every place on."""
+    out = [values]
+    while 2 ** len(out) <= len(values):
+        step = 2 ** (len(out) - 1)
+        out.append(better(out[-1][:-step], out[-1][step:]))
+    return out
+
+
+def _range(tables: list[np.ndarray], first: np.ndarray, last: np.ndarray, better: np.ufunc) -> np.ndarray:
+    """Least (or greatest) over pieces first ... last - 1, from two overlapping ranges of a power of two."""
+    power = np.log2(last - first).astype(int)
+    out = np.empty((len(first), tables[0].shape[1]))
+    for k in np.unique(power):
+        here = power == k
+        out[here] = better(tables[k][first[here]], tables[k][last[here] - 2**k])
+    return out
+
+
+def _part(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Bernstein coefficients (6, M, n) of the part [a, b] of quintics, by de Casteljau."""
+    right = list(points)  # [a, 1] first: the last of every row of the scheme
+    for k in range(5):
+        for i in range(5 - k):
+            right[i] = right[i] + a * (right[i + 1] - right[i])
+    share = (b - a) / np.maximum(1 - a, 1e-300)
+    left, out = right, [right[0]]
+    for _ in range(5):
+        left = [p + share * (q - p) for p, q in zip(left[:-1], left[1:], strict=True)]
+        out.append(left[0])
+    return np.stack(out)

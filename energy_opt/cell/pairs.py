@@ -1,0 +1,123 @@
+"""Which pairs of bodies are kept apart, and why the others are not.
+
+Links: what an SRDF disables may touch. Without one, links that hang on each other may, and links that touch in every
+one of many seeded poses: these overlap by construction. A pair that merely was never seen near is kept:
+it costs little, and samples are no proof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.cell.bodies import Bodies, Body, Scenery
+from energy_opt.cell.scene import AllowedPairs
+from energy_opt.robot.kinematics import Kinematics
+from energy_opt.robot.limits import Limits
+from energy_opt.robot.srdf import Srdf
+
+POSES, SEED = 100, 0  # poses in all of which links touch that cannot help it
+TURN = np.pi  # [rad] where a joint has no limits
+
+
+@dataclass(frozen=True)
+class OwnPairs:
+    """Pairs of links that may touch, with the reason, and where this comes from."""
+
+    disabled: dict[tuple[str, str], str]
+    source: str
+
+
+def own_pairs(
+    bodies: Sequence[Body], kinematics: Kinematics, parents: Mapping[str, str], limits: Limits, srdf: Srdf
+) -> OwnPairs:
+    """Which links of an arm may touch each other.
+
+    Args:
+        bodies: of the arm alone.
+        parents: the link that each link hangs on.
+        srdf: where it disables no pair, adjacency and sampling do.
+    """
+    if srdf.disabled or srdf.silent:
+        names = sorted({body.name for body in bodies})
+        pairs = [(a, b) for a in names for b in names if a < b and srdf.allows(a, b)]
+        return OwnPairs({pair: srdf.disabled.get(pair, "by default") for pair in pairs}, srdf.source)
+    disabled = {}
+    real = {body.name for body in bodies}
+    for name in sorted(real):
+        above = parents.get(name)
+        while above is not None and above not in real:  # links without geometry only pass the connection on
+            above = parents.get(above)
+        if above is not None:
+            disabled[_ordered(name, above)] = "adjacent"
+    for pair in _always_touching(bodies, kinematics, limits, disabled):
+        disabled[pair] = f"touch in {POSES} of {POSES} poses"
+    return OwnPairs(disabled, "adjacency and sampling")
+
+
+def _ordered(a: str, b: str) -> tuple[str, str]:
+    return (a, b) if a <= b else (b, a)
+
+
+def _always_touching(
+    bodies: Sequence[Body], kinematics: Kinematics, limits: Limits, known: Mapping[tuple[str, str], str]
+) -> list[tuple[str, str]]:
+    """Pairs of links that touch in every one of the seeded poses."""
+    index = [
+        (i, j)
+        for i in range(len(bodies))
+        for j in range(i)
+        if bodies[i].joint != bodies[j].joint and _ordered(bodies[i].name, bodies[j].name) not in known
+    ]
+    if not index:
+        return []
+    all_ = Bodies(kinematics, bodies, np.array(index))
+    low = np.maximum(np.where(np.isfinite(limits.lower), limits.lower, -TURN), -TURN)
+    high = np.minimum(np.where(np.isfinite(limits.upper), limits.upper, TURN), TURN)
+    q = np.random.default_rng(SEED).uniform(np.minimum(low, high), high, (POSES, len(low)))
+    scene = Scenery(all_, q)
+    open_ = np.arange(len(index))
+    for k in range(POSES):
+        floor, _, _ = scene.apart(np.full(len(open_), k), open_)
+        open_ = np.array([p for p in open_[floor <= 0].tolist() if _touch(all_, scene, k, p)], dtype=int)
+        if not len(open_):
+            return []
+    return sorted({_ordered(*all_.names(p)) for p in open_.tolist()})
+
+
+def _touch(bodies: Bodies, scene: Scenery, k: int, pair: int) -> bool:
+    ruler = bodies.ruler(pair)
+    a, b = bodies.pairs[pair].tolist()
+    at, bt = scene.placed(k, a), scene.placed(k, b)
+    return ruler.near(at, bt) <= 0 and (not ruler.cut or ruler.mid(at, bt) <= 0) and ruler.exact(at, bt) <= 0
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A body, and which others it may touch: `links` of the arm, whether it is one of the arm's own links."""
+
+    body: Body
+    own: bool
+    may_touch: frozenset[str] = frozenset()
+
+
+def kept_apart(things: Sequence[Kept], own: OwnPairs | None, allowed: AllowedPairs) -> np.ndarray:
+    """Pairs (P, 2) of `things` that must not touch: one of them moves against the other, and nothing allows it.
+
+    Args:
+        own: pairs of links that may touch; None: all of them may.
+    """
+    out = []
+    for i, a in enumerate(things):
+        for j in range(i):
+            b = things[j]
+            if a.body.joint == b.body.joint:
+                continue
+            if a.own and b.own and (own is None or _ordered(a.body.name, b.body.name) in own.disabled):
+                continue
+            if b.body.name in a.may_touch or a.body.name in b.may_touch or allowed.allows(a.body.name, b.body.name):
+                continue
+            out.append((i, j))
+    return np.array(out, dtype=int).reshape(-1, 2)

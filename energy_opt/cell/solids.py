@@ -1,0 +1,324 @@
+"""Solids and the distances between them: the only module that imports coal, when a solid is first made.
+
+A solid is held in up to three ways, each inside the one before: its convex hull, convex pieces (slabs of a long part
+whose hull is much fatter than the part), and the mesh of its surface. So the distance between hulls is a lower bound of
+that between pieces, and this one of that between meshes; it costs the least by far, and mostly it is enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+
+GJK_ERROR = 1e-5  # [m] that a computed distance may be too large by; GJK was seen to err by 2e-6 of the distance
+SAME_VOLUME = 1.001  # a mesh whose hull has no larger volume than this times its own is convex
+FAT = 1.1  # a hull of so much more volume than its mesh is worth cutting
+SLABS = 6  # pieces that a fat part is cut into, along its longest side
+ROUND = 12  # corners of the polygons that stand for circles where vertices are wanted
+SHEET = 1e-6  # [m] that a mesh without volume is thickened by for its hull
+LARGE = 10.0  # [m] half the side of the box that stands for a half-space where a bounded body is wanted
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A convex body: `geometry` is coal's; it lies in the hull of `points` (V, 3) [m], `radius` [m] added all round."""
+
+    geometry: Any
+    points: np.ndarray
+    radius: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A rigid body in its own frame.
+
+    Attributes:
+        hull: its convex hull, or itself where it is convex.
+        pieces: convex pieces that cover it, `hull` alone where cutting does not pay.
+        mesh: coal's mesh of its surface; None where it is convex.
+        corners: (8, 3) corners of a box around it [m]; None for a half-space.
+    """
+
+    hull: Piece
+    pieces: tuple[Piece, ...]
+    mesh: Any = None
+    corners: np.ndarray | None = None
+
+    @property
+    def convex(self) -> bool:
+        """Whether the hull is the solid itself."""
+        return self.mesh is None
+
+    @cached_property
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (V, 3) and triangles (T, 3) of the mesh."""
+        count = self.mesh.num_tris
+        triangles = np.array([[t[0], t[1], t[2]] for t in (self.mesh.tri_indices(i) for i in range(count))])
+        return vertices_of(self.mesh), triangles
+
+
+def vertices_of(mesh: Any) -> np.ndarray:
+    """The vertices (V, 3) of coal's mesh."""
+    return np.array([mesh.vertex(i) for i in range(mesh.num_vertices)])
+
+
+def solid_of(geometry: Any) -> Solid:
+    """A solid from coal's geometry, as Pinocchio reads it from a URDF.
+
+    Raises:
+        BadInput: a kind of geometry that has no volume.
+    """
+    import coal
+
+    if isinstance(geometry, coal.BVHModelBase):
+        return _of_mesh(geometry)
+    if isinstance(geometry, coal.Convex):
+        piece = Piece(geometry, np.array(geometry.points()))
+        return Solid(piece, (piece,), None, _box(geometry))
+    if isinstance(geometry, coal.Box):
+        return _alone(geometry, _signs() * np.asarray(geometry.halfSide))
+    if isinstance(geometry, coal.Sphere):
+        return _alone(geometry, np.zeros((1, 3)), float(geometry.radius))
+    if isinstance(geometry, coal.Capsule):
+        tips = np.array([[0, 0, -1.0], [0, 0, 1.0]]) * geometry.halfLength
+        return _alone(geometry, tips, float(geometry.radius))
+    if isinstance(geometry, coal.Cylinder):
+        rim = _rim(geometry.radius)
+        half = np.array([0, 0, geometry.halfLength])
+        return _alone(geometry, np.vstack([rim - half, rim + half]))
+    if isinstance(geometry, coal.Cone):
+        half = np.array([0, 0, geometry.halfLength])
+        return _alone(geometry, np.vstack([_rim(geometry.radius) - half, half[None]]))
+    raise BadInput(f"collision geometry {type(geometry).__name__}: expected mesh, box, sphere, cylinder, cone, capsule")
+
+
+def box(size: np.ndarray | tuple[float, ...]) -> Solid:
+    """A box of full edge lengths [m] about its centre."""
+    import coal
+
+    return solid_of(coal.Box(*map(float, size)))
+
+
+def sphere(radius: float) -> Solid:
+    """A sphere [m]."""
+    import coal
+
+    return solid_of(coal.Sphere(float(radius)))
+
+
+def cylinder(radius: float, height: float) -> Solid:
+    """A cylinder along z about the middle of its height [m]."""
+    import coal
+
+    return solid_of(coal.Cylinder(float(radius), float(height)))
+
+
+def cone(radius: float, height: float) -> Solid:
+    """A cone along z, its tip at +height / 2 [m]."""
+    import coal
+
+    return solid_of(coal.Cone(float(radius), float(height)))
+
+
+def half_space() -> Solid:
+    """Everything with z <= 0."""
+    import coal
+
+    ground = _signs() * LARGE - [0, 0, LARGE]
+    piece = Piece(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), ground)
+    return Solid(piece, (piece,))
+
+
+def mesh(vertices: np.ndarray, triangles: np.ndarray) -> Solid:
+    """The solid within a surface of triangles: vertices (V, 3) [m], indices (T, 3)."""
+    import coal
+
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(triangles), len(vertices))
+    model.addVertices(np.ascontiguousarray(vertices, dtype=float))
+    model.addTriangles(np.ascontiguousarray(triangles, dtype=np.int64))
+    model.endModel()
+    return _of_mesh(model)
+
+
+def _alone(geometry: Any, points: np.ndarray, radius: float = 0.0) -> Solid:
+    piece = Piece(geometry, points, radius)
+    return Solid(piece, (piece,), None, _box(geometry))
+
+
+def _signs() -> np.ndarray:
+    return np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+
+
+def _rim(radius: float) -> np.ndarray:
+    """A polygon around a circle."""
+    angle = 2 * np.pi * (np.arange(ROUND) + 0.5) / ROUND
+    outside = radius / np.cos(np.pi / ROUND)
+    return np.column_stack([outside * np.cos(angle), outside * np.sin(angle), np.zeros(ROUND)])
+
+
+def _box(geometry: Any) -> np.ndarray:
+    geometry.computeLocalAABB()
+    low, high = np.asarray(geometry.aabb_local.min_), np.asarray(geometry.aabb_local.max_)
+    return (low + high) / 2 + _signs() * (high - low) / 2
+
+
+def _of_mesh(model: Any) -> Solid:
+    points = vertices_of(model)
+    hull = _hull(points)
+    if hull is None:  # a sheet: what is just around it has a hull
+        low, high = points.min(axis=0) - SHEET, points.max(axis=0) + SHEET
+        hull = _hull((low + high) / 2 + _signs() * (high - low) / 2)
+        assert hull is not None
+        return Solid(hull, (hull,), model, _box(hull.geometry))
+    ratio = hull.geometry.computeVolume() / max(abs(model.computeVolume()), 1e-12)
+    corners = _box(hull.geometry)
+    if ratio <= SAME_VOLUME:
+        return Solid(hull, (hull,), None, corners)
+    whole = Solid(hull, (hull,), model, corners)
+    if ratio < FAT:
+        return whole
+    return Solid(hull, _slabs(*whole.surface) or (hull,), model, corners)
+
+
+def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
+    """Hulls of what lies between parallel planes across the longest side: each solid slab lies in its piece.
+
+    The hull of a part of the surface between two planes is that of its vertices and of where edges cross the planes.
+    """
+    edges = np.unique(np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), 1), axis=0)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    along = int(np.argmax(high - low))
+    cuts = np.linspace(low[along], high[along], SLABS + 1)
+    a, b = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    crossings = []
+    for cut in cuts:
+        across = (a[:, along] - cut) * (b[:, along] - cut) < 0
+        share = (cut - a[across, along]) / (b[across, along] - a[across, along])
+        crossings.append(a[across] + share[:, None] * (b[across] - a[across]))
+    out = []
+    for k in range(SLABS):
+        inside = (vertices[:, along] >= cuts[k]) & (vertices[:, along] <= cuts[k + 1])
+        points = np.vstack([vertices[inside], crossings[k], crossings[k + 1]])
+        if len(points):
+            piece = _hull(points)
+            if piece is None:  # a piece without volume; the whole hull stands for it
+                return ()
+            out.append(piece)
+    return tuple(out)
+
+
+def _hull(points: np.ndarray) -> Piece | None:
+    """The convex hull of points; None where they are flat."""
+    import coal
+
+    cloud = coal.StdVec_Vec3s()
+    for point in points:
+        cloud.append(point)
+    try:
+        geometry = coal.Convex.convexHull(cloud, True, "Qt")
+    except (RuntimeError, ValueError):
+        return None
+    return Piece(geometry, np.array(geometry.points()))
+
+
+class Ruler:
+    """Measures distances between two solids again and again, each from where the last ended.
+
+    `near` is the distance between hulls, `mid` between pieces, `exact` between the solids themselves: each a lower
+    bound of the next. Negative where convex bodies overlap (by how deep); 0 where meshes touch. Placements are coal's
+    transforms (see `placement`).
+    """
+
+    def __init__(self, a: Solid, b: Solid) -> None:
+        import coal
+
+        self.a, self.b = a, b
+        self.convex = (a.convex or b.corners is None) and (b.convex or a.corners is None)
+        self.cut = not self.convex and len(a.pieces) * len(b.pieces) > 1
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._hulls = coal.ComputeDistance(a.hull.geometry, b.hull.geometry)
+
+    @cached_property
+    def _pieces(self) -> list[Any]:
+        import coal
+
+        return [coal.ComputeDistance(p.geometry, q.geometry) for p in self.a.pieces for q in self.b.pieces]
+
+    def near(self, at: Any, bt: Any) -> float:
+        """Between hulls, m."""
+        self._result.clear()
+        return float(self._hulls(at, bt, self._request, self._result))
+
+    def mid(self, at: Any, bt: Any) -> float:
+        """Between the nearest pieces, m."""
+        least = np.inf
+        for measure in self._pieces:
+            self._result.clear()
+            least = min(least, measure(at, bt, self._request, self._result))
+        return float(least)
+
+    def exact(self, at: Any, bt: Any) -> float:
+        """Between the solids, m."""
+        if self.convex:
+            return self.near(at, bt)
+        import coal
+
+        self._result.clear()
+        a, b = self._exact
+        return max(0.0, float(coal.distance(a, at, b, bt, self._request, self._result)))
+
+    @property
+    def _exact(self) -> tuple[Any, Any]:
+        return (
+            self.a.hull.geometry if self.a.convex else self.a.mesh,
+            self.b.hull.geometry if self.b.convex else self.b.mesh,
+        )
+
+    def depth(self, at: Any, bt: Any) -> float:
+        """How deep two bodies that overlap do so, m; for meshes the deepest of their triangles."""
+        import coal
+
+        if self.convex:
+            return max(0.0, -self.near(at, bt))
+        request, result = coal.CollisionRequest(), coal.CollisionResult()
+        request.num_max_contacts = 100
+        a, b = self._exact
+        coal.collide(a, at, b, bt, request, result)
+        return max((abs(result.getContact(i).penetration_depth) for i in range(result.numContacts())), default=0.0)
+
+
+def placement(rotation: np.ndarray, origin: np.ndarray) -> Any:
+    """A pose as coal wants it."""
+    import coal
+
+    return coal.Transform3s(rotation, origin)
+
+
+@dataclass(frozen=True)
+class Witness:
+    """Two convex bodies' distance [m] (negative: overlap), and the normal (3,) from the second towards the first."""
+
+    distance: float
+    normal: np.ndarray
+
+
+class Plane:
+    """Finds planes between two convex pieces."""
+
+    def __init__(self, a: Piece, b: Piece) -> None:
+        import coal
+
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._measure = coal.ComputeDistance(a.geometry, b.geometry)
+
+    def __call__(self, at: Any, bt: Any) -> Witness:
+        """The distance and the normal in the frame that the placements are in."""
+        self._result.clear()
+        distance = self._measure(at, bt, self._request, self._result)
+        return Witness(float(distance), -np.asarray(self._result.normal))

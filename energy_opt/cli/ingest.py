@@ -1,0 +1,46 @@
+"""`energy-opt import`: logs as labs have them to a measured set; guesses columns and units, asks nothing."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from energy_opt.cli.common import say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="tables of joints and of meters, any order")
+    parser.add_argument("--out", type=Path, required=True, metavar="SET", help="folder of the measured set")
+    parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: found by columns and torques)")
+    parser.add_argument("--force", action="store_true", help="replace a set that is there already")
+    parser.add_argument("--json", action="store_true", help="what was made as one JSON document on stdout")
+    parser.add_argument("--quiet", action="store_true", help="no messages")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; returns the exit code."""
+    from energy_opt.files import to_json
+    from energy_opt.measured.importing import import_files
+    from energy_opt.robot import known_robots, load_robot
+
+    robot = load_robot(args.robot) if args.robot else None
+    named = None
+    if args.robot and args.robot not in known_robots():
+        named = str(Path(args.robot).resolve())
+    made = import_files(args.files, args.out, robot, named, args.force)
+    motions = sum(run.kind == "motion" for run in made.runs)
+    readings = sum(len(run.power) for run in made.runs)
+    what = f"{len(made.runs)} run(s), {motions} of them motions, {readings} readings of power"
+    say(args, "\n".join([*made.words, *(f"note: {remark}" for remark in made.remarks), f"written: {args.out}: {what}"]))
+    if args.json:
+        document = {
+            "set": args.out, "robot": made.robot.name, "log": made.log, "guesses": made.words, "remarks": made.remarks,
+            "runs": [
+                {"file": r.file, "kind": r.kind, "rows": len(r.time), "readings": len(r.power), "meter": r.meter}
+                for r in made.runs
+            ],
+        }  # fmt: skip
+        sys.stdout.write(to_json(document))
+    return 0

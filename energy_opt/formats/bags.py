@@ -1,0 +1,203 @@
+"""Bags of ROS 2 (sqlite3, MCAP) and ROS 1, read and written without ROS. The only module that imports rosbags.
+
+Old sqlite3 bags do not say what their messages look like; the definitions that are needed then stand below.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.files import read_yaml, replacing
+from energy_opt.formats.messages import FIELDS, message, planned, trajectories
+from energy_opt.formats.rows import Rows
+from energy_opt.motion.trajectory import Trajectory
+
+LARGEST = 4 * 10**9  # bytes of a bag
+LARGEST_CHUNK = 10**9  # bytes of a part of a bag once it is unpacked
+MOST_MESSAGES = 5 * 10**6  # of those that are asked for: more than an hour at 1 kHz
+TOPIC = "/joint_trajectory"
+PLANS = (
+    "trajectory_msgs/msg/JointTrajectory",
+    "moveit_msgs/msg/RobotTrajectory",
+    "moveit_msgs/msg/DisplayTrajectory",
+    "control_msgs/msg/FollowJointTrajectoryActionGoal",
+    "control_msgs/msg/FollowJointTrajectoryGoal",
+    "control_msgs/action/FollowJointTrajectory_Goal",
+    "control_msgs/action/FollowJointTrajectory_SendGoal_Request",
+)
+
+# Fields as the packages moveit_msgs and object_recognition_msgs publish them.
+DEFINITIONS = {
+    "object_recognition_msgs/msg/ObjectType": "string key\nstring db",
+    "moveit_msgs/msg/CollisionObject": (
+        "byte ADD=0\nbyte REMOVE=1\nbyte APPEND=2\nbyte MOVE=3\n"
+        "std_msgs/Header header\ngeometry_msgs/Pose pose\nstring id\nobject_recognition_msgs/ObjectType type\n"
+        "shape_msgs/SolidPrimitive[] primitives\ngeometry_msgs/Pose[] primitive_poses\n"
+        "shape_msgs/Mesh[] meshes\ngeometry_msgs/Pose[] mesh_poses\n"
+        "shape_msgs/Plane[] planes\ngeometry_msgs/Pose[] plane_poses\n"
+        "string[] subframe_names\ngeometry_msgs/Pose[] subframe_poses\nbyte operation"
+    ),
+    "moveit_msgs/msg/AttachedCollisionObject": (
+        "string link_name\nmoveit_msgs/CollisionObject object\nstring[] touch_links\n"
+        "trajectory_msgs/JointTrajectory detach_posture\nfloat64 weight"
+    ),
+    "moveit_msgs/msg/RobotState": (
+        "sensor_msgs/JointState joint_state\nsensor_msgs/MultiDOFJointState multi_dof_joint_state\n"
+        "moveit_msgs/AttachedCollisionObject[] attached_collision_objects\nbool is_diff"
+    ),
+    "moveit_msgs/msg/RobotTrajectory": (
+        "trajectory_msgs/JointTrajectory joint_trajectory\n"
+        "trajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory"
+    ),
+    "moveit_msgs/msg/DisplayTrajectory": (
+        "string model_id\nmoveit_msgs/RobotTrajectory[] trajectory\nmoveit_msgs/RobotState trajectory_start"
+    ),
+}
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag by its name, or a folder with a bag's metadata."""
+    return path.suffix.lower() in (".mcap", ".db3", ".bag") or (path / "metadata.yaml").is_file()
+
+
+def read(path: Path) -> Rows:
+    """The last planned trajectory of a bag, whichever message holds it.
+
+    Raises:
+        BadInput: rosbags is not installed, the bag is not readable, or holds no plan; names the topics that there are.
+    """
+    with opened(path) as bag:
+        plans = [
+            plan
+            for _, _, _, found in bag.messages(lambda topic, kind: kind in PLANS)
+            for plan in trajectories(as_document(found))
+        ]
+        if not plans:
+            raise BadInput(f"{path}: no planned trajectory; its topics are {bag.described()}")
+    return planned(plans, str(path))
+
+
+class Bag:
+    """An open bag."""
+
+    def __init__(self, path: Path, reader: Any) -> None:
+        self._path, self._reader = path, reader
+
+    def topics(self) -> dict[str, str]:
+        """The type of the messages of each topic."""
+        return {connection.topic: connection.msgtype for connection in self._reader.connections}
+
+    def described(self) -> str:
+        """Topics and types, for a message."""
+        shown = [f"{topic} ({kind})" for topic, kind in self.topics().items()]
+        return ", ".join(shown[:12]) + (", ..." if len(shown) > 12 else "") or "none"
+
+    def messages(self, wanted: Callable[[str, str], bool]) -> Iterator[tuple[str, str, int, Any]]:
+        """Topic, type, time of recording [ns] and message, in order of time, where `wanted(topic, type)`."""
+        chosen = [c for c in self._reader.connections if wanted(c.topic, c.msgtype)]
+        if not chosen:
+            return
+        if sum(c.msgcount for c in chosen) > MOST_MESSAGES:
+            raise BadInput(f"{self._path}: more than {MOST_MESSAGES} messages of the topics that are needed")
+        for connection, stamp, raw in self._reader.messages(chosen):
+            yield connection.topic, connection.msgtype, stamp, self._reader.deserialize(raw, connection.msgtype)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Bag]:
+    """A bag, open for reading.
+
+    Raises:
+        BadInput: rosbags is not installed, or the bag is missing, too large or faulty, now or while it is read.
+    """
+    highlevel = _library().highlevel
+    files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
+    try:
+        size = sum(file.stat().st_size for file in files)
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}") from None
+    if size > LARGEST:
+        raise BadInput(f"{path}: larger than {LARGEST / 1e9:g} GB; cut out the part that matters")
+    if path.is_dir():
+        read_yaml(path / "metadata.yaml")  # within bounds
+    try:
+        with highlevel.AnyReader([path], default_typestore=_types()) as reader:
+            storages = [getattr(part, "storage", part) for part in reader.readers]
+            inner = [file for storage in storages for file in getattr(storage, "storages", [storage])]
+            chunks = [chunk for file in inner for chunk in getattr(file, "chunks", [])]
+            if any(getattr(chunk, "uncompressed_size", 0) > LARGEST_CHUNK for chunk in chunks):
+                raise BadInput(f"{path}: a part of it is larger than {LARGEST_CHUNK / 1e9:g} GB unpacked")
+            yield Bag(path, reader)
+    except BadInput:
+        raise
+    except Exception as error:  # a faulty bag makes the library raise nearly anything
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise BadInput(f"{path}: not a bag that can be read: {reason[:300]}") from None
+
+
+def as_document(found: Any) -> Any:
+    """A message as plain mappings, lists and numbers."""
+    if dataclasses.is_dataclass(found) and not isinstance(found, type):
+        return {field.name: as_document(getattr(found, field.name)) for field in dataclasses.fields(found)}
+    if isinstance(found, np.ndarray):
+        return found.tolist()
+    if isinstance(found, list):
+        return [as_document(item) for item in found]
+    return found
+
+
+def write_mcap(trajectory: Trajectory, path: Path) -> None:
+    """Write one trajectory_msgs/JointTrajectory on /joint_trajectory as an MCAP file, with the message's definition."""
+    rosbag2, types = _library().rosbag2, _types()
+    with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
+        bag = Path(folder) / "bag"
+        with rosbag2.Writer(bag, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+            connection = writer.add_connection(TOPIC, PLANS[0], typestore=types)
+            writer.write(connection, 0, types.serialize_cdr(_message(types.types, trajectory), PLANS[0]))
+        (file,) = bag.glob("*.mcap")
+        with replacing(path) as aside:
+            aside.write_bytes(file.read_bytes())
+
+
+def _message(types: Mapping[str, Any], trajectory: Trajectory) -> Any:
+    """A trajectory as the library's message object."""
+    document = message(trajectory)
+    stamp, duration = types["builtin_interfaces/msg/Time"], types["builtin_interfaces/msg/Duration"]
+    header = types["std_msgs/msg/Header"](stamp=stamp(sec=0, nanosec=0), frame_id="")
+    points = [
+        types["trajectory_msgs/msg/JointTrajectoryPoint"](
+            **{field: np.array(point[field], dtype=np.float64) for field in FIELDS.values()},
+            time_from_start=duration(**point["time_from_start"]),
+        )
+        for point in document["points"]
+    ]
+    return types[PLANS[0]](header=header, joint_names=document["joint_names"], points=points)
+
+
+def _types() -> Any:
+    """The library's types of ROS 2, and those of MoveIt's plans."""
+    typesys = _library().typesys
+    types = typesys.get_typestore(typesys.Stores.LATEST)
+    added: dict[str, Any] = {}
+    for name, text in DEFINITIONS.items():
+        added.update(typesys.get_types_from_msg(text, name))
+    types.register(added)
+    return types
+
+
+def _library() -> SimpleNamespace:
+    """The parts of rosbags that are used."""
+    try:
+        from rosbags import highlevel, rosbag2, typesys
+    except ImportError:
+        raise BadInput("bags need rosbags: pip install 'energy-opt[ros]'") from None
+    return SimpleNamespace(highlevel=highlevel, rosbag2=rosbag2, typesys=typesys)

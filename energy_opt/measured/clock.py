@@ -1,0 +1,191 @@
+"""The meter's clock against the joints': offset and drift from what the power has to do with the motion.
+
+Power follows the motion: with f(t) = (1, tau.v, positive part of tau.v, sum tau^2, sum |v|, sum v^2) of the rigid
+body, readings P_i at stamps s_i of the meter are regressed on the means of f over their windows, moved to the joints'
+clock by t = s + offset + drift * (s - middle). The clock under which the regression leaves least is the one; how much
+better it is than another counts in M/2 log of the ratio of squares, M the readings, one per `APART` at most: what the
+features miss has a memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.robot import Robot
+
+GRID = 0.02  # [s] of the motion's features
+MOST = 40_000  # nodes of that grid
+READINGS = 1500  # readings that take part
+FEWEST = 12  # readings apart that a clock or a window is told from, two for every feature
+LEAST = 0.25  # [s] a smaller offset is left to the meter's own delay, which the fit knows
+SURE = 15.0  # log likelihood by which a moved clock must be better than the one given
+GOOD = 0.3  # share of the readings' variance that the motion must explain
+APART = 0.3  # [s] readings nearer than this tell the same
+DRIFT = 2e-3  # [s/s] no clock drifts more
+
+
+@dataclass(frozen=True)
+class Activity:
+    """Features of a motion and their integrals on an even grid: t (K,) s, values and integrals (K, F)."""
+
+    t: np.ndarray
+    values: np.ndarray
+    integrals: np.ndarray
+
+    def at(self, stamps: np.ndarray, window: np.ndarray) -> np.ndarray:
+        """Means over the windows that end at the stamps, (M, F)."""
+        short = np.maximum(window, 2 * (self.t[1] - self.t[0]))
+        end, begin = np.clip(stamps, self.t[0], self.t[-1]), np.clip(stamps - short, self.t[0], self.t[-1])
+        shift = np.where(window < short, (short - window) / 2, 0.0)
+        end, begin = np.clip(end + shift, self.t[0], self.t[-1]), np.clip(begin + shift, self.t[0], self.t[-1])
+        length = np.maximum(end - begin, 1e-9)[:, None]
+        columns = range(self.integrals.shape[1])
+        high = np.column_stack([np.interp(end, self.t, self.integrals[:, k]) for k in columns])
+        low = np.column_stack([np.interp(begin, self.t, self.integrals[:, k]) for k in columns])
+        return (high - low) / length
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Joints' time = stamp + offset + drift * (stamp - middle); what of the readings' variance the motion explains."""
+
+    offset: float
+    drift: float
+    middle: float
+    explained: float
+
+    def moved(self, stamps: np.ndarray) -> np.ndarray:
+        """Stamps of the meter on the joints' clock, s."""
+        return stamps + self.offset + self.drift * (stamps - self.middle)
+
+
+def activity(robot: Robot, time: np.ndarray, position: np.ndarray) -> Activity:
+    """What of a motion a power may follow; positions (N, n) are smoothed over a tenth of a second."""
+    span = float(time[-1] - time[0])
+    count = int(np.clip(np.ceil(span / GRID), 8, MOST)) + 1
+    t = np.linspace(time[0], time[-1], count)
+    step = t[1] - t[0]
+    q = np.column_stack([np.interp(t, time, column) for column in position.T])
+    width = max(1, round(0.1 / step)) | 1
+    q = _smooth(_smooth(q, width), width)
+    v = np.gradient(q, step, axis=0)
+    a = np.gradient(v, step, axis=0)
+    tau = robot.body.torque(q, v, a)
+    drive = np.sum(tau * v, axis=1)
+    values = np.column_stack(
+        [drive, np.maximum(drive, 0), np.sum(tau**2, axis=1), np.abs(v).sum(axis=1), np.sum(v**2, axis=1)]
+    )
+    values /= np.maximum(values.std(axis=0), 1e-9)
+    mean = (values[1:] + values[:-1]) / 2 * step
+    return Activity(t, values, np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(mean, axis=0)]))
+
+
+def _smooth(x: np.ndarray, width: int) -> np.ndarray:
+    from scipy.ndimage import uniform_filter1d
+
+    return uniform_filter1d(x, width, axis=0, mode="nearest")
+
+
+def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+    """Log likelihood over that of a constant, and the share of variance explained, of readings on the joints' clock."""
+    inside = (stamps >= motion.t[0] - 1e-9) & (stamps <= motion.t[-1] + 1e-9)
+    if inside.sum() < FEWEST:
+        return -np.inf, 0.0
+    covered = float(np.ptp(stamps[inside]))
+    count = min(float(inside.sum()), covered / APART)
+    if count < FEWEST:
+        return -np.inf, 0.0
+    y = power[inside] - power[inside].mean()
+    total = float(y @ y)
+    if total <= 0:
+        return -np.inf, 0.0
+    x = motion.at(stamps[inside], window[inside])
+    x = x - x.mean(axis=0)
+    left = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
+    ratio = max(float(left @ left) / total, 1e-6)
+    return -count / 2 * float(np.log(ratio)) - x.shape[1], 1 - ratio
+
+
+def align(
+    motion: Activity, stamps: np.ndarray, windows: Sequence[np.ndarray], power: np.ndarray, given: bool, seek: bool
+) -> tuple[Clock | None, int, float]:
+    """The meter's clock (None: the one given is as good, or nothing can be told), which of the windows it has, and the
+    log likelihood of the last window over the first.
+
+    Args:
+        motion: of the run. stamps, power: (M,) of the readings, on a clock that may be another.
+        windows: one or more (M,) that the readings may be means over.
+        given: the stamps claim to be on the joints' clock; otherwise any offset is as likely.
+        seek: another clock is looked for; otherwise the windows are compared only.
+    """
+    as_given = [_score(motion, stamps, window, power) for window in windows]
+    at = int(np.argmax([score for score, _ in as_given]))
+    more = as_given[-1][0] - as_given[0][0] if np.isfinite(as_given[0][0]) else 0.0
+    if not seek:
+        return None, at, more
+    found = [_search(motion, stamps, window, power, given) for window in windows]
+    best = max(range(len(windows)), key=lambda k: -np.inf if found[k] is None else found[k][1])  # type: ignore[index]
+    if found[best] is None:
+        return None, at, more
+    clock, score = found[best]  # type: ignore[misc]
+    if clock.explained < GOOD:
+        return None, at, more
+    largest = abs(clock.offset) + abs(clock.drift) * float(stamps[-1] - stamps[0]) / 2
+    if given and (score - as_given[at][0] < SURE or largest < LEAST):
+        return None, at, more
+    first, last = found[0], found[-1]
+    return clock, best, last[1] - first[1] if first is not None and last is not None else 0.0
+
+
+def _search(
+    motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray, given: bool
+) -> tuple[Clock, float] | None:
+    """The clock under which the readings fit the motion best, and its log likelihood; offsets from far to fine."""
+    from scipy.optimize import minimize
+
+    stamps, window, power = _fewer(stamps, window, power)
+    span, own = float(motion.t[-1] - motion.t[0]), float(stamps[-1] - stamps[0])
+    middle = float(stamps[0] + stamps[-1]) / 2
+    share = 0.5 * min(span, own)
+    first, last = motion.t[0] + share - stamps[-1], motion.t[-1] - share - stamps[0]
+    step = max(0.1, float(np.median(window)) / 8, (last - first) / 6000)
+    offsets = np.arange(first, last + step, step)
+    if given:
+        offsets = np.append(offsets[np.abs(offsets) > step / 2], 0.0)
+    scores = np.array([evidence(motion, stamps + x, window, power)[0] for x in offsets])
+    if not np.isfinite(scores).any():
+        return None
+    best = float(offsets[int(np.argmax(scores))])
+
+    def loss(x: np.ndarray) -> float:
+        if abs(x[1]) > DRIFT * own / 2:
+            return 1e9
+        score = evidence(motion, stamps + x[0] + x[1] * (stamps - middle) / (own / 2), window, power)[0]
+        return max(-score, -1e9) if np.isfinite(score) else 1e9
+
+    start = np.array([[best, 0.0], [best + step, 0.0], [best, min(0.05, DRIFT * own / 4)]])
+    fine = minimize(loss, start[0], method="Nelder-Mead", options={"initial_simplex": start, "xatol": 1e-4})
+    alone = minimize(
+        lambda x: loss(np.array([x[0], 0.0])),
+        start[0, :1],
+        method="Nelder-Mead",
+        options={"initial_simplex": start[:2, :1], "xatol": 1e-4},
+    )
+    drifts = alone.fun - fine.fun > 5.0 + 0.5 * np.log(len(power))
+    offset, drift = (float(fine.x[0]), float(fine.x[1]) / (own / 2)) if drifts else (float(alone.x[0]), 0.0)
+    clock = Clock(offset, drift, middle, 0.0)
+    score, explained = evidence(motion, clock.moved(stamps), window, power)
+    return Clock(offset, drift, middle, explained), score
+
+
+def _score(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+    return evidence(motion, *_fewer(stamps, window, power))
+
+
+def _fewer(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Every k-th reading, so that `READINGS` take part."""
+    stride = max(1, len(columns[0]) // READINGS)
+    return tuple(column[::stride] for column in columns)

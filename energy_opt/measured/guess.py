@@ -1,0 +1,299 @@
+"""What a file without a log holds: which robot, which column is what, in which unit. Every guess has its words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.measured.joints import FAR, degrees_fault, stamp_factor
+from energy_opt.measured.names import (
+    energy_column,
+    joint_columns,
+    power_column,
+    product_columns,
+    time_columns,
+    unit_in,
+)
+from energy_opt.measured.presets import told_names
+from energy_opt.measured.table import Table
+from energy_opt.measured.units import BY_SIGNAL, UNITS, known_unit
+from energy_opt.robot import Robot, known_robots, load_robot
+
+LOOKED_AT = 20_000  # rows that guesses are made from
+ALIKE = 0.25  # relative deviation within which a measured ratio means a unit
+ARM_POWER = (5.0, 20_000.0)  # [W] between which the mean power of an arm with its controller lies
+TIME_UNITS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
+
+
+@dataclass
+class Guess:
+    """Entries for [columns] (or a preset), and the words that say why."""
+
+    columns: dict[str, Any] = field(default_factory=dict)
+    preset: str | None = None
+    words: list[str] = field(default_factory=list)
+    dated: bool = False
+    first: float = 0.0  # [s] stamp of the first and last row, as the file counts
+    last: float = 0.0
+
+
+def is_motion(table: Table) -> bool:
+    """Whether a file has a vector of joint positions, for whatever robot."""
+    return any("position" in joint_columns(table.header, _joints(name), told_names(table)) for name in known_robots())
+
+
+def _joints(name: str) -> Sequence[str]:
+    if name not in _KNOWN:
+        _KNOWN[name] = load_robot(name)
+    return _KNOWN[name].joints
+
+
+_KNOWN: dict[str, Robot] = {}
+
+
+def guess_robot(table: Table) -> tuple[Robot, str]:
+    """The robot of a file of joints, and why.
+
+    Raises:
+        BadInput: more than one is as likely; the line names them.
+    """
+    fitting = []
+    for name in known_robots():
+        found = joint_columns(table.header, _joints(name), told_names(table))
+        if "position" in found:
+            named = all(_flat(joint) in _flat(column) for joint, column in found["position"].items())
+            fitting.append((named, name, found))
+    if any(named for named, _, _ in fitting):
+        fitting = [row for row in fitting if row[0]]
+    most = max((len(_joints(name)) for _, name, _ in fitting), default=0)
+    fitting = [row for row in fitting if len(_joints(row[1])) == most]
+    words = {word.lower() for word in table.header}
+    if any("tau_j" in word or word.startswith("state.q") or "o_t_ee" in word for word in words):
+        fitting = [row for row in fitting if row[1] == "panda"] or fitting
+    if any(word.startswith("actual_q") for word in words):
+        fitting = [row for row in fitting if row[1].startswith("ur")] or fitting
+    names = [name for _, name, _ in fitting]
+    if len(names) == 1:
+        return _KNOWN[names[0]], "by its joints' columns"
+    if not names:
+        raise BadInput(f"{table.path}: no robot known has such columns; say which with --robot")
+    errors = {name: _torque_error(table, name) for name in names}
+    known = {name: error for name, error in errors.items() if error is not None}
+    if len(known) == len(names):
+        best, second = sorted(known, key=lambda name: known[name])[:2]
+        if known[best] < 0.8 * known[second]:
+            return _KNOWN[best], f"its torques fit the file's best ({known[best]:.2g} of their spread, {second}'s next)"
+    raise BadInput(f"{table.path}: the columns fit {', '.join(names)}; say which with --robot")
+
+
+def _flat(word: str) -> str:
+    return "".join(c for c in word.lower() if c.isalnum())
+
+
+def _torque_error(table: Table, name: str) -> float | None:
+    """How far a robot's static torques are from the file's (measured or commanded), in parts of their spread."""
+    robot = _KNOWN[name]
+    plain = {word.replace("target_", "", 1): word for word in table.header if not word.startswith("actual_")}
+    effort = joint_columns(list(plain), robot.joints).get("effort")
+    position = joint_columns(table.header, robot.joints, told_names(table)).get("position")
+    if effort is None or position is None:
+        return None
+    table.load([*position.values(), *(plain[word] for word in effort.values())])
+    q = np.column_stack([table.column(position[joint]) for joint in robot.joints])
+    tau = np.column_stack([table.column(plain[effort[joint]]) for joint in robot.joints])
+    rows = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1))
+    rows = rows[:: max(1, len(rows) // 500)]
+    if degrees_fault(q[rows], robot) is not None:
+        q = np.radians(q)
+    rest = np.zeros((len(rows), robot.n))
+    off = robot.body.torque(q[rows], rest, rest) - tau[rows]
+    spread = float(np.sqrt(np.mean(tau[rows] ** 2)))
+    return float(np.sqrt(np.mean(off**2))) / spread if spread > 0.5 else None
+
+
+def guess_joints(table: Table, robot: Robot) -> Guess:
+    """Columns and units of a file of joints, its own meter included.
+
+    Raises:
+        BadInput: it has no time, or no position for some joint.
+    """
+    out = Guess()
+    header = table.header
+    found = joint_columns(header, robot.joints, told_names(table))
+    if "position" not in found:
+        raise BadInput(f"{table.path}: no column for the position of every joint of {robot.name}")
+    time = _guess_time(table, out, "time")
+    if "actual_q_0" in header and header.count("timestamp") == 1 and len(robot.joints) == 6:
+        out.preset = "ur_rtde"
+        out.columns.clear()
+        out.words.append("columns of Universal Robots' RTDE recorder (preset ur_rtde)")
+        return out
+    _guess_meter(table, out)
+    table.load([*(c for by in found.values() for c in by.values())])
+    raw = {s: np.column_stack([table.column(by[j]) for j in robot.joints])[:LOOKED_AT] for s, by in found.items()}
+    units = {signal: _named_unit(signal, found[signal][robot.joints[0]], table) for signal in found}
+    angle = _position_unit(raw["position"], time, robot, units["position"], out)
+    units["position"] = angle
+    position = raw["position"] * UNITS["position"][angle]
+    for signal, below in (("velocity", position), ("acceleration", None)):
+        if signal in found:
+            unit = units[signal] or _rate_unit(signal, raw[signal], below, time, angle, out)
+            if unit is None:
+                del found[signal]
+            else:
+                units[signal] = unit
+    for signal, by in found.items():
+        for joint, column in by.items():
+            unit = units[signal]
+            out.columns[f"{joint}.{signal}"] = {"column": column, "unit": unit} if unit else column
+        sample, last = by[robot.joints[0]], by[robot.joints[-1]]
+        out.words.append(f"{signal}: {sample} ... {last} [{units[signal] or next(iter(UNITS[signal]))}]")
+    return out
+
+
+def guess_meter(table: Table, span: float | None = None) -> Guess:
+    """Columns and units of a meter's own file, which lasts about `span` [s].
+
+    Raises:
+        BadInput: it has neither power nor energy.
+    """
+    out = Guess()
+    _guess_time(table, out, "power.time", span)
+    _guess_meter(table, out)
+    if not {"power", "energy"} & set(out.columns):
+        raise BadInput(
+            f"{table.path}: neither joints' positions nor power nor energy among {', '.join(table.header[:12])}"
+        )
+    return out
+
+
+def _guess_time(table: Table, out: Guess, key: str, span: float | None = None) -> np.ndarray:
+    """The column of stamps: the likeliest name whose values never decrease and do increase."""
+    for name in time_columns(table.header):
+        values = table.column(name)
+        values = values[np.isfinite(values)]
+        table.faults = [fault for fault in table.faults if f"column {name}:" not in fault]
+        if len(values) < 2 or (np.diff(values) < 0).any() or values[-1] <= values[0]:
+            continue
+        out.dated = table.is_date(name)
+        unit = _named_unit("time", name, table)
+        factor = 1.0 if out.dated else UNITS["time"][unit] if unit else stamp_factor(values, key, span)
+        unit = unit or TIME_UNITS.get(factor)
+        out.columns[key] = {"column": name, "unit": unit} if unit and not out.dated else name
+        out.first, out.last = float(values[0]) * factor, float(values[-1]) * factor
+        out.words.append(f"{key}: {name} [{'date' if out.dated else unit or 's'}]")
+        return table.column(name)[:LOOKED_AT] * factor
+    raise BadInput(f"{table.path}: no column of times that increase among {', '.join(table.header[:12])}")
+
+
+def _named_unit(kind: str, column: str, table: Table) -> str | None:
+    """The unit that the row of units or the header itself names."""
+    return known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)
+
+
+def _position_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str | None, out: Guess) -> str:
+    """Degrees where positions, or the speed between rows, are far outside the limits as radians."""
+    values, time = _whole(values, time)
+    far = degrees_fault(values, robot) is not None
+    if named in (None, "rad") and far:
+        doubt = ", though the file says rad" if named == "rad" else ""
+        out.words.append(f"positions are degrees (as radians they are far outside the limits{doubt}): converted")
+        return "deg"
+    if named is None and len(time) > 20:
+        apart = max(1, int(0.1 / max(float(np.median(np.diff(time))), 1e-6)))
+        rate = np.abs(values[apart:] - values[:-apart]) / np.maximum(time[apart:] - time[:-apart], 1e-9)[:, None]
+        limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, np.pi)
+        if (np.percentile(rate, 99, axis=0) > 3 * limit).any():
+            out.words.append("positions are degrees (as radians the joints would be too fast): converted")
+            return "deg"
+    if named == "deg":
+        out.words.append("positions are degrees: converted")
+    return named or "rad"
+
+
+def _whole(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    good = np.isfinite(values).all(axis=1) & np.isfinite(time[: len(values)])
+    return values[good], time[: len(values)][good]
+
+
+def _rate_unit(
+    signal: str, values: np.ndarray, position: np.ndarray | None, time: np.ndarray, of_position: str, out: Guess
+) -> str | None:
+    """The unit under which logged velocities are the slope of the positions; None where they are not, with words."""
+    assumed = f"{of_position if of_position in ('rad', 'deg') else 'rad'}{BY_SIGNAL[signal]}"
+    if position is None:
+        return assumed
+    good = np.isfinite(values).all(axis=1) & np.isfinite(position).all(axis=1) & np.isfinite(time[: len(values)])
+    t, q, v = time[: len(values)][good], position[good], values[good]
+    fresh = np.concatenate([[True], np.diff(t) > 0])
+    t, q, v = t[fresh], q[fresh], v[fresh]
+    if len(t) < 20 or np.ptp(q, axis=0).max() < 0.02:
+        return assumed
+    slope = np.gradient(q, t, axis=0)
+    ratio = float(np.sum(v * slope) / max(float(np.sum(slope**2)), 1e-12))
+    match = float(np.sum(v * slope) / np.sqrt(max(float(np.sum(slope**2) * np.sum(v**2)), 1e-30)))
+    for unit in ("rad/s", "deg/s", "rpm"):
+        if match > 0.6 and abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE:
+            if unit != assumed:
+                out.words.append(f"velocities are {unit} (by the slope of the positions): converted")
+            return unit
+    out.words.append("velocities are left out: they are not the slope of the positions in any unit known")
+    return None
+
+
+def _guess_meter(table: Table, out: Guess) -> None:
+    """Power, else a voltage times a current, else a counter; with units, by size where no unit is named."""
+    power, pair, energy = power_column(table.header), product_columns(table.header), energy_column(table.header)
+    if power is not None:
+        unit = _named_unit("power", power, table)
+        mean = float(np.nanmean(np.abs(table.column(power)))) if unit is None else 0.0
+        if unit is None and 0 < mean < ARM_POWER[0]:
+            unit = "kW"
+        elif unit is None and mean > ARM_POWER[1]:
+            unit = "mW"
+        if unit not in (None, "W"):
+            out.words.append(f"power in {unit}: converted")
+        out.columns["power"] = {"column": power, "unit": unit} if unit else power
+        out.words.append(f"power: {power} [{unit or 'W'}]")
+    elif pair is not None:
+        out.columns["power"] = {"product": list(pair)}
+        if known_unit("current", table.units.get(pair[1], "")) == "mA" or unit_in("current", pair[1]) == "mA":
+            out.columns["power"]["unit"] = "mW"
+        out.words.append(f"power: {pair[0]} * {pair[1]} [W]")
+    elif energy is not None:
+        unit = _named_unit("energy", energy, table) or _counter_unit(table.column(energy), out.last - out.first)
+        out.columns["energy"] = {"column": energy, "unit": unit}
+        out.words.append(f"energy: {energy} [{unit}], a counter")
+
+
+def _counter_unit(values: np.ndarray, seconds: float) -> str:
+    """The unit under which a counter's mean power is an arm's."""
+    values = values[np.isfinite(values)]
+    rise = float(values[-1] - values[0]) / max(seconds, 1e-9) if len(values) else 0.0
+    fitting = (u for u in ("J", "Wh", "kWh") if ARM_POWER[0] < rise * UNITS["energy"][u] < ARM_POWER[1] / 4)
+    return next(fitting, "J")
+
+
+def same_columns(guesses: Mapping[str, Guess]) -> None:
+    """Refuse files whose columns differ: one log says one thing of all.
+
+    Raises:
+        BadInput: names two files and a column.
+    """
+    items = list(guesses.items())
+    for name, guess in items[1:]:
+        first_name, first = items[0]
+        for key in sorted({*guess.columns, *first.columns, "preset"}):
+            a = first.preset if key == "preset" else first.columns.get(key)
+            b = guess.preset if key == "preset" else guess.columns.get(key)
+            if a != b:
+                raise BadInput(
+                    f"{name}: {key} is {b!r}, in {first_name} it is {a!r}; import them into sets of their own"
+                )
+
+
+__all__ = ["FAR", "Guess", "guess_joints", "guess_meter", "guess_robot", "is_motion", "same_columns"]

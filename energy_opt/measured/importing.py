@@ -1,0 +1,222 @@
+"""Files as a lab has them to a measured set: copied beside a log.toml that says what was guessed of them."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.files import write_toml
+from energy_opt.measured.guess import Guess, guess_joints, guess_meter, guess_robot, is_motion, same_columns
+from energy_opt.measured.joints import EPOCH
+from energy_opt.measured.log import FORMAT, NAME, read_log
+from energy_opt.measured.run import Run
+from energy_opt.measured.segment import MOVES, cut_at_standstill
+from energy_opt.measured.sets import collect
+from energy_opt.measured.table import Table
+from energy_opt.robot import Robot
+
+FEW = 6  # files; a lab that has more recorded its runs one by one
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A set made of files: its folder, robot, the log written, and what was guessed and found, one sentence each."""
+
+    folder: Path
+    robot: Robot
+    log: dict[str, Any]
+    words: tuple[str, ...]
+    remarks: tuple[str, ...]
+    runs: tuple[Run, ...]
+
+
+def import_files(
+    files: Sequence[Path], out: Path, robot: Robot | None = None, named: str | None = None, replace: bool = False
+) -> Imported:
+    """Make a measured set of files; nothing is written where that fails.
+
+    Args:
+        files: tables of joints (with or without power) and of meters, in any order.
+        out: the set's folder.
+        robot: whose joints they are; found by columns and torques where None. named: how log.toml calls it.
+        replace: a set that is there already is replaced.
+
+    Raises:
+        BadInput: a file is not usable or its columns are not understood, with file, row and column.
+    """
+    if (out / NAME).exists() and not replace:
+        raise BadInput(f"{out}: holds a measured set already; another --out, or --force")
+    tables = [Table(path) for path in _distinct(files)]
+    words: list[str] = []
+    moving = [table for table in tables if robot is not None or is_motion(table)]
+    if robot is None:
+        if not moving:
+            raise BadInput(f"{tables[0].path}: no joints' positions in any file; say the arm with --robot")
+        robot, why = guess_robot(moving[0])
+        words.append(f"robot: {robot.name} ({why})")
+    joints, meters = _sorted(tables, robot)
+    if not joints:
+        raise BadInput(f"{tables[0].path}: no file has a column for the position of every joint of {robot.name}")
+    first_joint, first_meter = next(iter(joints.values())), next(iter(meters.values()), None)
+    same_columns({str(t.path): g for t, g in joints.items()})
+    same_columns({str(t.path): g for t, g in meters.items()})
+    for table, guess in [*list(joints.items())[:1], *list(meters.items())[:1]]:
+        words += [_layout_words(table), *guess.words]
+    pairs = _pairs(joints, meters, words)
+    document = _document(named or robot.name, first_joint, first_meter, joints, pairs)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for table in tables:
+            shutil.copyfile(table.path, folder / table.path.name)
+        write_toml(folder / NAME, document)
+        runs, faults, remarks = collect(read_log(folder), robot)
+        if faults:
+            raise BadInput("\n".join(_at_home(fault, folder, tables) for fault in faults))
+        _kinds(document, runs, words)
+        write_toml(folder / NAME, document)
+        runs, faults, remarks = collect(read_log(folder), robot)
+        if faults:
+            raise BadInput("\n".join(_at_home(fault, folder, tables) for fault in faults))
+        _place(folder, out, [table.path.name for table in tables])
+    return Imported(out, robot, document, tuple(words), tuple(remarks), tuple(runs))
+
+
+def _distinct(files: Sequence[Path]) -> list[Path]:
+    out = list(dict.fromkeys(Path(path) for path in files))
+    names = [path.name for path in out]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise BadInput(f"{twice}: two files of this name; a set's files lie in one folder, so rename one")
+    if NAME in names:
+        raise BadInput(f"{NAME}: is written by the import; give the tables only")
+    return out
+
+
+def _sorted(tables: Sequence[Table], robot: Robot) -> tuple[dict[Table, Guess], dict[Table, Guess]]:
+    """Files with the joints of the robot, and meters' files."""
+    from energy_opt.measured.names import joint_columns
+    from energy_opt.measured.presets import told_names
+
+    joints: dict[Table, Guess] = {}
+    meters: dict[Table, Guess] = {}
+    has = {table: "position" in joint_columns(table.header, robot.joints, told_names(table)) for table in tables}
+    for table in sorted(tables, key=lambda t: not has[t]):
+        if table.faults:
+            raise BadInput(table.faults[0])
+        if has[table]:
+            joints[table] = guess_joints(table, robot)
+        else:
+            spans = [guess.last - guess.first for guess in joints.values()]
+            meters[table] = guess_meter(table, float(np.median(spans)) if spans else None)
+        if table.faults:
+            raise BadInput(table.faults[0])
+    return joints, meters
+
+
+def _layout_words(table: Table) -> str:
+    at = table.layout
+    name = {",": "comma", ";": "semicolon", "\t": "tab", " ": "space", "|": "bar"}.get(at.delimiter, at.delimiter)
+    units = ", a row of units" if at.units else ""
+    sign = {".": "point", ",": "comma"}[at.decimal]
+    return f"{table.path.name}: {name}-separated, decimal {sign}, data from row {at.first_row}{units}"
+
+
+def _pairs(joints: dict[Table, Guess], meters: dict[Table, Guess], words: list[str]) -> dict[Table, Table]:
+    """The meter's file of every file of joints: by stamps where both count from 1970, else by their names."""
+    if not meters:
+        return {}
+    out: dict[Table, Table] = {}
+    for table, guess in joints.items():
+        lasting = [
+            m for m, g in meters.items()
+            if min(guess.first, g.first) > EPOCH and min(guess.last, g.last) > max(guess.first, g.first)
+        ]  # fmt: skip
+        if len(meters) == 1 and (len(joints) == 1 or lasting):
+            out[table] = next(iter(meters))
+        elif len(lasting) == 1:
+            out[table] = lasting[0]
+        else:
+            out[table] = max(meters, key=lambda m: _alike(table.path.stem, m.path.stem))
+    used = list(out.values())
+    shared = next((m for m in used if used.count(m) > 1), None)
+    if shared is not None and not all(g.first > EPOCH for g in [*joints.values(), meters[shared]]):
+        if len(joints) == len(meters):
+            order = sorted(meters, key=lambda m: m.path.name)
+            out = dict(zip(sorted(joints, key=lambda t: t.path.name), order, strict=True))
+        else:
+            raise BadInput(
+                f"{shared.path}: which of the motions' files does this meter's file belong to? "
+                "Name the files alike, or let both clocks count from 1970"
+            )
+    words += [f"pair: {t.path.name} with {m.path.name}" for t, m in out.items()]
+    return out
+
+
+def _alike(a: str, b: str) -> float:
+    """How alike two file names are; equal numbers count most."""
+    numbers = re.findall(r"\d+", a), re.findall(r"\d+", b)
+    same = sum(int(x) == int(y) for x, y in zip(*(n[::-1] for n in numbers), strict=False))
+    return 2.0 * same + difflib.SequenceMatcher(None, a.lower(), b.lower()).ratio()
+
+
+def _document(
+    robot: str, guess: Guess, meter: Guess | None, joints: dict[Table, Guess], pairs: dict[Table, Table]
+) -> dict[str, Any]:
+    """The log.toml."""
+    columns: dict[str, Any] = {"preset": guess.preset} if guess.preset else {}
+    columns |= guess.columns
+    if meter is not None:
+        columns = {key: value for key, value in columns.items() if key not in ("power", "energy")} | meter.columns
+    rows = []
+    absolute = all(g.first > EPOCH or (g.first > 3600 and not g.dated) for g in joints.values())
+    begin = min(g.first for g in joints.values())
+    for table, g in sorted(joints.items(), key=lambda item: (item[1].first if absolute else 0.0, item[0].path.name)):
+        row: dict[str, Any] = {"file": table.path.name, "kind": "motion"}
+        if absolute and len(joints) > 1:
+            row["start"] = round(g.first - begin, 6)
+        if table in pairs:
+            row["power_file"] = pairs[table].path.name
+        rows.append(row)
+    return {"format": FORMAT, "robot": robot, "run": rows, "columns": columns}
+
+
+def _kinds(document: dict[str, Any], runs: Sequence[Run], words: list[str]) -> None:
+    """Which runs are static, and whether long recordings are to be cut; written into the document."""
+    still = {run.file.partition("#")[0]: True for run in runs}
+    for run in runs:
+        still[run.file.partition("#")[0]] &= float(np.ptp(run.position, axis=0).max()) <= MOVES
+    for row in document["run"]:
+        row["kind"] = "static" if still.get(row["file"], False) else "motion"
+    motions = [sum(piece.kind == "motion" for piece in cut_at_standstill(run)) for run in runs]
+    if len(document["run"]) < FEW and max(motions, default=0) > 1:
+        document["segment"] = {"at": "standstill"}
+        words.append("cut into runs where the arm stands still")
+
+
+def _at_home(fault: str, folder: Path, tables: Sequence[Table]) -> str:
+    """A fault of a copy, named by the file it was copied from."""
+    for table in tables:
+        fault = fault.replace(str(folder / table.path.name), str(table.path))
+    return fault.replace(str(folder / NAME), "import")
+
+
+def _place(folder: Path, out: Path, names: Sequence[str]) -> None:
+    """Move the finished set to its place; its log.toml last, so that no half set can be read."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name in [*names, NAME]:
+            if (out / name).exists() and (out / name).samefile(folder / name):
+                continue
+            shutil.copyfile(folder / name, out / f".{name}.new")
+            (out / f".{name}.new").replace(out / name)
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written: {error.strerror}") from None

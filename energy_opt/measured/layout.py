@@ -1,0 +1,226 @@
+"""How a text table is laid out: encoding, delimiter, decimal sign, header, units below it, first row of data."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import mmap
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from energy_opt.errors import BadInput
+from energy_opt.measured.dates import date_form, is_number
+
+HEAD = 1 << 18  # [bytes] read to find the layout
+SAMPLE = 40  # data rows looked at
+DELIMITERS = (",", ";", "\t", "|", " ")
+MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+UNIT_WORD = re.compile(
+    r"[\[(<{]?\s*(|-|1|s|sec|seconds?|ms|us|µs|μs|ns|min|h|rad|deg|degrees?|°|rev|turns?|m|mm|"
+    r"(rad|deg|°|rev|m|mm)\s*[/.]?\s*(s|sec|min)(\^?-?[12]|²|⁻¹|⁻²)?|rpm|1/min|[mµk]?N\W?m|N|[mk]?A|[mk]?V|[mkM]?W|"
+    r"[mkM]?Wh|[mkM]?J|Ws|°?C|degC|K|kg|%|bool|int|float|string|text|number|iso|utc|date.*|time|unix|epoch)\s*[\])>}]?",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class Csv:
+    """What a log says of its CSV files; None is found by the program."""
+
+    delimiter: str | None = None
+    decimal: str | None = None
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A text table before its columns are read.
+
+    Attributes:
+        names: the header's words. units: the words of a row of units below it, empty where there is none.
+        first: where data begin in `content`; first_row: the row (from 1) that stands there.
+        content: the file's bytes in UTF-8 or another code that has ASCII's delimiters.
+        sample: cells of the first data rows.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    delimiter: str
+    decimal: str
+    first: int
+    first_row: int
+    content: Any
+    sample: tuple[tuple[str, ...], ...]
+
+
+def layout_of(path: Path, given: Csv | None = None) -> Layout:
+    """Find the layout of a file.
+
+    Raises:
+        BadInput: there is no such file, it is empty or no text, or it has no header.
+    """
+    given = given or Csv()
+    content, skip = _content(path)
+    head = bytes(content[skip : skip + HEAD])
+    rows, starts = _rows(head, len(content) > skip + HEAD)
+    if not any(row.strip() for row in rows):
+        raise BadInput(f"{path}: row 1: no header; expected column names such as time, <joint>.position")
+    hint = re.match(r"sep=(.)$", rows[0].strip())
+    delimiter = given.delimiter or (hint.group(1) if hint else _delimiter(rows))
+    if delimiter == " " and any("  " in row.strip() for row in rows):
+        content, skip = re.sub(rb"(?m)^[ ]+|[ ]+(?=\r?$)", b"", re.sub(rb"[ ]{2,}", b" ", bytes(content[skip:]))), 0
+        rows, starts = _rows(content[:HEAD], len(content) > HEAD)
+    cells = [split(row, delimiter) for row in rows]
+    at = _header(path, cells)
+    names = tuple(re.sub(r"^[#%]\s*(?=\w)", "", name.strip()) for name in cells[at])
+    _no_nul(path, content, delimiter, names)
+    body = [k for k in range(at + 1, len(rows)) if rows[k].strip()]
+    units: tuple[str, ...] = ()
+    if body and _is_unit_row(cells[body[0]]):
+        units = tuple(cell.strip() for cell in cells[body[0]])
+        body = body[1:]
+    sample = tuple(tuple(cells[k]) for k in body[:SAMPLE])
+    decimal = given.decimal or _decimal([cells[k] for k in body])
+    first = body[0] if body else len(rows)
+    begin = skip + starts[first] if first < len(starts) else len(content)
+    return Layout(names, units, delimiter, decimal, begin, first + 1, content, sample)
+
+
+def _content(path: Path) -> tuple[Any, int]:
+    """The file's bytes, mapped where they are UTF-8 or the like, and how many of a byte order mark to skip."""
+    try:
+        with Path(path).open("rb") as stream:
+            empty = not stream.read(1)
+            content: Any = b"" if empty else mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}") from None
+    start = bytes(content[:256])
+    code = next((name for mark, name in MARKS if start.startswith(mark)), None)
+    if code is None and len(start) >= 8:  # UTF-16 without a mark has a NUL in every second byte of ASCII text
+        even, odd = start[::2].count(0), start[1::2].count(0)
+        if max(even, odd) > 0.4 * len(start) / 2 and min(even, odd) == 0:
+            code = "utf-16-be" if even > odd else "utf-16-le"
+    if code == "utf-8-sig":
+        return content, len(codecs.BOM_UTF8)
+    if code is not None:
+        try:
+            return bytes(content).decode(code).encode(), 0
+        except UnicodeDecodeError:
+            raise BadInput(f"{path}: is not {code.upper()} text throughout, though it begins so") from None
+    return content, 0
+
+
+def _no_nul(path: Path, content: Any, delimiter: str, names: Sequence[str]) -> None:
+    """NUL bytes are a crash or a full disc while the file was written."""
+    at = content.find(b"\0")
+    if at >= 0:
+        before = bytes(content[:at])
+        row, column = before.count(b"\n") + 1, before[before.rfind(b"\n") + 1 :].count(delimiter.encode())
+        name = names[column] if column < len(names) else "?"
+        raise BadInput(f"{path}: row {row}, column {name}: a NUL byte; the file is damaged or no text")
+
+
+def text(raw: bytes) -> str:
+    """UTF-8, else Windows' Western code (its bytes are all defined in latin-1 where it leaves gaps)."""
+    try:
+        return raw.decode()
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")
+
+
+def _rows(head: bytes, cut: bool) -> tuple[list[str], list[int]]:
+    """Lines of the head and where each begins; an incomplete last one is left out."""
+    rows, starts = [], []
+    for match in re.finditer(rb"([^\r\n]*)(\r\n|\r|\n|$)", head):
+        if match.start() == len(head):
+            break
+        if cut and match.end() == len(head):
+            break
+        rows.append(match.group(1))
+        starts.append(match.start())
+    if not rows and head:
+        rows, starts = [head], [0]
+    decoded = text(b"\n".join(rows)).split("\n") if rows else []
+    return decoded, starts
+
+
+def split(row: str, delimiter: str) -> list[str]:
+    """The cells of a row; quotation marks hold delimiters."""
+    if '"' not in row:
+        return row.split(delimiter)
+    try:
+        return next(csv.reader([row], delimiter=delimiter, skipinitialspace=True), [""])
+    except csv.Error:  # a cell beyond the csv module's size
+        return row.split(delimiter)
+
+
+def _is_value(cell: str) -> bool:
+    return is_number(cell) or date_form(cell) is not None
+
+
+def _delimiter(rows: Sequence[str]) -> str:
+    """The delimiter under which the rows have most numbers, counted by the share of cells that are numbers."""
+    body = [row for row in rows if row.strip()]
+    body = body[1:][-SAMPLE:] or body
+    best, score = ",", -1.0
+    for delimiter in DELIMITERS:
+        parts = [[cell for cell in split(row, delimiter) if delimiter != " " or cell] for row in body]
+        counts = [len(cells) for cells in parts]
+        usual = max(set(counts), key=counts.count)
+        if usual < 2:
+            continue
+        cells = [cell for row in parts if len(row) == usual for cell in row if cell.strip()]
+        numbers = sum(map(_is_value, cells))
+        value = numbers**2 / max(len(cells), 1) * counts.count(usual) / len(counts)
+        if value > score * (1 + 1e-9):
+            best, score = delimiter, value
+    return best
+
+
+def _header(path: Path, cells: Sequence[Sequence[str]]) -> int:
+    """The row of the header: the last row of words before the numbers begin, as wide as they are."""
+    filled = [k for k, row in enumerate(cells) if any(cell.strip() for cell in row)]
+    values = [sum(map(_is_value, row)) for row in cells]
+    widths = [len(cells[k]) for k in filled if 2 * values[k] >= len(cells[k])] or [len(cells[filled[0]])]
+    width = max(set(widths), key=widths.count)
+    words = [k for k in filled if values[k] == 0 and not _is_unit_row(cells[k]) and not _is_note(cells[k])]
+    wide = [k for k in words if len(cells[k]) == width and sum(bool(c.strip()) for c in cells[k]) > width // 2]
+    found = next(iter(wide), next(iter(words), None))
+    first = next((k for k in filled if 2 * values[k] > len(cells[k])), None)
+    if found is None or (first is not None and found > first):
+        row = filled[0]
+        if values[row] == 0 or (first is not None and first > row):
+            return row
+        if values[row] < len(cells[row]) / 2:
+            return row
+        raise BadInput(
+            f"{path}: row {row + 1}: no header, numbers from the first row on; "
+            "expected column names such as time, <joint>.position"
+        )
+    return found
+
+
+def _is_note(row: Sequence[str]) -> bool:
+    return len(row) == 1 or bool(re.match(r"sep=", row[0].strip()))
+
+
+def _is_unit_row(row: Sequence[str]) -> bool:
+    words = [cell for cell in row if cell.strip()]
+    if not words or any(map(_is_value, words)):
+        return False
+    return sum(UNIT_WORD.fullmatch(cell.strip()) is not None for cell in words) > 0.6 * len(words)
+
+
+def _decimal(sample: Sequence[Sequence[str]]) -> str:
+    """A comma where numbers have one; it may stand in quotes where the delimiter is a comma too."""
+    cells = [cell for row in sample for cell in row if is_number(cell)]
+    commas, points = sum("," in cell for cell in cells), sum("." in cell for cell in cells)
+    return "," if commas > points else "."

@@ -1,0 +1,226 @@
+"""What a header's words mean, in the conventions of the field: `actual_q_0`, `state.dq[3]`, `J1 Angle (deg)`, ...
+
+A header is cut into words, numbers and a unit. Headers that differ by a number only are a vector over the joints; a
+joint's own name among the words makes the header that joint's.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from energy_opt.measured import words as w
+from energy_opt.measured.units import UNITS, known_unit
+
+
+@dataclass(frozen=True)
+class Header:
+    """A header cut up: words in lower case, numbers, and the unit it names (as written)."""
+
+    text: str
+    words: tuple[str, ...]
+    numbers: tuple[int, ...]
+    unit: str
+
+
+@lru_cache(maxsize=8192)
+def cut(text: str) -> Header:
+    """Cut a header up.
+
+    >>> cut("J1 Angle (deg)")
+    Header(text='J1 Angle (deg)', words=('j', 'angle'), numbers=(1,), unit='deg')
+    >>> cut("/joint_states/position[2]").words
+    ('joint', 'states', 'position')
+    """
+    rest, unit = text, ""
+    bracket = re.search(r"[\[(<{]\s*([^\[\](){}<>]*[^\d\[\](){}<>\s][^\[\](){}<>]*)\s*[\])>}]\s*$", rest)
+    if bracket and any(known_unit(kind, bracket.group(1)) for kind in UNITS):
+        rest, unit = rest[: bracket.start()], bracket.group(1).strip()
+    parts = re.findall(r"[A-Za-zµμ°À-ÿ]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", rest))
+    if not unit and len(parts) > 1:
+        tail = re.search(r"[_ ./-]((?:rad|deg|°|mm|m|rev)_?(?:per_?|/|_)?s(?:2|\^2)?|[A-Za-zµμ°]+)$", rest)
+        word = tail.group(1) if tail else ""
+        if word and len(word) > 0 and _unit_of_tail(word):
+            rest, unit = rest[: tail.start()] if tail else rest, word
+            parts = re.findall(r"[A-Za-zµμ°À-ÿ]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", rest))
+    words = tuple(part.lower() for part in parts if not part.isdigit())
+    numbers = tuple(int(part) for part in parts if part.isdigit() and len(part) < 5)
+    return Header(text, words, numbers, unit)
+
+
+def _unit_of_tail(word: str) -> bool:
+    """Whether the last word is a unit; single letters but s, W, A, V and J are no units but names."""
+    if len(word) == 1 and word not in "sWAVJ°":
+        return False
+    return word.lower() not in ("min", "h", "rev", "turn", "n") and any(known_unit(kind, word) for kind in UNITS)
+
+
+def unit_in(kind: str, header: str) -> str | None:
+    """The unit of a kind that a header itself names."""
+    return known_unit(kind, cut(header).unit)
+
+
+def signal_of(words: Iterable[str]) -> str | None:
+    """The joint signal that words tell, None for none."""
+    have = set(words)
+    if have & w.STRANGE:
+        return None
+    if {"q", "dot"} <= have or {"theta", "dot"} <= have:
+        return "velocity"
+    return next((signal for signal, known in w.SIGNALS.items() if have & known), None)
+
+
+def joint_columns(
+    header: Sequence[str], joints: Sequence[str], told: Mapping[int, str] | None = None
+) -> dict[str, dict[str, str]]:
+    """Which header holds which joint's signal: {signal: {joint: header}}, only signals found for every joint.
+
+    Args:
+        header: of a file. joints: the robot's. told: joint name by number, where the file itself says.
+    """
+    by_name = _by_name(header, joints)
+    by_number = _by_number(header, joints, told or {})
+    out = {}
+    for signal in w.SIGNALS:
+        found = by_name.get(signal) or by_number.get(signal)
+        if found is not None:
+            out[signal] = found
+    return out
+
+
+def _by_name(header: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str, str]]:
+    names = _short_names(joints)
+    found: dict[str, dict[str, tuple[float, str]]] = defaultdict(dict)
+    for text in header:
+        flat = re.sub(r"[^a-z0-9]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text).lower())
+        flat = f" {flat} "
+        fitting = [(len(form), form, joint) for joint, forms in names.items() for form in forms if form in flat]
+        if fitting:
+            _, form, joint = max(fitting)
+            words = cut(flat.replace(form, " ", 1)).words
+            telling = [x for x in words if x not in ("joint", "joints", "j", "a")]
+            signal = signal_of(telling) or ("position" if not telling or set(telling) <= {"states", "state"} else None)
+            if signal is not None:
+                rank = _rank(words)
+                if rank > found[signal].get(joint, (-9.0, ""))[0]:
+                    found[signal][joint] = (rank, text)
+    whole = {signal: {j: text for j, (_, text) in by.items()} for signal, by in found.items()}
+    return {signal: by for signal, by in whole.items() if set(by) == set(joints)}
+
+
+def _short_names(joints: Sequence[str]) -> dict[str, list[str]]:
+    """Forms under which a joint may stand in a flattened header."""
+    flat = {joint: re.sub(r"[^a-z0-9]+", " ", joint.lower()).strip() for joint in joints}
+    forms: dict[str, list[str]] = {}
+    universal = {"shoulder pan joint": "base", "shoulder lift joint": "shoulder", "elbow joint": "elbow"}
+    for joint, name in flat.items():
+        own = [name]
+        if name.endswith(" joint"):
+            own += [name.removesuffix(" joint"), name.removesuffix(" joint").replace(" ", "")]
+        if name in universal:
+            own.append(universal[name])
+        forms[joint] = [f" {form} " for form in own]
+    return forms
+
+
+def _by_number(header: Sequence[str], joints: Sequence[str], told: Mapping[int, str]) -> dict[str, dict[str, str]]:
+    vectors: dict[tuple[tuple[str, ...], int, tuple[int, ...]], dict[int, str]] = defaultdict(dict)
+    for text in header:
+        h = cut(text)
+        for place, number in enumerate(h.numbers):
+            others = h.numbers[:place] + h.numbers[place + 1 :]
+            vectors[h.words, place, others].setdefault(number, text)
+    best: dict[str, tuple[float, dict[str, str]]] = {}
+    for (stem, _, _), members in vectors.items():
+        signal = signal_of(stem)
+        if signal is None or len(members) < len(joints):
+            continue
+        first = 0 if 0 in members else 1
+        numbers = range(first, first + len(joints))
+        if told:
+            order = {told[k]: members[k] for k in members if k in told}
+        else:
+            order = {joint: members[k] for joint, k in zip(joints, numbers, strict=True) if k in members}
+        if set(order) < set(joints):
+            continue
+        rank = _rank(stem) - 0.01 * abs(len(members) - len(joints))
+        if rank > best.get(signal, (-0.5, {}))[0]:
+            best[signal] = (rank, {joint: order[joint] for joint in joints})
+    return {signal: order for signal, (_, order) in best.items()}
+
+
+def _rank(words: Sequence[str]) -> float:
+    """How likely words mean what was measured: commanded values below 0, said to be measured above."""
+    have = set(words)
+    return len(have & w.MEASURED) * 0.3 - (2.0 if have & w.COMMANDED else 0.0) - 0.01 * len(words)
+
+
+def time_columns(header: Sequence[str]) -> list[str]:
+    """Headers that may hold the stamps, likeliest first."""
+    ranked = []
+    for k, text in enumerate(header):
+        h = cut(text)
+        have = [w.TIME.index(word) for word in h.words if word in w.TIME]
+        if not have and re.fullmatch(r"_*(id|index|ms|s|t|sec)_*", text.strip().lower()):
+            have = [len(w.TIME)]
+        if have and not set(h.words) & w.NOT_TIME:
+            ranked.append((min(have) + (3 if "header" in h.words else 0) + len(h.words) / 10 + k / 1e4, text))
+    return [text for _, text in sorted(ranked)]
+
+
+def power_column(header: Sequence[str]) -> str | None:
+    """The header of the whole robot's power, None where none says so."""
+    good = {"total": 2.0, "robot": 1.0, "arm": 1.0, "active": 1.0, "whole": 1.0, "sum": 1.0, "main": 0.5, "input": 0.5}
+    return _best(header, w.POWER, w.NOT_POWER, good, "power")
+
+
+def energy_column(header: Sequence[str]) -> str | None:
+    """The header of a counter of energy."""
+    good = {"total": 1.0, "import": 1.0, "robot": 1.0, "active": 0.5}
+    found = _best(header, w.ENERGY, w.NOT_POWER | {"kinetic", "potential", "reactive"}, good, "energy")
+    return found if found is None or set(cut(found).words) & (w.ENERGY - {"counter"}) else None
+
+
+def _best(
+    header: Sequence[str], words: frozenset[str], never: frozenset[str], good: Mapping[str, float], kind: str
+) -> str | None:
+    best, score = None, 0.0
+    for text in header:
+        h = cut(text)
+        unit = known_unit(kind, h.unit)
+        have = set(h.words) & words
+        foreign = h.unit and unit is None and any(known_unit(k, h.unit) for k in UNITS)
+        if not (have or unit) or set(h.words) & never or foreign:
+            continue
+        value = 1 + (1.0 if unit else 0.0) + sum(good.get(word, 0) for word in h.words) - 0.1 * len(h.words)
+        value += 0.5 if have - {"p"} else 0.0
+        value -= 0.5 * len(h.numbers) + (2.0 if set(h.words) & w.COMMANDED else 0.0)
+        if value > score:
+            best, score = text, value
+    return best
+
+
+def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
+    """Headers of a voltage and a current of the same supply, whose product is the power."""
+    good = {"robot": 2.0, "supply": 1.0, "bus": 1.0, "dc": 1.0, "total": 1.0, "battery": 0.5, "input": 0.5}
+    best, score = None, 0.0
+    cells = [cut(text) for text in header]
+    for volt in cells:
+        if not (set(volt.words) & w.VOLT or volt.unit == "V"):
+            continue
+        for ampere in cells:
+            named = set(ampere.words) & w.AMPERE or known_unit("current", ampere.unit)
+            if not named or ampere.text == volt.text or ampere.numbers != volt.numbers:
+                continue
+            if set(ampere.words) & w.COMMANDED or set(volt.words) & (w.COMMANDED | {"joint", "tool"}):
+                continue
+            other_v, other_a = set(volt.words) - w.VOLT, set(ampere.words) - w.AMPERE
+            if other_v != other_a:
+                continue
+            value = 1 + sum(good.get(word, 0) for word in other_v) - len(volt.numbers)
+            if value > score:
+                best, score = (volt.text, ampere.text), value
+    return best

@@ -1,0 +1,208 @@
+"""One [[run]] of a log to runs: joints and meter read, put on one clock, and cut at gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from energy_opt.measured.clock import activity, align
+from energy_opt.measured.columns import Rule, plain_rules
+from energy_opt.measured.joints import EPOCH, FEWEST, Joints, read_joints
+from energy_opt.measured.log import LogFile, RunEntry
+from energy_opt.measured.presets import PRESETS
+from energy_opt.measured.readings import Readings, read_meter, total
+from energy_opt.measured.run import Run
+from energy_opt.measured.segment import cut_at_standstill, pieces
+from energy_opt.measured.table import Table
+from energy_opt.robot import Robot
+
+UPTIME = 3600.0  # [s] clocks that begin later count from something else than the recording's begin
+MOVES_ENOUGH = 0.05  # [rad] of some joint, for power to follow
+SLOW = 0.09  # [s] a meter slower than this may show means over its own interval
+
+
+@dataclass
+class Recording:
+    """What came of a [[run]]: its runs, what is wrong with it, and what reading it took.
+
+    `interval` is that of a slow meter of which nobody says whether it shows means, s, and `mean` the log likelihood by
+    which means fit this run's motion better than the power at the stamps.
+    """
+
+    runs: list[Run] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    interval: float = 0.0
+    mean: float = 0.0
+
+
+def rules_of(log: LogFile, robot: Robot, table: Table) -> dict[str, Rule]:
+    """The rules for a table: plain headers or a preset's, overlaid by what the log gives."""
+    rules = PRESETS[log.preset](robot.joints, table) if log.preset else plain_rules(robot.joints)
+    return {**rules, **log.rules}
+
+
+def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) -> Recording:
+    """Read one [[run]]; `clock` is the set time of its time 0 [s] where the log states none."""
+    out = Recording()
+    table = Table(log.file(entry.file), log.csv)
+    rules = rules_of(log, robot, table)
+    joints = read_joints(table, rules, robot, entry.kind)
+    if joints is None:
+        out.faults = list(dict.fromkeys(table.faults))
+        return out
+    out.remarks += [f"{entry.file}: {word}" for word in joints.rows.remarks]
+    readings = _readings(log, entry, table, rules, joints, out)
+    if readings is None:
+        return out
+    out.remarks += [f"{entry.power_file or entry.file}: {word}" for word in readings.remarks]
+    zero = float(joints.time[0]) if joints.dated or abs(joints.time[0]) >= UPTIME else 0.0
+    time = joints.time - zero
+    moved, status = _one_clock(log, entry, robot, joints, readings, zero, out)
+    if moved is None:
+        return out
+    start = clock if entry.start is None else entry.start
+    signals: dict[str, Any] = {name: joints.signals.get(name) for name in SIGNALS}
+    run = Run(
+        entry.file, entry.kind, start, time, power_time=moved.time, power=moved.power, window=moved.window,
+        meter=moved.kind, clock=status, **signals,
+    )  # fmt: skip
+    _cut(log, run, joints.rows.gaps, out)
+    return out
+
+
+SIGNALS = ("position", "velocity", "acceleration", "effort", "current", "temperature")
+
+
+def _readings(
+    log: LogFile, entry: RunEntry, table: Table, rules: Mapping[str, Rule], joints: Joints, out: Recording
+) -> Readings | None:
+    """The meter's readings as its file counts time; None after faults."""
+    if entry.energy is not None:
+        return total(joints.time, entry.energy)
+    own = entry.power_file is not None
+    source = table
+    if entry.power_file is not None:
+        source = Table(log.file(entry.power_file), log.csv)
+        if log.preset:
+            rules = {**rules_of_meter(log, source), **log.rules}
+    named = [rules[name] for name in ("energy", "power") if name in rules]
+    if not own and not any(rule.there(source) for rule in named) and {"current", "effort"} & set(joints.signals):
+        out.remarks.append(f"{entry.file}: no meter; currents or torques only")
+        none = np.zeros(0)
+        return Readings(none, none, none, "power", joints.dated)
+    if not named:
+        rules = {**rules, "power": Rule(("power",))}
+    readings = read_meter(source, rules, own, log.window)
+    if readings is None:
+        out.faults += list(dict.fromkeys(source.faults))
+        return None
+    return readings if own else _on_kept_rows(readings, joints)
+
+
+def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
+    """Rules for a meter's own file beside a recorder's: its own headers."""
+    from energy_opt.measured.names import energy_column, power_column, time_columns
+    from energy_opt.measured.presets import AUTO
+
+    rules = {}
+    stamps, power, energy = time_columns(table.header), power_column(table.header), energy_column(table.header)
+    if stamps:
+        rules["power.time"] = Rule((stamps[0],), AUTO)
+    if power is not None or energy is None:
+        rules["power"] = Rule((power or "power",))
+    else:
+        rules["energy"] = Rule((energy,))
+    return rules
+
+
+def _on_kept_rows(readings: Readings, joints: Joints) -> Readings:
+    """A meter in the joints' own table: where rows were dropped or moved, so are its readings."""
+    raw = np.unique(readings.time)
+    if len(raw) == len(readings.time) and np.isin(raw, joints.time).all():
+        return readings
+    inside = (readings.time >= joints.time[0]) & (readings.time <= joints.time[-1])
+    first = np.concatenate([[True], np.diff(readings.time) > 0])
+    if len(readings.time) == len(joints.time) and not first.all():  # stamps were spread: the rows are the same ones
+        return replace(readings, time=joints.time)
+    return readings.some(inside & first)
+
+
+def _one_clock(
+    log: LogFile, entry: RunEntry, robot: Robot, joints: Joints, readings: Readings, zero: float, out: Recording
+) -> tuple[Readings | None, str]:
+    """The readings on the run's clock, and how that is known."""
+    time = joints.time - zero
+    status = "shared"
+    stamps = readings.time - zero
+    if entry.power_file is not None and len(stamps):
+        same = abs(readings.time[0]) > EPOCH and abs(joints.time[0]) > EPOCH
+        first = float(readings.time[0]) if readings.dated or abs(readings.time[0]) >= UPTIME else 0.0
+        if entry.power_start is not None:
+            stamps, status = readings.time - (first if readings.dated else 0.0) + entry.power_start, "stated"
+        elif not same and _overlap(stamps, time) < 0.5:
+            stamps = readings.time - first
+    seek = entry.power_file is not None and entry.power_start is None and len(stamps) > 1
+    interval = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+    slow = interval > max(SLOW, 2.5 * float(np.median(np.diff(time)))) and log.window is None
+    infer = slow and readings.kind == "power"
+    windows = [readings.window, np.full(len(stamps), interval)] if infer else [readings.window]
+    overlap = _overlap(stamps, time) if len(stamps) > 1 else 1.0
+    found, which, advantage = None, 0, 0.0
+    if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
+        motion = activity(robot, time, joints.signals["position"])
+        found, which, advantage = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
+    if found is None and seek and overlap < 0.5:
+        out.faults.append(
+            f"{log.file(entry.power_file or '')}: its clock runs from {stamps[0]:g} to {stamps[-1]:g} s, the "
+            f"motion's from {time[0]:g} to {time[-1]:g} s: they hardly overlap; both count from the run's time 0, "
+            "unless power_start says where the meter's begins"
+        )
+        return None, status
+    if found is not None:
+        shift = float(found.moved(stamps[:1])[0] - readings.time[0])
+        stamps, status = found.moved(stamps), "estimated"
+        drift = f", drifting by {1e6 * found.drift:.0f} ppm" if found.drift else ""
+        out.remarks.append(
+            f"{entry.power_file}: the meter's clock was found by correlation with the motion: its time 0 is at "
+            f"{shift:.3f} s of {entry.file}{drift} (the motion explains {100 * found.explained:.0f} % of the "
+            "readings' variance; power_start states it otherwise)"
+        )
+    window = windows[which]
+    if infer:
+        out.interval, out.mean = interval, advantage
+    slack = 0.1 * window + 1e-9
+    keep = (stamps - window >= time[0] - slack) & (stamps <= time[-1] + 1e-9)
+    if readings.kind == "total":
+        keep[:] = True
+    return replace(readings, time=stamps, window=window).some(keep), status
+
+
+def _overlap(stamps: np.ndarray, time: np.ndarray) -> float:
+    """Share of the motion that the meter's stamps cover."""
+    return float((min(time[-1], stamps[-1]) - max(time[0], stamps[0])) / (time[-1] - time[0]))
+
+
+def _cut(log: LogFile, run: Run, gaps: tuple[int, ...], out: Recording) -> None:
+    parts = [run]
+    if gaps and run.meter != "total":
+        parts = split_at_gaps(run, gaps)
+        short = len(gaps) + 1 - len(parts)
+        if short:
+            out.remarks.append(f"{run.file}: {short} piece(s) between gaps with fewer than {FEWEST} rows left out")
+    if log.standstill and run.meter != "total":
+        parts = [piece for part in parts for piece in cut_at_standstill(part)]
+    if len(parts) == 1 and not log.standstill:
+        out.runs = [replace(parts[0], file=run.file)]
+    else:
+        out.runs = [replace(part, file=f"{run.file}#{k}") for k, part in enumerate(parts, start=1)]
+
+
+def split_at_gaps(run: Run, gaps: tuple[int, ...]) -> list[Run]:
+    """The pieces of a run between gaps after rows `gaps`; readings whose window reaches into a gap are left out."""
+    edges = [-1, *gaps, len(run.time) - 1]
+    spans = [(a + 1, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= FEWEST]
+    return pieces(run, spans, strict=True)

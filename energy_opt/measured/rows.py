@@ -1,0 +1,115 @@
+"""Rows as recorders write them to rows as a motion has them: repeated stamps, missing rows, gaps. All is counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+COARSE = 0.3  # share of rows with the stamp of the row before, from which stamps are coarser than the rows
+GAP = 0.25  # [s] without a row, or `GAP_STEPS` steps: nothing is known of the motion in between
+GAP_STEPS = 10
+SKIPPED = 1.6  # steps between rows from which one is missing
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which rows are kept (K,), their stamps (K,) [s], and after which of the kept ones there is a gap."""
+
+    kept: np.ndarray
+    time: np.ndarray
+    gaps: tuple[int, ...]
+    remarks: tuple[str, ...] = field(default=())
+
+
+def backward(time: np.ndarray) -> int | None:
+    """The first row whose stamp lies before that of the row above it, None where there is none."""
+    back = np.flatnonzero(np.diff(time) < 0)
+    return int(back[0]) + 1 if back.size else None
+
+
+def clean(time: np.ndarray, values: np.ndarray) -> Rows:
+    """Rows with increasing stamps out of rows with stamps that do not decrease.
+
+    A row that repeats the one above it, stamp and values, is dropped. Rows that share a stamp but differ are spread
+    evenly where stamps are coarser than the rows, moved to the place that is free behind them where there is one, and
+    dropped otherwise.
+
+    Args:
+        time: (N,) s, not decreasing. values: (N, m) of all that is logged.
+    """
+    remarks = []
+    same = np.concatenate([[False], np.diff(time) == 0])
+    copies = same & np.concatenate([[False], (np.diff(values, axis=0) == 0).all(axis=1)])
+    coarse = float((same & ~copies).mean()) > COARSE
+    kept = np.flatnonzero(~copies)
+    if copies.any() and not coarse:
+        remarks.append(f"{int(copies.sum())} repeated rows dropped")
+    elif copies.any():  # under coarse stamps an arm at rest repeats itself truly
+        kept = np.arange(len(time))
+    stamps = time[kept].astype(float)
+    same = np.concatenate([[False], np.diff(stamps) == 0])
+    if same.any():
+        if coarse:
+            stamps = _spread(stamps, same)
+            remarks.append(f"stamps stand still in {int(same.sum())} of {len(stamps)} rows: rows spread evenly, kept")
+        else:
+            kept, stamps, moved = _moved(kept, stamps, same)
+            if moved:
+                remarks.append(f"{moved} rows with the stamp of the row before moved to the free place behind it")
+            if int(same.sum()) - moved:
+                remarks.append(f"{int(same.sum()) - moved} rows with the stamp of the row before dropped")
+    if len(stamps) < 3:
+        return Rows(kept, stamps, (), tuple(remarks))
+    step = np.diff(stamps)
+    usual = float(np.median(step))
+    limit = max(GAP, GAP_STEPS * usual)
+    wide = step > limit
+    missing = np.rint(step / usual).astype(int) - 1
+    skipped = (step > SKIPPED * usual) & ~wide
+    if skipped.any() and skipped.mean() < 0.1:
+        remarks.append(f"{int(missing[skipped].sum())} rows missing in {int(skipped.sum())} places: bridged")
+    if wide.any():
+        lengths = ", ".join(f"{x:.3g} s at {t:.4g} s" for x, t in zip(step[wide][:3], stamps[:-1][wide], strict=False))
+        more = f" and {int(wide.sum()) - 3} more" if wide.sum() > 3 else ""
+        remarks.append(f"cut at {int(wide.sum())} gap(s) without rows ({lengths}{more})")
+    return Rows(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
+
+
+def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
+    """Rows of one stamp spread evenly up to the next stamp; those of the last as far apart as those before."""
+    group = np.cumsum(~same) - 1
+    first = np.flatnonzero(~same)
+    size = np.diff(np.append(first, len(stamps)))
+    length = np.diff(stamps[first])
+    usual = float(np.median(length)) if len(length) else 1.0
+    length = np.append(np.minimum(length, 2 * usual), usual)
+    return stamps + (np.arange(len(stamps)) - first[group]) * (length / size)[group]
+
+
+def _moved(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Rows with the stamp of the one before: half way to the next row where a row is missing there, else dropped."""
+    step = np.diff(stamps)
+    usual = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
+    room = np.append(step, 0.0) > SKIPPED * usual
+    move = same & room & ~np.append(same[1:], False)
+    stamps = np.where(move, stamps + usual, stamps)
+    stay = ~same | move
+    return kept[stay], stamps[stay], int(move.sum())
+
+
+def held(values: np.ndarray) -> np.ndarray | None:
+    """The rows (M,) at which a slower source's reading was new, where each is held over several rows; None where not.
+
+    Readings come at a beat: all distances between changes are multiples of one number of rows. A coarse instrument's
+    values stay for a while too, but keep no beat.
+    """
+    change = np.flatnonzero(np.diff(values) != 0) + 1
+    if len(change) < 5 or len(change) > len(values) / 3:
+        return None
+    apart = np.diff(change)
+    beat = int(np.percentile(apart, 10))
+    if beat < 3:
+        return None
+    off = np.abs(apart - beat * np.rint(apart / beat))
+    return change if float(np.mean(off <= (1 if beat >= 10 else 0))) >= 0.95 else None

@@ -1,0 +1,56 @@
+"""A trajectory on a dense grid, with all that is read from it: limits and energy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import RigidBody
+
+
+@dataclass(frozen=True)
+class Dense:
+    """A trajectory on a grid that is `factor` times denser than its rows, by Pinocchio's torque and the exact laws.
+
+    time (M,) [s] from 0; q, v, a, jerk (M, n); effort (M, n) [N m] the motors' torque; power (M,) [W] and its parts
+    by effect (M, parts). Every `factor`-th of them is a row.
+    """
+
+    trajectory: Trajectory
+    body: RigidBody
+    factor: int
+    time: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    jerk: np.ndarray
+    effort: np.ndarray
+    power: np.ndarray
+    parts: np.ndarray
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.trajectory.joints
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """Simpson's weights (M,) [s] of an integral over time; `factor` is even.
+
+        At 4 ms between rows and ten places between them the rule errs by about 1e-10 of a smooth integral, and
+        by a tenth of a row where a law has a kink.
+        """
+        step = np.diff(self.trajectory.time) / self.factor
+        pattern = np.tile([2.0, 4.0], self.factor // 2) / 3
+        weight = np.append((step[:, None] * pattern).ravel(), 0.0)
+        pairs = step / 3  # an interval's first and last place count once on either side
+        weight[:: self.factor] = np.append(pairs, 0.0) + np.append(0.0, pairs)
+        return weight
+
+    @property
+    def filled(self) -> Trajectory:
+        """The trajectory with effort and power at its rows."""
+        return replace(self.trajectory, effort=self.effort[:: self.factor], power=self.power[:: self.factor])

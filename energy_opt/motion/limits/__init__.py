@@ -1,0 +1,1 @@
+"""Limits of motion: one file each, and the list of those in force (see `base` for how to add one)."""

@@ -1,0 +1,250 @@
+"""What a limit is: a bound on a motion, and how judge, retiming and reshaping each see it. One file per limit.
+
+Everything that checks or keeps limits loops over a list of `Limit` objects and asks for what it can use; whatever a
+limit does not override is "nothing". A new limit is one file with one class, and its line in `registry`.
+
+    what asks                  calls                what comes back
+    judge (certificate)        worst(dense)         the worst place of a sampled motion, by the exact laws
+    mending                    scaled(share)        the same limit with a smaller bound
+    path check                 fixed(d)             what no timing of a path can change: position, holding still
+    retiming, minimum time     linear(d, b)         |ra a + rb b + r0| <= 1, a path acceleration, b squared path speed
+                               tangent(d, a, b)     the same to first order, for limits that are not linear
+                               functions(path, s)   |f(a, b, w)| <= 1 in NumPy, for limits that need w = da/ds
+                               expression(x, p)     else: compiled with the power law at the path's points
+    reshaping                  box(n)               bounds of control points: a spline lies in their hull
+                               order, bound         rows on the control points of the derivative of that order
+                               expression(x, p)     symbolic rows at nodes, of (q, v, a, effort, power, t)
+                               places(curve)        numeric rows at places of its own, of position only (`PlaceRows`)
+                               via                  points that are passed at times of the solver's choice
+
+Symbolic rows are compiled and differentiated with the model's node functions: they may depend on the whole state and
+cost nothing in Python. Their numbers (a bound, a reference pose) are either `scale`, by which the rows are divided
+outside, or `values`, which enter as `p`; neither builds anything anew. `structure` is what does.
+
+Numeric rows (`PlaceRows`) are for what has no short graph: distances between bodies. They depend on the position at
+their place alone, are evaluated for all rows at once, and enter the banded Hessian through the B-splines that are not
+zero there. `places` is asked at the start of every IPOPT round, so what is frozen in a round is renewed in the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, Self
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.path import JointPath
+from energy_opt.motion.path_dynamics import PathDynamics
+
+NOTHING = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Violation:
+    """The place where a limit is used most.
+
+    Attributes:
+        excess: beyond the bound, as a fraction of it (<= 0 is inside, -1 unused); None where it cannot be told.
+        where: the joint, or what else is limited.
+        time: s; value and bound in the limit's unit.
+    """
+
+    limit: str
+    excess: float | None
+    where: str
+    time: float
+    value: float
+    bound: float
+
+
+@dataclass(frozen=True)
+class State:
+    """A motion at one instant as CasADi columns: q, v, a (n, 1); the motors' torque (n, 1); power [W]; time [s]."""
+
+    q: ca.SX
+    v: ca.SX
+    a: ca.SX
+    effort: ca.SX
+    power: ca.SX
+    t: ca.SX
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Excess (M, m) along a path that no timing changes; `text(k, j)` says what is wrong at place k in column j.
+
+    `holding`: it is what standing still takes, and nothing where the arm passes.
+    """
+
+    excess: np.ndarray
+    text: Callable[[int, int], str]
+    holding: bool = False
+
+
+@dataclass(frozen=True)
+class Linear:
+    """|ra a + rb b + r0| <= 1 along a path, (M, m) each, in units of the bound."""
+
+    ra: np.ndarray
+    rb: np.ndarray
+    r0: np.ndarray
+
+    def use(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Share of the bound (M, m) that path accelerations and squared speeds (M,) use."""
+        return np.abs(self.ra * a[:, None] + self.rb * b[:, None] + self.r0)
+
+    @property
+    def of_speed(self) -> bool:
+        """Does it bound the speed alone?"""
+        return not (self.ra.any() or self.r0.any())
+
+    @property
+    def fastest(self) -> np.ndarray:
+        """The largest squared speed (M,) within a limit of the speed alone."""
+        return 1 / np.maximum(self.rb.max(axis=1), 1e-24)
+
+
+class Functions(Protocol):
+    """Functions of z (d, K) at K points, r of them at each, in units of their bounds; Hessians as upper triangles.
+
+    z is (a, b), or (a, b, w). A triangle is listed column by column: (aa, ab, bb) or (aa, ab, bb, aw, bw, ww).
+    """
+
+    def value(self, z: np.ndarray) -> np.ndarray:
+        """(K, r)."""
+
+    def slope(self, z: np.ndarray) -> np.ndarray:
+        """(K, r, d)."""
+
+    def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Sum of the functions' Hessians times multipliers (K, r), (d (d + 1) / 2, K)."""
+
+
+class PlaceRows(Protocol):
+    """R numeric rows lower <= f <= upper on the positions at K places of a curve.
+
+    The same array q is handed to `value`, `gradient` and `hessian` of one iterate: keep what they share by `q is …`.
+
+    Attributes:
+        u: (K,) the places, in [0, 1] of the duration, anywhere and in any order.
+        place: (R,) which place each row is at.
+        lower, upper: (R,) bounds; rows should be of order one near them (divide distances by a length).
+        keys: (R,) integers that name rows from round to round (body pair and place), so that multipliers are kept.
+    """
+
+    u: np.ndarray
+    place: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    keys: np.ndarray
+
+    def value(self, q: np.ndarray) -> np.ndarray:
+        """(R,) at positions q (K, n)."""
+
+    def gradient(self, q: np.ndarray) -> np.ndarray:
+        """(R, n) with respect to the position at each row's place."""
+
+    def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """(K, n, n), at each place the sum of its rows' Hessians times multipliers (R,)."""
+
+
+class Limit:
+    """Base of all limits; an instance holds its bounds, and is never changed.
+
+    Attributes:
+        name: as in messages and `max_violation`; unit: of value and bound.
+        order: of the derivative of position whose control points `bound` (n,) bounds both ways; 0: none.
+        scale: (m,) what symbolic rows are divided by, so that they lie in [-1, 1]; inf: no bound. Empty: no such rows.
+        one_sided: symbolic rows have no lower bound.
+        squared: `linear` and `use` are of the limited value's square.
+        values: numbers that `expression` takes as its p.
+        via: (vias, n) points to pass, in order.
+    """
+
+    name: ClassVar[str]
+    unit: ClassVar[str]
+    order: ClassVar[int] = 0
+    one_sided: ClassVar[bool] = False
+    squared: ClassVar[bool] = False
+    bound: np.ndarray = NOTHING
+    scale: np.ndarray = NOTHING
+    values: np.ndarray = NOTHING
+    via: np.ndarray = np.zeros((0, 0))
+
+    @property
+    def structure(self) -> Hashable:
+        """What built expressions depend on besides `values` and `scale`."""
+        return type(self).__name__
+
+    def where(self, joints: Sequence[str], column: int) -> str:
+        """What a column of values belongs to: the joint, unless a limit says otherwise."""
+        return joints[column]
+
+    def worst(self, x: Dense) -> Violation:
+        """Where a sampled motion uses the limit most, by the exact laws."""
+        raise NotImplementedError
+
+    def scaled(self, share: float) -> Self:
+        """The limit with `share` of its bound, where a bound can be made smaller at all."""
+        return self
+
+    def fixed(self, d: PathDynamics) -> Fixed | None:
+        """What no timing of a path can mend."""
+        return None
+
+    def linear(self, d: PathDynamics, b: float) -> Linear | None:
+        """The limit along a path where it is linear in a and b; `b` is a usual squared speed there."""
+        return None
+
+    def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear | None:
+        """The limit to first order about (a, b), (M,) each; None where that is of no use."""
+        return self.linear(d, float(np.max(b)))
+
+    def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray], Functions] | None:
+        """The limit as a function of (a, b, w) at s (M,): from places k and columns j (K,) to the functions there."""
+        return None
+
+    def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
+        """Share of the bound (M, m) that is used along a path, by the exact laws; None: (a, b) do not tell."""
+        return None
+
+    def box(self, n: int) -> tuple[np.ndarray, np.ndarray] | None:
+        """Bounds (n,) of all control points."""
+        return None
+
+    def expression(self, x: State, p: ca.SX) -> ca.SX:
+        """Symbolic rows (m, 1) at a node, in the unit of `scale`."""
+        raise NotImplementedError
+
+    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceRows | None:
+        """Numeric rows near a curve, which gives positions (K, n) at u (K,); asked before every IPOPT round."""
+        return None
+
+
+def worst_of(limit: Limit, x: Dense, value: np.ndarray, bound: np.ndarray, excess: np.ndarray) -> Violation:
+    """The place of the largest excess (N, m) of values (N, m) over bounds (m,)."""
+    k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    where, at = limit.where(x.joints, int(j)), (float(x.time[k]), float(value[k, j]), float(bound[j]))
+    return Violation(limit.name, float(excess[k, j]), where, *at)
+
+
+def box_of(limits: Sequence[Limit], n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds (n,) of control points under all limits."""
+    boxes = [box for limit in limits if (box := limit.box(n)) is not None]
+    lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
+    for low, high in boxes:
+        lower, upper = np.maximum(lower, low), np.minimum(upper, high)
+    return lower, upper
+
+
+def values_of(limits: Sequence[Limit]) -> np.ndarray:
+    """The numbers of all symbolic rows, in the order of the limits."""
+    return np.concatenate([NOTHING, *(limit.values for limit in limits)])
+
+
+def scaled(limits: Sequence[Limit], share: float) -> tuple[Limit, ...]:
+    """All limits with `share` of their bounds."""
+    return tuple(limit.scaled(share) for limit in limits)

@@ -1,0 +1,66 @@
+"""What can be said of limits before anything is solved: places of a path that no timing can bring inside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from energy_opt.errors import Infeasible
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.path import straight
+from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+ALLOWED = 1e-9  # of a bound, or of a range
+HELD = 1e-6  # of a bound: what the certificate lets pass
+
+
+def check_path(limits: Sequence[Limit], d: PathDynamics) -> None:
+    """What no timing can mend: positions outside the limits, and what merely holding the arm would take.
+
+    Raises:
+        Infeasible: names joint, limit, path position and excess.
+    """
+    for limit in limits:
+        fixed = limit.fixed(d)
+        if fixed is None:
+            continue
+        k, j = np.unravel_index(int(np.argmax(fixed.excess)), fixed.excess.shape)
+        if fixed.excess[k, j] <= ALLOWED:
+            continue
+        s, joint = float(d.s[k]), limit.where(d.robot.joints, int(j))
+        place = {0.0: "at the start", 1.0: "at the goal"}.get(s, f"at path position {s:.3f}")
+        raise Infeasible(
+            f"{joint}: {fixed.text(int(k), int(j))} {place}",
+            joint=joint,
+            limit=limit.name,
+            position=s,
+            excess=float(fixed.excess[k, j]),
+        )
+
+
+def check_pose(limits: Sequence[Limit], robot: Robot, model: PowerModel, q: np.ndarray, what: str, rest: bool) -> None:
+    """A pose (n,) that a move begins, passes or ends at: inside the limits, and held there where the arm is at `rest`.
+
+    Raises:
+        Infeasible: names `what`, the joint, limit and excess.
+    """
+    d = PathDynamics(robot, model, straight(q, q), np.zeros(1))
+    for limit in limits:
+        fixed = limit.fixed(d)
+        if fixed is None or (fixed.holding and not rest):
+            continue
+        j = int(np.argmax(fixed.excess[0]))
+        if fixed.excess[0, j] > (HELD if fixed.holding else ALLOWED):
+            joint, hint = limit.where(robot.joints, j), ""
+            if fixed.holding:
+                hint = "; a lighter payload or another posture would work"
+            raise Infeasible(
+                f"{what}: {joint}: {fixed.text(0, j)}{hint}",
+                joint=joint,
+                limit=limit.name,
+                position=1.0 if what == "goal" else 0.0,
+                excess=float(fixed.excess[0, j]),
+            )

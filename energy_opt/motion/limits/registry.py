@@ -1,0 +1,32 @@
+"""Which limits are in force: the robot's own, and those that are asked for besides."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from energy_opt.motion.limits.acceleration import Acceleration
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.effort import Effort
+from energy_opt.motion.limits.jerk import Jerk
+from energy_opt.motion.limits.position import Position
+from energy_opt.motion.limits.velocity import Velocity
+from energy_opt.motion.limits.via import ViaPoints
+from energy_opt.motion.move import Move, Settings
+from energy_opt.robot import Limits, Robot
+
+
+def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
+    """The limits that a robot's numbers stand for, in the order in which they are reported."""
+    return (
+        Position(bounds.lower, bounds.upper),
+        Velocity(bounds.velocity),
+        Acceleration(bounds.acceleration),
+        Jerk(bounds.jerk),
+        Effort(bounds.effort),
+    )
+
+
+def limits_of(robot: Robot, settings: Settings, move: Move | None = None) -> tuple[Limit, ...]:
+    """All limits in force for a robot's moves, or for one of them."""
+    via = () if move is None or not move.via else (ViaPoints(np.stack(move.via)),)
+    return (*joint_limits(robot.limits), *via)

@@ -1,0 +1,64 @@
+"""Via points: positions that a move passes, in order, at times of its own choice."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.limits.base import Limit, Violation
+from energy_opt.motion.trajectory import Trajectory
+
+PASSED = 1e-4  # [rad] so near every joint's position is the point passed: less than an arm's repeatability
+NEWTON = 8  # steps from the nearest sample to the nearest instant
+
+
+class ViaPoints(Limit):
+    """Points (vias, n) [rad]."""
+
+    name, unit = "via", "rad"
+
+    def __init__(self, via: np.ndarray) -> None:
+        self.via = np.asarray(via, dtype=float)
+
+    def worst(self, x: Dense) -> Violation:
+        """The via point that is missed most, each looked for after the one before was passed."""
+        begin, found = 0.0, []
+        for point in self.via:
+            time, miss = _nearest(x, point, begin)
+            found.append((float(miss.max()), time, int(np.argmax(miss))))
+            begin = time
+        value, time, j = max(found)
+        return Violation(self.name, value / PASSED - 1, x.joints[j], time, value, PASSED)
+
+
+def _nearest(x: Dense, point: np.ndarray, begin: float) -> tuple[float, np.ndarray]:
+    """When, from `begin` [s] on, a point is passed first, or else come nearest to; and |q - point| (n,) then."""
+    start = int(np.searchsorted(x.time, begin - 1e-12))
+    distance = np.linalg.norm(x.q[start:] - point, axis=1)
+    padded = np.concatenate([[np.inf], distance, [np.inf]])
+    low = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
+    step = np.gradient(x.time)[start:]
+    speed = np.linalg.norm(x.v[start:], axis=1)
+    # between two samples a curve comes nearer by what it covers there at most
+    low = low[distance[low] <= 2 * step[low] * speed[low] + distance.min() + 2 * PASSED]
+    best: tuple[float, np.ndarray] | None = None
+    for k in low:
+        time = _settled(x.trajectory, point, float(x.time[start + k]), max(begin, 0.0))
+        miss = np.abs(x.trajectory.sample(np.array([time + x.trajectory.time[0]]))[0][0] - point)
+        if miss.max() <= PASSED:
+            return time, miss
+        if best is None or miss.max() < best[1].max():
+            best = time, miss
+    assert best is not None
+    return best
+
+
+def _settled(trajectory: Trajectory, point: np.ndarray, time: float, begin: float) -> float:
+    """The instant near `time` at which the curve is nearest to a point: Newton on (q - point) . v = 0."""
+    for _ in range(NEWTON):
+        q, v, a, _ = (x[0] for x in trajectory.sample(np.array([time + trajectory.time[0]])))
+        slope, curvature = float((q - point) @ v), float(v @ v + (q - point) @ a)
+        if curvature <= 0:
+            break
+        time = float(np.clip(time - slope / curvature, begin, trajectory.duration))
+    return time

@@ -1,0 +1,196 @@
+"""First paths: the straight line where it is free, else bent lines of our own, else a sampling planner's."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from energy_opt.motion.path import JointPath, straight
+from energy_opt.motion.ways import ompl
+from energy_opt.motion.ways.polyline import Rounding, between, length, merged, shortened, without_needless
+
+Source = Literal["straight", "given", "own", "ompl"]
+VIAS = 150  # seeded points through which lines of our own may bend
+PAIRS = 400  # of such points that are tried two at a time
+FIRST = 60_000  # poses that the search for a first way may look at
+FURTHER = 10_000  # and that for each further one
+TRIES = 150  # cuts that are tried on a way
+SAME = 0.15  # ways whose middles are all nearer than this [rad] are one
+ROUNDS = 40  # times that corners are made tighter before a way is given up
+
+
+class Free(Protocol):
+    """What ways keep clear of: the body and the cell, asked pose by pose and, in the end, for a proof."""
+
+    def clear(self, q: np.ndarray) -> bool:
+        """Whether the pose q (n,) is free with the margin that ways should have."""
+        ...
+
+    def unproven(self, path: JointPath) -> float | None:
+        """Where along the path (s) its freedom could not be proven; None where all of it is proven."""
+        ...
+
+
+@dataclass(frozen=True)
+class Way:
+    """A free path.
+
+    Attributes:
+        source: what it comes from.
+        seconds: what finding it took, all searches before it included.
+        length: how long its bent line takes at the joints' speed limits, s.
+    """
+
+    path: JointPath
+    source: Source
+    seconds: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Ends:
+    """The ends of a way, (n,) [rad], bounds of the poses that it may pass, and the joints' speed limits."""
+
+    start: np.ndarray
+    goal: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+
+    @staticmethod
+    def of(start: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarray, velocity: np.ndarray) -> Ends:
+        """With bounds narrowed to half a turn beyond the ends: no way is the shorter for winding a joint up."""
+        least, most = np.minimum(start, goal), np.maximum(start, goal)
+        return Ends(
+            start, goal, np.minimum(np.maximum(lower, least - np.pi), least),
+            np.maximum(np.minimum(upper, most + np.pi), most), velocity,
+        )  # fmt: skip
+
+
+class _Search:
+    """Poses looked at so far, and lines between them."""
+
+    def __init__(self, free: Free, step: np.ndarray) -> None:
+        self._free, self._step = free, step
+        self.poses = 0
+
+    def clear(self, q: np.ndarray) -> bool:
+        self.poses += 1
+        return self._free.clear(q)
+
+    def line(self, a: np.ndarray, b: np.ndarray) -> bool:
+        """Whether the straight line between two free poses is free, as far as poses along it tell."""
+        return all(self.clear(q) for q in between(a, b, self._step))
+
+    def proven_line(self, a: np.ndarray, b: np.ndarray) -> bool:
+        """Whether it is, all of it. Poses alone would do between obstacles, but cutting corners goes for the edges."""
+        return self.line(a, b) and self._free.unproven(straight(a, b)) is None
+
+    def budget(self, poses: int) -> Callable[[], bool]:
+        """True once so many more poses have been looked at."""
+        last = self.poses + poses
+        return lambda: self.poses >= last
+
+
+def find_ways(
+    free: Free, ends: Ends, step: np.ndarray, *, planner: str = "auto", seed: int = 0, count: int = 1
+) -> list[Way]:
+    """Up to `count` proven ways, the shortest first; the straight line alone where it is free.
+
+    Args:
+        step: (n,) [rad] how far apart each joint's poses are looked at along a line.
+        planner: "auto" and "ompl" ask OMPL where our own lines find nothing ("auto": if it is installed), "none" not.
+        seed: of all random choices; the same gives the same ways.
+    """
+    began = time.perf_counter()
+    line = straight(ends.start, ends.goal)
+    if free.unproven(line) is None:
+        return [
+            Way(line, "straight", time.perf_counter() - began, length(np.stack([ends.start, ends.goal]), ends.velocity))
+        ]
+    search = _Search(free, step)
+    if not (search.clear(ends.start) and search.clear(ends.goal)):
+        return []
+    found: list[Way] = []
+    for source, points in _bent(search, ends, planner, seed, count):
+        way = _way(search, free, ends, points, source, seed + len(found), began)
+        if way is not None and not any(_alike(way, other) for other in found):
+            found.append(way)
+        if len(found) == count:
+            break
+    return sorted(found, key=lambda way: way.length)
+
+
+def _bent(search: _Search, ends: Ends, planner: str, seed: int, count: int) -> Iterator[tuple[Source, np.ndarray]]:
+    """Bent lines, free as far as poses along them tell."""
+    own = 0
+    for points in _own(search, ends, seed):
+        yield "own", points
+        own += 1
+        if own == count:
+            break
+    if planner == "none" or not ompl.installed():
+        return
+    for k in range(2 * count):
+        enough = search.budget(FIRST if k == 0 and own == 0 else FURTHER)
+        bent = ompl.rrt_connect(
+            ends.start, ends.goal, ends.lower, ends.upper, search.clear, search.line, enough, seed + k
+        )
+        if bent is not None:
+            yield "ompl", bent
+
+
+def _own(search: _Search, ends: Ends, seed: int) -> Iterator[np.ndarray]:
+    """Lines through one seeded point, or through two: one seen from the start and one seen from the goal."""
+    random = np.random.default_rng(seed)
+    middle, half = (ends.start + ends.goal) / 2, np.abs(ends.goal - ends.start) / 2
+    from_start, from_goal = [], []
+    for k in range(VIAS):
+        wide = k / VIAS  # from near the straight line to anywhere
+        q = random.uniform(ends.lower, ends.upper)
+        near = np.clip(middle + random.normal(size=len(q)) * (half + 0.3), ends.lower, ends.upper)
+        via = (1 - wide) * near + wide * q
+        if not search.clear(via):
+            continue
+        seen = search.line(ends.start, via), search.line(via, ends.goal)
+        if all(seen):
+            yield np.stack([ends.start, via, ends.goal])
+        elif seen[0]:
+            from_start.append(via)
+        elif seen[1]:
+            from_goal.append(via)
+    pairs = [(a, b) for a in from_start for b in from_goal]
+    pairs.sort(key=lambda pair: length(np.stack([ends.start, *pair, ends.goal]), ends.velocity))
+    for a, b in pairs[:PAIRS]:
+        if search.line(a, b):
+            yield np.stack([ends.start, a, b, ends.goal])
+
+
+def _way(
+    search: _Search, free: Free, ends: Ends, points: np.ndarray, source: Source, seed: int, began: float
+) -> Way | None:
+    """The bent line shortened, its corners rounded as far as the proof allows; None where it cannot be proven."""
+    points = without_needless(points, search.proven_line)
+    points = shortened(points, search.proven_line, ends.velocity, seed, TRIES)
+    points = without_needless(merged(points, search.proven_line), search.proven_line)
+    rounding = Rounding(points)
+    for _ in range(ROUNDS):
+        path = rounding.path()
+        if not Rounding.regular(path):
+            return None
+        where = free.unproven(path)
+        if where is None:
+            return Way(path, source, time.perf_counter() - began, length(points, ends.velocity))
+        if not rounding.tighter(where):
+            return None
+    return None
+
+
+def _alike(a: Way, b: Way) -> bool:
+    """Whether two ways are the same but for details."""
+    s = np.linspace(0, 1, 9)[1:-1]
+    return bool(np.abs(a.path(s) - b.path(s)).max() < SAME)

@@ -1,0 +1,7 @@
+"""Standard moves: what controllers take that know joint moves with a speed and an acceleration only."""
+
+from energy_opt.profiles.chain import Chain
+from energy_opt.profiles.plan import MovesPlanner, StandardMoves, as_result
+from energy_opt.profiles.point import Profile, fastest
+
+__all__ = ["Chain", "MovesPlanner", "Profile", "StandardMoves", "as_result", "fastest"]

@@ -1,0 +1,119 @@
+"""A chain of standard moves: joint-space lines from corner to corner, with ramps of velocity at both ends and between.
+
+Corners P_0 ... P_{K+1} (n,), of which the inner ones are via points. On the line to P_i all joints run together at the
+constant velocity
+
+    w_i = (P_i - P_{i-1}) / L_i
+
+where L_i is the time from the middle of one ramp to the middle of the next. Ramp i turns w_i into w_{i+1} (w_0 and
+w_{K+2} are rest) within tau_i seconds: the acceleration rises for u_i seconds, holds, and falls for u_i seconds,
+
+    peak acceleration  |w_{i+1} - w_i| / (tau_i - u_i)        jerk  peak / u_i
+
+so that a move without via points is the seven-segment S-curve, and with u -> 0 the trapezoid. At a via point the ramp
+is the blend: it leaves the line at P_i - w_i tau_i / 2, joins the next at P_i + w_{i+1} tau_i / 2, and stays inside the
+triangle between; P_i itself is not touched. Everything is closed form and smooth in P, L, tau and u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.motion.trajectory import Trajectory
+
+ROW_STEP = 0.004  # [s] largest time between two rows
+LEAST = 1e-12  # [s] pieces that are shorter than this have no row of their own
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One polynomial piece: when it begins, how long it lasts [s], and position and its derivatives there, (n,)."""
+
+    start: float
+    length: float
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    jerk: np.ndarray
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Corners (K + 2, n) [rad], spans L (K + 1,), ramps tau (K + 2,) and their rises u (K + 2,), all in s."""
+
+    corners: np.ndarray
+    spans: np.ndarray
+    ramps: np.ndarray
+    rises: np.ndarray
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return float(self.spans.sum() + (self.ramps[0] + self.ramps[-1]) / 2)
+
+    def lasting(self, duration: float) -> Chain:
+        """The same corners with all times stretched evenly to `duration` (s)."""
+        k = duration / self.duration
+        return Chain(self.corners, self.spans * k, self.ramps * k, self.rises * k)
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """Velocity on each line, (K + 1, n) [rad/s]."""
+        return np.diff(self.corners, axis=0) / self.spans[:, None]
+
+    @property
+    def changes(self) -> np.ndarray:
+        """Change of velocity over each ramp, (K + 2, n) [rad/s]."""
+        rest = np.zeros((1, self.corners.shape[1]))
+        return np.diff(np.vstack([rest, self.velocities, rest]), axis=0)
+
+    @property
+    def accelerations(self) -> np.ndarray:
+        """Peak acceleration in each ramp, with sign, (K + 2, n) [rad/s^2]."""
+        return self.changes / (self.ramps - self.rises)[:, None]
+
+    @property
+    def ramp_starts(self) -> np.ndarray:
+        """When each ramp begins, (K + 2,) [s]."""
+        middles = self.ramps[0] / 2 + np.concatenate([[0.0], np.cumsum(self.spans)])
+        return np.asarray(middles - self.ramps / 2)
+
+    def pieces(self) -> Iterator[Piece]:
+        """The polynomial pieces in order: rise, hold and fall of every ramp, and the lines between."""
+        velocities, peaks, starts = self.velocities, self.accelerations, self.ramp_starts
+        before = np.zeros(self.corners.shape[1])
+        for i, (tau, u) in enumerate(zip(self.ramps, self.rises, strict=True)):
+            q, v = self.corners[i] - before * tau / 2, before
+            a, t, jerk = np.zeros_like(before), float(starts[i]), peaks[i] / u
+            for length, slope in ((u, jerk), (tau - 2 * u, 0 * jerk), (u, -jerk)):
+                yield Piece(t, float(length), q, v, a, slope)
+                x = float(length)
+                q, v, a = q + x * v + x * x / 2 * a + x**3 / 6 * slope, v + x * a + x * x / 2 * slope, a + x * slope
+                t += x
+            if i < len(self.spans):
+                before = velocities[i]
+                q = self.corners[i] + before * tau / 2
+                yield Piece(t, float(starts[i + 1] - t), q, before, np.zeros_like(before), np.zeros_like(before))
+
+    def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
+        """The motion itself: a row where each piece begins and ends, and at most 4 ms apart.
+
+        Pieces are of third degree at most, so the quintic between two rows is the profile to rounding.
+        """
+        times, rows = [], []
+        for piece in self.pieces():
+            if piece.length <= LEAST:
+                continue
+            count = max(1, int(np.ceil(piece.length / ROW_STEP - 1e-9)))
+            x = (np.arange(count) / count * piece.length)[:, None]
+            times.append(piece.start + x[:, 0])
+            q = piece.q + x * (piece.v + x * (piece.a / 2 + x * (piece.jerk / 6)))
+            v = piece.v + x * (piece.a + x * (piece.jerk / 2))
+            rows.append(np.stack([q, v, piece.a + x * piece.jerk]))
+        last = np.stack([self.corners[-1], np.zeros_like(self.corners[-1]), np.zeros_like(self.corners[-1])])
+        q, v, a = np.concatenate([*rows, last[:, None]], axis=1)
+        a[0] = 0.0
+        return Trajectory(joints, np.append(np.concatenate(times), self.duration), q, v, a)

@@ -1,0 +1,209 @@
+"""The standard moves with the least energy for a move, and how much of what a free trajectory saves they keep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.judge.energy import Energy
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.move import Move
+from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
+from energy_opt.motion.result import Result
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics import ipopt
+from energy_opt.numerics.compile import compiled
+from energy_opt.profiles.chain import Chain
+from energy_opt.profiles.program import SHARP, Program, Shape
+
+MOST_VIAS = 5
+MENDS = 3  # times that limits are tightened where the judge finds them broken
+LONGEST = 10.0  # a free duration ends at this multiple of the reference's
+OPTIONS: dict[str, object] = {"max_iter": 150, "tol": 1e-6, "mu_init": 1e-2}
+RAMP, RISE = 0.8, 0.25  # first guess: ramps as a share of the spans, rises as a share of ramps
+
+
+@dataclass(frozen=True)
+class StandardMoves:
+    """Standard moves that answer a move.
+
+    Attributes:
+        kind: "s-curve" where a jerk limit is known, else "trapezoid".
+        chain: corners, spans and ramps.
+        trajectory: the motion, blends included, with effort and power; energy and certificate are its own.
+        kept: share of the loss that the continuous optimum saves against "scaled" which these moves save, 1 = all;
+            None where the optimum saves nothing.
+    """
+
+    kind: str
+    chain: Chain
+    trajectory: Trajectory
+    energy: Energy
+    certificate: Certificate
+    kept: float | None
+
+    @property
+    def vias(self) -> int:
+        """Number of via points."""
+        return len(self.chain.corners) - 2
+
+    def document(self) -> dict[str, object]:
+        """As it stands in result.json."""
+        return {
+            "kind": self.kind,
+            "vias": self.vias,
+            "kept_percent": None if self.kept is None else 100 * self.kept,
+            "loss": self.energy.loss,
+        }
+
+
+class MovesPlanner:
+    """Finds standard moves of one planner's robot and model; what is built for the first serves all others."""
+
+    def __init__(self, planner: Planner) -> None:
+        self.p, self.robot = planner, planner.robot
+        self._functions: dict[str, NodeFunctions] = {}
+        self.smooth = bool(np.isfinite(planner.robot.limits.jerk).any())
+
+    def solve(self, move: Move, reference: Result, vias: int) -> StandardMoves:
+        """The moves with the least energy through at most `vias` via points, in the time of `reference`.
+
+        Args:
+            reference: the continuous optimum of the same move, where starts are taken from, too.
+
+        Raises:
+            BadInput: the move prescribes a path, via points, or ends in motion, which standard moves cannot follow.
+            Infeasible: no standard moves do it in that time; says how long the shortest take.
+        """
+        self._check(move, vias)
+        duration = reference.trajectory.duration
+        found: list[tuple[Chain, Trajectory, Energy, Certificate]] = []
+        broken: list[Certificate] = []
+        guess: Chain | None = None
+        for count in range(vias + 1):
+            answers = []
+            for start in self._starts(move, reference, count, guess):
+                chain, certificate = self._mended(start, move, (duration, duration), "energy")
+                trajectory = chain.trajectory(self.robot.joints)
+                if certificate.valid:
+                    answers.append((chain, trajectory, self.p.score(trajectory), certificate))
+                else:
+                    broken.append(certificate)
+            if answers:
+                best = min(answers, key=lambda answer: answer[2].total)
+                guess = best[0]
+                found.append(best)
+        if not found:
+            raise self._infeasible(move, reference, vias, broken)
+        chain, trajectory, energy, certificate = min(found, key=lambda answer: answer[2].total)
+        scaled = reference.baseline("scaled").energy.loss
+        saved = scaled - reference.energy.loss
+        kept = (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
+        kind = "s-curve" if self.smooth else "trapezoid"
+        return StandardMoves(kind, chain, self.p._scorer.filled(trajectory), energy, certificate, kept)
+
+    def _check(self, move: Move, vias: int) -> None:
+        if not 0 <= vias <= MOST_VIAS:
+            raise BadInput(f"--vias {vias}: expected 0 to {MOST_VIAS}")
+        if move.via:
+            raise BadInput("--as moves chooses its own via points; leave --via out")
+        if move.path is not None and (move.mode == "retime" or move.input is None):
+            raise BadInput("--as moves cannot follow a given path; give --start and --goal")
+        if move.mode == "retime" and vias:
+            raise BadInput("--as moves with --mode retime keeps the straight line; leave --vias out")
+        if any(np.any(v) for v in move.end_velocities):
+            raise BadInput("--as moves: standard moves begin and end at rest; this move does not")
+        if not np.any(np.abs(move.goal - move.start) > 1e-9):
+            raise BadInput("--as moves: start and goal are the same")
+
+    def _starts(self, move: Move, reference: Result, count: int, before: Chain | None) -> list[Chain]:
+        """First guesses with `count` via points: on the line, on the continuous optimum, and on the answer before."""
+        ends, duration = (move.start, move.goal), reference.trajectory.duration
+        span = duration / (count + 1 + RAMP)
+        times = span * (RAMP / 2 + np.arange(1, count + 1))
+        curves = [np.linspace(*ends, count + 2)[1:-1]]
+        if count:
+            t = reference.trajectory
+            curves.append(t.sample(t.time[0] + times)[0])
+            if before is not None and len(before.corners) > 2:
+                curves.append(before.trajectory(self.robot.joints).sample(times)[0])
+        ramps = np.full(count + 2, RAMP * span)
+        rises = np.full(count + 2, RISE * RAMP * span if self.smooth else SHARP)
+        return [Chain(np.vstack([ends[0], q, ends[1]]), np.full(count + 1, span), ramps, rises) for q in curves]
+
+    def _mended(
+        self, chain: Chain, move: Move, durations: tuple[float, float], objective: str
+    ) -> tuple[Chain, Certificate]:
+        """Solved from `chain`, and again under tighter limits where the judge finds them broken by a little."""
+        limits = self.p.limits(move)
+        for mend in range(MENDS + 1):
+            chain, converged = self._solved(chain, move, durations, objective, limits)
+            certificate = self.p.certify(chain.trajectory(self.robot.joints), move)
+            if certificate.valid or not converged or mend == MENDS:
+                break
+            limits = certificate.tightened(limits)
+        return chain, certificate
+
+    def _solved(
+        self, chain: Chain, move: Move, durations: tuple[float, float], objective: str, limits: Sequence[Limit]
+    ) -> tuple[Chain, bool]:
+        ends = np.asarray(move.start, dtype=float), np.asarray(move.goal, dtype=float)
+        shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
+        values = self.p.model.values(self.robot.n)
+        program = Program(shape, self._nodes(objective), ends, limits, values, durations)
+        x = program.unknowns(chain)
+        program.scale = 1 / max(abs(program.cost(x) - self._overhead(durations, objective)), 1e-6)
+        answer = ipopt.solve(program, x, program.box, program.row_bounds, OPTIONS)
+        solved = program.chain(answer.x)
+        if durations[0] == durations[1]:
+            solved = solved.lasting(durations[0])  # to the last digit
+        return solved, answer.success
+
+    def _overhead(self, durations: tuple[float, float], objective: str) -> float:
+        """What a fixed duration costs whatever the moves, J: it only serves the scaling."""
+        standby = self.p.model.get("standby")
+        if objective != "energy" or durations[0] != durations[1] or standby is None:
+            return 0.0
+        return float(standby.values["power"][0]) * durations[0]
+
+    def _nodes(self, objective: str) -> NodeFunctions:
+        if objective not in self._functions:
+            settings = self.p.settings
+            built = node_functions(self.p.model, self.robot.body, self.p.limits(), objective, settings.dynamics)
+            self._functions[objective] = NodeFunctions(*compiled(built.as_list(), settings.compile)[0])
+        return self._functions[objective]
+
+    def _infeasible(self, move: Move, reference: Result, vias: int, broken: list[Certificate]) -> Infeasible:
+        """Why not, and the shortest duration that standard moves need."""
+        duration = reference.trajectory.duration
+        shortest, worst = None, min(broken, key=lambda c: c.violation).worst
+        for start in self._starts(move, reference, vias, None):
+            longer = start.lasting(3 * duration)
+            chain, certificate = self._mended(longer, move, (0.2 * duration, LONGEST * duration), "time")
+            if certificate.valid and (shortest is None or chain.duration < shortest):
+                shortest = chain.duration
+        ask = "" if shortest is None else f"; the shortest found that do take {shortest:.6g} s"
+        return Infeasible(
+            f"no standard moves with at most {vias} via points take {duration:.6g} s within the limits: the "
+            f"{worst['limit']} limit of {worst['joint']} is broken at {worst['time']:.4g} s{ask}",
+            joint=str(worst["joint"]),
+            limit=str(worst["limit"]),
+            shortest_duration=shortest,
+        )
+
+
+def as_result(reference: Result, moves: StandardMoves) -> Result:
+    """The standard moves in place of the continuous optimum; baselines, model and status are the same."""
+    return replace(
+        reference,
+        chosen="moves",
+        trajectory=moves.trajectory,
+        energy=moves.energy,
+        certificate=moves.certificate,
+        optimality=replace(reference.optimality, kind="local", lower_bound=None, gap_percent=None),
+    )

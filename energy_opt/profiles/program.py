@@ -1,0 +1,242 @@
+"""Standard moves as a nonlinear program: via points, spans, ramps and rises in, energy and limits out.
+
+Unknowns x = (P_1 ... P_K, L_1 ... L_{K+1}, tau_0 ... tau_{K+1}, u_0 ... u_{K+1}) of a `chain.Chain`. Energy is
+integrated by Gauss-Lobatto nodes in every polynomial piece, where motor torque is held too; the node functions are
+those of reshaping, at T = 1. With z_k(x), weight h_k(x), time t_k(x), rate e, its gradient g and Hessian C,
+
+    cost      sum_k h_k e_k
+    gradient  sum_k (e_k dh_k + h_k (J_k^T g_k))
+    Hessian   sum_k (h_k J_k^T C_k J_k + dh_k (J_k^T g_k)^T + (J_k^T g_k) dh_k^T + e_k d2h_k + h_k g_k d2z_k)
+
+where the last two terms are one second derivative by CasADi, with e and h g held. Rows, as shares of their bound:
+speed on every line, acceleration and jerk of every ramp in closed form, what else limits bound at nodes; pieces that
+do not overlap; and the duration. Positions need no rows: the motion stays within the hull of its corners, which have
+bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.motion.limits.base import Limit, box_of, values_of
+from energy_opt.motion.reshape.nodes import NodeFunctions
+from energy_opt.numerics.batch import Batch
+from energy_opt.profiles.chain import Chain
+
+NODES = {"rise": 4, "hold": 6, "fall": 4, "line": 8}  # Gauss-Lobatto nodes of a piece, both ends included
+SHARP = 0.002  # [s] rise of a trapezoid's acceleration: one step of a controller at 500 Hz
+SHORTEST = 0.02  # [s] of any ramp
+APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter pieces would have no digits in their rows
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How many joints and via points; `smooth`: rises are free (S-curve), else `SHARP` (trapezoid)."""
+
+    joints: int
+    vias: int
+    smooth: bool
+
+
+def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of Gauss-Lobatto quadrature on [0, 1]; exact for polynomials of degree 2 count - 3."""
+    inner = np.polynomial.legendre.Legendre.basis(count - 1)
+    x = np.concatenate([[-1.0], np.sort(inner.deriv().roots().real), [1.0]])
+    return (x + 1) / 2, 1 / (count * (count - 1) * inner(x) ** 2)
+
+
+class Program:
+    """One program in the form that `ipopt.solve` takes.
+
+    Args:
+        ends: start and goal (n,); durations: bounds of the whole, s; parameters: the model's values.
+
+    Attributes:
+        scale: what the cost is multiplied by.
+    """
+
+    def __init__(
+        self,
+        shape: Shape,
+        nodes: NodeFunctions,
+        ends: tuple[np.ndarray, np.ndarray],
+        limits: Sequence[Limit],
+        parameters: np.ndarray,
+        durations: tuple[float, float],
+    ) -> None:
+        self.shape, self._ends, self._parameters, self.scale = (
+            shape,
+            ends,
+            np.concatenate([parameters, values_of(limits)]),
+            1.0,
+        )
+        n, k = shape.joints, shape.vias
+        x = ca.SX.sym("x", n * k + 3 * k + 5)
+        self.size = x.numel()
+        corners = [ca.DM(ends[0]), *(x[i * n : (i + 1) * n] for i in range(k)), ca.DM(ends[1])]
+        at = n * k
+        spans, ramps, rises = x[at : at + k + 1], x[at + k + 1 : at + 2 * k + 3], x[at + 2 * k + 3 :]
+        lines = [(corners[i + 1] - corners[i]) / spans[i] for i in range(k + 1)]
+        rest = ca.DM.zeros(n)
+        changes = [b - a for a, b in zip([rest, *lines], [*lines, rest], strict=True)]
+        z, h, t = _nodes(corners, spans, ramps, rises, lines, changes)
+        self._count = z.shape[1]
+        linear = [
+            *(spans[i] - (ramps[i] + ramps[i + 1]) / 2 - APART for i in range(k + 1)),
+            *(ramps[i] - 2 * rises[i] - APART for i in range(k + 2)),
+        ]
+        total = ca.sum1(spans) + (ramps[0] + ramps[-1]) / 2
+        peaks = [change / (ramps[i] - rises[i]) for i, change in enumerate(changes)]
+        largest = {1: lines, 2: peaks, 3: [peak / rises[i] for i, peak in enumerate(peaks)]}  # of each derivative
+        shares = [_bounded(x, limit.bound) for limit in limits if limit.order for x in largest[limit.order]]
+        same = [ramps[0] - ramps[1], rises[0] - rises[1]] if k == 0 else []  # one move has one acceleration
+        share = ca.vertcat(*shares)
+        closed = ca.vertcat(*linear, total, *same, share)
+        low = [0.0] * len(linear) + [durations[0]] + [0.0] * len(same) + [-1.0] * share.numel()
+        high = [np.inf] * len(linear) + [durations[1]] + [0.0] * len(same) + [1.0] * share.numel()
+        bounds = np.concatenate([np.zeros(0), *(limit.scale for limit in limits)])
+        sides = [np.full(limit.scale.size, -np.inf if limit.one_sided else -1.0) for limit in limits]
+        self._width, self._bounded = len(bounds), np.flatnonzero(np.isfinite(bounds))
+        self._bounds = bounds[self._bounded]
+        least_share = np.tile(np.concatenate(sides)[self._bounded], self._count)
+        self.row_bounds = (
+            np.concatenate([low, least_share]),
+            np.concatenate([high, np.ones(len(least_share))]),
+        )
+        low_corner, high_corner = (np.tile(side, k) for side in box_of(limits, n))
+        least = np.concatenate([np.full(k + 1, SHORTEST), np.full(k + 2, SHORTEST), np.full(k + 2, SHARP)])
+        most = np.full(len(least), max(durations[1], SHORTEST))
+        if not shape.smooth:
+            most[-(k + 2) :] = SHARP
+        self.box = np.concatenate([low_corner, least]), np.concatenate([high_corner, most])
+
+        jz, jh = ca.jacobian(ca.vec(z), x), ca.jacobian(h, x)
+        pull, weight = ca.SX.sym("pull", z.numel()), ca.SX.sym("weight", h.numel())
+        bent = ca.hessian(ca.dot(pull, ca.vec(z)) + ca.dot(weight, h), x)[0]
+        lam = ca.SX.sym("lam", closed.numel())
+        self._closed_count = closed.numel()
+        self._place = ca.Function("place", [x], [ca.densify(y) for y in (z, h, t, jz, jh)])
+        self._bent = ca.Function("bent", [x, pull, weight], [ca.densify(bent)])
+        self._rows = ca.Function("rows", [x], [ca.densify(closed), ca.densify(ca.jacobian(closed, x))])
+        self._rows_bent = ca.Function("rows_bent", [x, lam], [ca.densify(ca.hessian(ca.dot(lam, closed), x)[0])])
+        self._cost, self._limited, self._curvature = (
+            Batch(f, self._count) for f in (nodes.cost, nodes.limited, nodes.curvature)
+        )
+        self.jacobian_pattern = ca.Sparsity.dense(len(self.row_bounds[0]), self.size)
+        self.hessian_pattern = ca.Sparsity.upper(self.size)
+        self._at = b""
+
+    def chain(self, x: np.ndarray) -> Chain:
+        """The chain that the unknowns stand for."""
+        n, k = self.shape.joints, self.shape.vias
+        corners = np.vstack([self._ends[0], x[: n * k].reshape(k, n), self._ends[1]])
+        spans, ramps, rises = np.split(x[n * k :], [k + 1, 2 * k + 3])
+        return Chain(corners, spans, ramps, rises)
+
+    @staticmethod
+    def unknowns(chain: Chain) -> np.ndarray:
+        """The unknowns of a chain."""
+        return np.concatenate([chain.corners[1:-1].ravel(), chain.spans, chain.ramps, chain.rises])
+
+    def _move(self, x: np.ndarray) -> None:
+        """Evaluate all nodes at x, once for all functions that want them."""
+        key = x.tobytes()
+        if key == self._at:
+            return
+        self._at = key
+        z, h, t, jz, jh = (np.asarray(y.full()) for y in self._place(x))
+        self._z, self._t = z.T.copy(), t.reshape(-1, 1)
+        self._h, self._jh = h.ravel(), jh
+        self._jz = jz.reshape(self._count, -1, self.size)
+        rate, slope = self._cost(self._z, self._t, self._parameters)
+        self._e, self._g = rate[:, 0].copy(), slope.copy()
+        values, jac = self._limited(self._z, self._t, self._parameters)
+        self._values = values.copy()
+        self._values_z = jac.reshape(self._count, -1, self._width).copy()
+        self._pulled = np.matmul(self._g[:, None, :], self._jz)[:, 0]  # J_k^T g_k
+        closed, slope_rows = self._rows(x)
+        self._closed, self._closed_x = np.asarray(closed.full()).ravel(), np.asarray(slope_rows.full())
+
+    def cost(self, x: np.ndarray) -> float:
+        """Energy, scaled, less the work that only the ends decide."""
+        self._move(x)
+        return self.scale * float(self._h @ self._e)
+
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        self._move(x)
+        return self.scale * np.asarray(self._e @ self._jh + self._h @ self._pulled)
+
+    def rows(self, x: np.ndarray) -> np.ndarray:
+        self._move(x)
+        return np.concatenate([self._closed, (self._values[:, self._bounded] / self._bounds).ravel()])
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        self._move(x)
+        slope = self._values_z[:, :, self._bounded] / self._bounds
+        at_nodes = np.matmul(slope.transpose(0, 2, 1), self._jz).reshape(-1, self.size)
+        return np.vstack([self._closed_x, at_nodes]).T.ravel()  # CasADi's order: by columns
+
+    def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+        self._move(x)
+        s = self.scale * factor
+        closed, held = np.split(multipliers, [self._closed_count])
+        lam = np.zeros((self._count, self._width))
+        lam[:, self._bounded] = held.reshape(self._count, -1) / self._bounds
+        (blocks,) = self._curvature(self._z, self._t, self._parameters, (s * self._h)[:, None], lam)
+        nz = self._z.shape[1]
+        core = np.matmul(blocks.reshape(self._count, nz, nz), self._jz)
+        out = np.einsum("kzi,kzj->ij", self._jz, core, optimize=True)
+        cross = s * self._jh.T @ self._pulled
+        pull = s * self._h[:, None] * self._g + np.einsum("kzj,kj->kz", self._values_z, lam)
+        out += cross + cross.T
+        out += np.asarray(self._bent(x, pull.ravel(), s * self._e).full())
+        out += np.asarray(self._rows_bent(x, closed).full())
+        return np.concatenate([out[: j + 1, j] for j in range(self.size)])
+
+
+def _bounded(values: ca.SX, bounds: np.ndarray) -> ca.SX:
+    """Values as shares of their bounds; those without a bound are left out."""
+    finite = np.flatnonzero(np.isfinite(bounds))
+    return values[finite.tolist()] / ca.DM(bounds[finite])
+
+
+def _nodes(
+    corners: list[ca.SX], spans: ca.SX, ramps: ca.SX, rises: ca.SX, lines: list[ca.SX], changes: list[ca.SX]
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """z (3n + 1, M), weight (M,) and time (M,) of all quadrature nodes, piece by piece."""
+    zs, hs, ts = [], [], []
+    middle = ramps[0] / 2
+    for i, change in enumerate(changes):
+        tau, u = ramps[i], rises[i]
+        before = lines[i - 1] if i else ca.DM.zeros(change.numel())
+        base, start = corners[i] - before * tau / 2, middle - tau / 2
+        peak = 1 / (tau - u)
+        for piece in ("rise", "hold", "fall"):
+            for x, w in zip(*lobatto(NODES[piece]), strict=True):
+                if piece == "rise":
+                    t, h = x * u, w * u
+                    a, v, r = peak * x, peak * t * t / (2 * u), peak * t**3 / (6 * u)
+                elif piece == "hold":
+                    y, h = x * (tau - 2 * u), w * (tau - 2 * u)
+                    t = u + y
+                    a, v, r = peak, peak * (u / 2 + y), peak * (u * u / 6 + u * y / 2 + y * y / 2)
+                else:
+                    y, h = (1 - x) * u, w * u
+                    t = tau - y
+                    a, v, r = peak * (1 - x), 1 - peak * y * y / (2 * u), tau / 2 - y + peak * y**3 / (6 * u)
+                zs.append(ca.vertcat(base + before * t + change * r, before + change * v, change * a, 1.0))
+                hs.append(h)
+                ts.append(start + t)
+        if i < spans.numel():
+            line, end = lines[i], spans[i] - (ramps[i] + ramps[i + 1]) / 2
+            for x, w in zip(*lobatto(NODES["line"]), strict=True):
+                t = x * end
+                zs.append(ca.vertcat(corners[i] + line * (tau / 2 + t), line, ca.DM.zeros(change.numel()), 1.0))
+                hs.append(w * end)
+                ts.append(middle + tau / 2 + t)
+            middle = middle + spans[i]
+    return ca.horzcat(*zs), ca.vertcat(*hs), ca.vertcat(*ts)

@@ -1,0 +1,171 @@
+"""Bags that rosbags writes, of every kind, and ours read back by it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from energy_opt.errors import BadInput
+from energy_opt.formats import read, read_trajectory
+from energy_opt.formats.bags import write_mcap
+from energy_opt.motion.trajectory import Trajectory
+
+JOINTS = ("a", "b")
+TIMES = [0, 500_000_000, 1_250_000_000]
+Q, V = np.array([[0.1, 0.2], [0.5, 0.1], [0.7, -1 / 3]]), np.array([[0.0, 0.0], [0.3, -0.2], [0.0, 0.0]])
+# MoveIt's messages, from its own definitions, cut down to what a trajectory needs
+MOVEIT = """
+string model_id
+moveit_msgs/RobotTrajectory[] trajectory
+moveit_msgs/RobotState trajectory_start
+================================================================================
+MSG: moveit_msgs/RobotTrajectory
+trajectory_msgs/JointTrajectory joint_trajectory
+trajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory
+================================================================================
+MSG: moveit_msgs/RobotState
+sensor_msgs/JointState joint_state
+bool is_diff
+"""
+
+
+def types(ros1: bool = False) -> Any:
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    if not ros1:
+        store.register(get_types_from_msg(MOVEIT, "moveit_msgs/msg/DisplayTrajectory"))
+    return store
+
+
+def joint_trajectory(store: Any, ros1: bool = False, scale: float = 1.0) -> Any:
+    t = store.types
+    stamp, duration = t["builtin_interfaces/msg/Time"], t["builtin_interfaces/msg/Duration"]
+    seq = {"seq": 0} if ros1 else {}
+    none = np.zeros(0)
+    points = [
+        t["trajectory_msgs/msg/JointTrajectoryPoint"](
+            positions=scale * q[::-1].copy(), velocities=v[::-1].copy(), accelerations=none, effort=none,
+            time_from_start=duration(sec=total // 10**9, nanosec=total % 10**9),
+        )
+        for q, v, total in zip(Q, V, TIMES, strict=True)
+    ]  # fmt: skip
+    header = t["std_msgs/msg/Header"](stamp=stamp(sec=7, nanosec=0), frame_id="", **seq)
+    return t["trajectory_msgs/msg/JointTrajectory"](header=header, joint_names=["b", "a"], points=points)
+
+
+def write_plan(path: Path, storage: StoragePlugin) -> None:
+    """A state, an older plan and the plan itself, within a DisplayTrajectory."""
+    store = types()
+    t = store.types
+    header = t["std_msgs/msg/Header"](t["builtin_interfaces/msg/Time"](sec=0, nanosec=0), "")
+    state = t["sensor_msgs/msg/JointState"](header, ["a", "b"], Q[0], np.zeros(0), np.zeros(0))
+    nothing = t["trajectory_msgs/msg/MultiDOFJointTrajectory"](header, [], [])
+    part = t["moveit_msgs/msg/RobotTrajectory"](joint_trajectory(store), nothing)
+    display = t["moveit_msgs/msg/DisplayTrajectory"]("arm", [part], t["moveit_msgs/msg/RobotState"](state, False))
+    with Writer(path, version=9, storage_plugin=storage) as writer:
+        for k, (topic, message) in enumerate(
+            [("/joint_states", state), ("/plan", joint_trajectory(store, scale=2.0)), ("/display", display)]
+        ):
+            kind = message.__msgtype__
+            connection = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connection, k, store.serialize_cdr(message, kind))
+
+
+def check(curve: Trajectory) -> None:
+    np.testing.assert_array_equal(curve.position, Q)
+    np.testing.assert_array_equal(curve.velocity, V)
+    np.testing.assert_array_equal(curve.time, [0.0, 0.5, 1.25])
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3], ids=["mcap", "sqlite3"])
+def test_bags_of_ros2(tmp_path: Path, storage: StoragePlugin) -> None:
+    write_plan(tmp_path / "bag", storage)
+    rows = read(tmp_path / "bag")
+    check(rows.of(JOINTS).trajectory())
+    assert "2 planned trajectories; the last is taken" in rows.notes[0]
+    (file,) = (*(tmp_path / "bag").glob("*.mcap"), *(tmp_path / "bag").glob("*.db3"))
+    check(read_trajectory(file, JOINTS))
+
+
+def test_old_bags_without_definitions(tmp_path: Path) -> None:
+    """Of ROS 2 Humble and before: sqlite3 without the table of definitions."""
+    import sqlite3
+
+    write_plan(tmp_path / "bag", StoragePlugin.SQLITE3)
+    (file,) = (tmp_path / "bag").glob("*.db3")
+    with sqlite3.connect(file) as base:
+        base.execute("DELETE FROM message_definitions")
+        base.execute("DELETE FROM topics WHERE name = '/display'")
+    check(Trajectory(JOINTS, *_halved(read_trajectory(file, JOINTS))))
+
+
+def _halved(curve: Trajectory) -> tuple[np.ndarray, ...]:
+    """The older plan has twice the positions."""
+    return curve.time, curve.position / 2, curve.velocity, curve.acceleration
+
+
+def test_bags_of_ros1(tmp_path: Path) -> None:
+    store = types(ros1=True)
+    kind = "trajectory_msgs/msg/JointTrajectory"
+    with Writer1(tmp_path / "plan.bag") as writer:
+        connection = writer.add_connection("/plan", kind, typestore=store)
+        writer.write(connection, 0, store.serialize_ros1(joint_trajectory(store, ros1=True), kind))
+    check(read_trajectory(tmp_path / "plan.bag", JOINTS))
+
+
+def test_ours_is_read_by_rosbags(tmp_path: Path) -> None:
+    curve = Trajectory(JOINTS, np.array([1.0, 1.5, 2.25]), Q, V, Q / 7, effort=Q * 11)
+    write_mcap(curve, tmp_path / "t.mcap")
+    with AnyReader([tmp_path / "t.mcap"]) as reader:
+        (connection,) = reader.connections
+        assert (connection.topic, connection.msgtype) == ("/joint_trajectory", "trajectory_msgs/msg/JointTrajectory")
+        ((_, _, raw),) = reader.messages()
+        message: Any = reader.deserialize(raw, connection.msgtype)
+    assert message.joint_names == list(JOINTS)
+    for k, point in enumerate(message.points):
+        for field, block in (("positions", Q), ("velocities", V), ("accelerations", Q / 7), ("effort", Q * 11)):
+            np.testing.assert_array_equal(getattr(point, field), block[k])
+        assert point.time_from_start.sec * 10**9 + point.time_from_start.nanosec == TIMES[k]
+    again = read_trajectory(tmp_path / "t.mcap", ("b", "a"))
+    np.testing.assert_array_equal(again.effort, Q[:, ::-1] * 11)
+
+
+def test_bags_that_cannot_be_read(tmp_path: Path) -> None:
+    write_plan(tmp_path / "bag", StoragePlugin.MCAP)
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    data = file.read_bytes()
+    for k, broken in enumerate([b"", data[:100], data[: len(data) // 2], data[:-20], b"\0" * 500]):
+        (tmp_path / f"{k}.mcap").write_bytes(broken)
+        with pytest.raises(BadInput, match="not a bag that can be read") as caught:
+            read(tmp_path / f"{k}.mcap")
+        assert "\n" not in str(caught.value)
+    rng = np.random.default_rng(0)
+    for _ in range(25):  # a byte changed anywhere: read, or refused in one line
+        noisy = bytearray(data)
+        noisy[rng.integers(len(noisy))] = rng.integers(256)
+        (tmp_path / "noisy.mcap").write_bytes(noisy)
+        try:
+            read(tmp_path / "noisy.mcap")
+        except BadInput as error:
+            assert "\n" not in str(error)
+    (tmp_path / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information: 1\n")
+    with pytest.raises(BadInput, match="not a bag that can be read"):
+        read(tmp_path / "bag")
+    with pytest.raises(BadInput, match="No such file"):
+        read(tmp_path / "absent.mcap")
+
+
+def test_a_bag_without_a_plan_names_its_topics(tmp_path: Path) -> None:
+    store = types()
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/power", "std_msgs/msg/Float64", typestore=store)
+        message = store.types["std_msgs/msg/Float64"](3.0)
+        writer.write(connection, 0, store.serialize_cdr(message, "std_msgs/msg/Float64"))
+    with pytest.raises(BadInput, match=r"no planned trajectory; its topics are /power \(std_msgs/msg/Float64\)"):
+        read(tmp_path / "bag")

@@ -1,0 +1,199 @@
+"""The proof that a motion touches nothing: against geometry worked out by hand, and against an independent judge."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.curve import MotionCurve
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene import Scene, SceneObject, Shape
+from energy_opt.cell.scene_files import read_scene
+from energy_opt.motion.path import JointPath, straight, through
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import Robot, load_robot
+from energy_opt.robot.catalog import srdf_beside
+from energy_opt.robot.kinematics import Kinematics
+from energy_opt.robot.meshes import collision_urdf
+
+PROBLEMS = Path(__file__).parents[2] / "shared/data/mbm"
+
+# An arm of one metre about z, with a ball of 0.1 m at its tip and no other body.
+BALL = """<robot name="ball">
+<link name="base"/>
+<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="1 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="2" effort="100"/></joint></robot>"""
+
+
+def along(path: JointPath, duration: float, rows: int) -> Trajectory:
+    """The path with the fifth-degree timing that begins and ends at rest."""
+    t = np.linspace(0, duration, rows)
+    u = t / duration
+    s = u**3 * (10 - 15 * u + 6 * u**2)
+    v = 30 * u**2 * (1 - u) ** 2 / duration
+    a = 60 * u * (1 - u) * (1 - 2 * u) / duration**2
+    slope = path(s, 1)
+    curved = path(s, 2) * v[:, None] ** 2 + slope * a[:, None]
+    return Trajectory(tuple("abcdefg"[: path.n]), t, path(s), slope * v[:, None], curved)
+
+
+def judged(cell: Cell, t: Trajectory):
+    return cell.prove(t.time, t.position, t.velocity, t.acceleration)
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    path = tmp_path_factory.mktemp("urdf") / "ball.urdf"
+    path.write_text(BALL)
+    return load_robot(str(path))
+
+
+def post(distance: float, angle: float, radius: float = 0.2) -> Scene:
+    """A sphere whose centre is `distance` from the arm's axis, at `angle`."""
+    pose = np.eye(4)
+    pose[:2, 3] = distance * np.cos(angle), distance * np.sin(angle)
+    return Scene((SceneObject("post", (Shape("sphere", (radius,)),), pose),))
+
+
+@pytest.mark.parametrize("rows", [2, 3, 50])
+@pytest.mark.parametrize(
+    ("gap", "verdict"), [(0.00058, "proven"), (0.00045, "undecided"), (-1e-4, "colliding"), (0.1, "proven")]
+)
+def test_a_ball_that_passes_a_ball(ball: Robot, gap: float, verdict: str, rows: int) -> None:
+    cell = Cell(ball, CellRequest(), post(1 + 0.1 + 0.2 + gap, 0.7))  # nearest where the arm points at the post
+    answer = judged(cell, along(straight([-0.5], [1.5]), 2.0, rows))
+    assert answer.verdict == verdict and answer.pairs == 1
+    if verdict == "proven":
+        assert answer.lower_bound is not None and 0.0005 <= answer.lower_bound <= gap
+        assert gap - 1e-5 <= answer.min_distance
+    else:
+        assert answer.pair == ("arm", "post") and answer.min_distance == pytest.approx(gap, abs=1e-3)
+        near = along(straight([-0.5], [1.5]), 2.0, 2000)
+        k = int(np.argmin(np.abs(near.time - answer.time)))
+        assert abs(near.position[k, 0] - 0.7) < 0.1
+        assert answer.depth is None or 0 < answer.depth <= 1e-5 - gap
+
+
+def test_between_two_rows_it_is_the_quintic_that_counts(ball: Robot) -> None:
+    """Two rows at rest in free poses, with the ball thrown against the post and back between them."""
+    cell = Cell(ball, CellRequest(), post(1.0, 0.9, 0.05))
+    time, q = np.array([0.0, 1.0]), np.array([[0.0], [0.0]])
+    still = np.zeros((2, 1))
+    assert cell.prove(time, q, still, still).verdict == "proven"
+    thrown = np.array([[4.0], [-4.0]])  # the quintic's middle is at 2 * 4 * 5 / 32 = 1.25 rad
+    answer = cell.prove(time, q, thrown, still)
+    assert answer.verdict == "colliding"
+    assert MotionCurve(time, q, thrown, still).sample(0.5)[0] == pytest.approx(1.25)
+
+
+def test_an_end_that_stands_nearer_asks_for_half_of_its_own_distance(ball: Robot) -> None:
+    close = np.arccos((1 + 1.2**2 - 0.3002**2) / 2.4)  # 0.2 mm between the balls
+    cell = Cell(ball, CellRequest(), post(1.2, 0.0))
+    answer = judged(cell, along(straight([close], [1.5]), 2.0, 100))
+    assert answer.verdict == "proven" and 0.0001 <= answer.lower_bound <= 0.0002
+    assert judged(cell, along(straight([1.0], [1.5]), 2.0, 100)).lower_bound >= 0.0005
+    assert cell.touching(np.array([close])) is None and cell.touching(np.array([0.1])) is not None
+
+
+def test_a_mesh_is_not_its_hull_and_has_an_inside(ball: Robot) -> None:
+    """A ring of boxes as one mesh: the ball passes through its hole; and a ball inside of a closed shell touches it."""
+
+    def boxes(*placed: tuple[tuple[float, ...], tuple[float, ...]]) -> Shape:
+        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
+        faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
+                 [0, 6, 4], [1, 5, 7], [1, 7, 3]]  # fmt: skip
+        vertices = np.vstack([corners * size + at for at, size in placed])
+        return Shape(
+            "mesh", vertices=vertices, triangles=np.vstack([np.array(faces) + 8 * k for k in range(len(placed))])
+        )
+
+    gate = boxes(
+        ((1, 0, 0.3), (1, 0.1, 0.2)), ((1, 0, -0.3), (1, 0.1, 0.2)), ((0.6, 0, 0), (0.2, 0.1, 0.4)),
+        ((1.4, 0, 0), (0.2, 0.1, 0.4)),
+    )  # fmt: skip
+    cell = Cell(ball, CellRequest(), Scene((SceneObject("gate", (gate,)),)))
+    assert judged(cell, along(straight([-0.5], [0.5]), 2.0, 50)).verdict == "proven"
+    shell = Scene((SceneObject("shell", (boxes(((1, 0, 0), (0.9, 0.9, 0.9)), ((1, 1, 0), (0.1, 0.1, 0.1))),)),))
+    assert Cell(ball, CellRequest(), shell).touching(np.array([0.0])) is not None
+    inside = judged(Cell(ball, CellRequest(), shell), along(straight([-0.05], [0.05]), 2.0, 50))
+    assert inside.verdict == "colliding"
+
+
+def dense(robot: Robot, t: Trajectory, samples: int = 400) -> float:
+    """The share of samples in contact by Pinocchio's own loop on meshes, all pairs but those that the SRDF disables."""
+    model = pin.buildModelFromUrdf(str(robot.urdf))
+    text = collision_urdf(robot.urdf).text
+    geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+    full = pin.neutral(model)
+    locked = [model.getJointId(name) for name in robot.locked]
+    model, geometry = pin.buildReducedModel(model, geometry, locked, full)
+    geometry.addAllCollisionPairs()
+    pin.removeCollisionPairs(model, geometry, str(srdf_beside(robot.name, robot.urdf)))
+    data, found = model.createData(), geometry.createData()
+    times = np.linspace(t.time[0], t.time[-1], samples)
+    hits = 0
+    for q in t.sample(times)[0]:
+        hits += pin.computeCollisions(model, data, geometry, found, robot.body.configuration(q[None])[0], True)
+    return hits / samples
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_random_moves_against_a_dense_judge(name: str) -> None:
+    """What is proven is nowhere in contact, and what collides is in contact where the proof says."""
+    robot = load_robot(name)
+    cell = Cell(robot, CellRequest())
+    rng = np.random.default_rng(4)
+    low, high = np.maximum(robot.limits.lower, -2.6), np.minimum(robot.limits.upper, 2.6)
+    verdicts = []
+    for _ in range(10):
+        points = rng.uniform(low, high, (8, robot.n))
+        t = along(through(points), 2.0, 120)
+        answer = judged(cell, t)
+        share = dense(robot, t)
+        verdicts.append(answer.verdict)
+        assert (answer.verdict == "proven") == (share == 0), (answer, share)
+        if answer.verdict == "colliding":
+            q = t.sample(np.array([answer.time + t.time[0]]))[0]
+            assert cell.touching(q[0]) is not None
+    assert {"proven", "colliding"} <= set(verdicts)
+
+
+def test_kinematics_are_pinocchios(panda: Robot) -> None:
+    q = np.random.default_rng(0).uniform(panda.limits.lower, panda.limits.upper, (3, panda.n))
+    poses = Kinematics(panda.body.tree())(q)
+    frames = panda.body.link_frames()
+    joint, pose = frames["panda_hand"]
+    model = pin.buildModelFromUrdf(str(panda.urdf))
+    data = model.createData()
+    for k, row in enumerate(q):
+        pin.framesForwardKinematics(model, data, np.concatenate([row, [0.0, 0.0]]))
+        hand = data.oMf[model.getFrameId("panda_hand")].homogeneous
+        ours = poses.rotation[k, joint] @ pose[:3, 3] + poses.origin[k, joint]
+        assert np.allclose(ours, hand[:3, 3], atol=1e-12)
+
+
+def test_pairs_without_an_srdf_are_those_that_can_help_it() -> None:
+    cell = Cell(load_robot("ur10"), CellRequest())
+    assert cell.own is not None and cell.own.source == "adjacency and sampling"
+    assert cell.own.disabled["forearm_link", "upper_arm_link"] == "adjacent"
+    assert ("base_link", "forearm_link") not in cell.own.disabled
+    again = Cell(load_robot("ur10"), CellRequest())
+    assert again.own is not None and again.own.disabled == cell.own.disabled
+
+
+@pytest.mark.skipif(not PROBLEMS.is_dir(), reason="the planning problems are not beside the checkout")
+def test_planners_paths_are_proven() -> None:
+    problems = json.loads((PROBLEMS / "problems.json").read_text())
+    problems = problems if isinstance(problems, list) else problems["problems"]
+    robots = {name: load_robot(name) for name in ("panda", "ur5")}
+    for problem in problems:
+        scene = read_scene(PROBLEMS / "scenes" / f"{problem['id']}.yaml")
+        cell = Cell(robots[problem["robot"]], CellRequest(), scene)
+        answer = judged(cell, along(through(np.array(problem["waypoints"])), 2.0, 300))
+        assert answer.verdict == "proven", (problem["id"], answer)
+        assert answer.min_distance <= problem["clearance"]["path"] + 5e-4

@@ -1,0 +1,55 @@
+"""What a failure says: one line, in the reader's words, with a name that was meant, and one JSON document."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput, Infeasible, speaking_of_options
+from energy_opt.motion import Move
+
+
+def test_arguments_in_python_options_on_the_command_line():
+    with pytest.raises(BadInput, match="both duration and max_duration are given"):
+        Move([0.0], [1.0], duration=1.0, max_duration=2.0)
+    error = BadInput("--max-duration 0: see `energy-opt optimize --help`, --max-duration 1-2")
+    assert str(error) == "max_duration 0: see `energy-opt optimize --help`, max_duration 1-2"
+    with speaking_of_options():
+        assert str(error) == "--max-duration 0: see `energy-opt optimize --help`, --max-duration 1-2"
+
+
+def test_a_document_says_all_that_is_known_of_a_failure():
+    error = Infeasible("too short", joint="j1", limit="velocity", shortest_duration=1.5)
+    error.about = {"robot": "panda"}
+    found = error.document()
+    assert found["status"] == "infeasible" and found["message"] == "too short" and found["robot"] == "panda"
+    assert found["shortest_duration"] == 1.5 and found["joint"] == "j1" and found["excess"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["optimise"], "no verb 'optimise'; did you mean 'optimize'?"),
+        (["robots", "pandda"], "did you mean 'panda'?"),
+        (["optimize", "--robot", "panda", "--duratoin", "2"], "did you mean '--duration'?"),
+        (["optimize", "--robot", "z1", "--start", "jiont1=0", "--goal", "joint1=0"], "did you mean 'joint1'?"),
+        (["optimize", "--robot", "z1"], "--start is missing"),
+        (["optimize"], "--robot"),
+    ],
+)
+def test_the_name_that_was_meant_in_one_line_and_one_document(capsys, words, says):
+    assert main([*words, "--json"]) == 2
+    printed = capsys.readouterr()
+    assert says in printed.err and printed.err.count("\n") == 1
+    found = json.loads(printed.out)
+    assert found["status"] == "bad_input" and says in found["message"]
+
+
+def test_unknown_effects_come_with_a_suggestion(tmp_path, capsys):
+    (tmp_path / "m.toml").write_text(
+        'format = "energy-opt/model/1"\nrobot = "z1"\n[[effect]]\nname = "coulomb_fricton"\ntau_c = 1\n'
+    )
+    assert main(["check", str(tmp_path / "m.toml")]) == 2
+    assert "did you mean 'coulomb_friction'?" in capsys.readouterr().err

@@ -1,0 +1,121 @@
+"""Ways around what stands between start and goal, in a world whose free poses are known in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from energy_opt.motion.path import JointPath
+from energy_opt.motion.ways import Way, find_ways
+from energy_opt.motion.ways.find import Ends
+from energy_opt.motion.ways.polyline import Rounding, between
+
+START, GOAL = np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
+STEP = np.full(3, 0.05)
+
+
+@dataclass
+class Wall:
+    """A wall across the first joint's zero, 0.2 rad thick, with a round hole; poses further out are free."""
+
+    hole: np.ndarray
+    radius: float
+    margin: float = 0.01
+    asked: list[np.ndarray] = field(default_factory=list)
+
+    def room(self, q: np.ndarray) -> np.ndarray:
+        """How far poses (N, 3) are from the wall, at most their true distance in rad, negative inside."""
+        before = np.abs(q[:, 0]) - 0.1
+        within = self.radius - np.linalg.norm(q[:, 1:] - self.hole, axis=1)
+        return np.maximum(before, within)
+
+    def clear(self, q: np.ndarray) -> bool:
+        self.asked.append(q)
+        return bool(self.room(q[None])[0] > self.margin)
+
+    def unproven(self, path: JointPath) -> float | None:
+        s = np.linspace(0, 1, 4001)
+        bad = np.flatnonzero(self.room(path(s)) <= self.margin / 2)
+        return float(s[bad[0]]) if bad.size else None
+
+
+def ways(wall: Wall, planner: str = "none", seed: int = 0, count: int = 1, half: float = 2.0) -> list[Way]:
+    ends = Ends.of(START, GOAL, np.full(3, -half), np.full(3, half), np.ones(3))
+    return find_ways(wall, ends, STEP, planner=planner, seed=seed, count=count)
+
+
+def test_a_free_straight_line_is_the_way() -> None:
+    (way,) = ways(Wall(np.zeros(2), 0.5))
+    assert way.source == "straight" and way.length == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_lines_of_our_own_bend_through_a_hole(seed: int) -> None:
+    wall = Wall(np.array([0.8, 0.3]), 0.4)
+    (way,) = ways(wall, seed=seed)
+    path = way.path
+    assert way.source == "own" and wall.unproven(path) is None
+    assert np.allclose(path.start, START, atol=1e-12) and np.allclose(path.goal, GOAL, atol=1e-12)
+    inner = path.knots[1:-1]
+    for order in range(3):  # C^2: timing wants it
+        assert np.allclose(
+            path(inner - 1e-9, order), path(inner, order), atol=1e-4 * max(1, np.abs(path(inner, order)).max())
+        )
+    assert 2.0 <= way.length < 2.6  # the hole's near edge alone asks for 0.4 sideways on either side
+    (again,) = ways(wall, seed=seed)
+    assert np.array_equal(again.path.coefficients, path.coefficients)
+
+
+def test_what_our_own_lines_do_not_reach_a_planner_does_seeded() -> None:
+    pytest.importorskip("ompl")
+    wall = Wall(np.array([1.7, -1.7]), 0.15)
+    assert ways(wall, "none") == []
+    found = [ways(wall, "auto", seed) for seed in (0, 5, 0)]
+    assert all(way.source == "ompl" and wall.unproven(way.path) is None for (way,) in found)
+    first, other, again = (way.path for (way,) in found)
+    assert np.array_equal(first.coefficients, again.coefficients)
+    assert not np.array_equal(first.coefficients, other.coefficients)
+
+
+def test_a_search_without_a_way_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ompl")
+    monkeypatch.setattr("energy_opt.motion.ways.find.FIRST", 6_000)
+    monkeypatch.setattr("energy_opt.motion.ways.find.FURTHER", 2_000)
+    wall = Wall(np.array([9.0, 9.0]), 0.1)
+    assert ways(wall, "auto") == []
+    assert 8_000 < len(wall.asked) < 20_000
+
+
+def test_several_ways_are_different_ones() -> None:
+    class Post(Wall):
+        def room(self, q: np.ndarray) -> np.ndarray:
+            return np.linalg.norm(q[:, :2], axis=1) - 0.4
+
+    found = ways(Post(np.zeros(2), 0.0), count=3)
+    assert len(found) >= 2 and [w.length for w in found] == sorted(w.length for w in found)
+    s = np.linspace(0, 1, 21)
+    assert all(np.abs(a.path(s) - b.path(s)).max() > 0.1 for a, b in zip(found, found[1:], strict=False))
+
+
+def test_rounding_leaves_a_line_only_near_its_corners_and_tightens_where_told() -> None:
+    points = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [3.0, 1.0]])
+    rounding = Rounding(points)
+    before = rounding.reach.copy()
+    assert np.allclose(before, 0.45) and rounding.tighter(2.1 / 4) and np.allclose(rounding.reach, [0.225, 0.45])
+    assert not rounding.tighter(0.2)
+    path = rounding.path()
+    s = np.linspace(0, 1, 1001)
+    line = np.column_stack([np.interp(4 * s, [0, 2, 3, 4], q) for q in points.T])
+    off = np.linalg.norm(path(s) - line, axis=1)
+    near = (np.abs(4 * s - 2) < 0.225) | (np.abs(4 * s - 3) < 0.45)
+    assert off[~near].max() < 1e-12 and 0.02 < off[near].max() < 0.2
+    assert Rounding.regular(path) and not Rounding.regular(Rounding(np.array([[0.0], [1.0], [0.0]])).path())
+
+
+def test_a_line_is_looked_at_coarse_before_fine_and_everywhere() -> None:
+    a, b = np.zeros(2), np.array([1.0, -0.5])
+    seen = [float(q[0]) for q in between(a, b, np.array([0.1, 0.1]))]
+    assert np.allclose(np.sort(seen), np.arange(1, 10) / 10) and 0.4 <= seen[0] <= 0.8
+    assert not list(between(a, a + 0.05, np.full(2, 0.1)))

@@ -26,8 +26,8 @@ from toppra import SplineInterpolator
 from energy_opt.bench.moves import random_moves
 from energy_opt.motion.path import straight
 from energy_opt.motion.retime.solve import retime
-from energy_opt.motion.timing.law import greville
 from energy_opt.motion.timing.toppra import INTERVALS, fastest
+from energy_opt.numerics.bspline import greville
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
 

@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -22,9 +23,15 @@ DATA = {"measured", "identify", "diagnose"}
 ABOVE = {"next_motion", "virtual_arm"}
 
 
+@cache
+def nodes(module: Path) -> list[ast.AST]:
+    """All of a file's syntax."""
+    return list(ast.walk(ast.parse(module.read_text(encoding="utf-8"))))
+
+
 def imports(module: Path) -> Iterator[str]:
     """Every module that a file imports, inside functions too, as absolute dotted names."""
-    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+    for node in nodes(module):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -91,6 +98,24 @@ def test_dependencies_point_one_way() -> None:
         assert free, f"a cycle among {sorted(graph)}"
         for name in free:
             del graph[name]
+
+
+ROOMS = ("plan", "retime", "reshape", "timing", "judge", "limits")  # of motion; each may use what stands behind it
+
+
+def test_rooms_of_motion_point_one_way() -> None:
+    rooms: dict[str, set[str]] = {room: set() for room in ROOMS}
+    for module in MODULES:
+        place = module.relative_to(ROOT).parts
+        if place[0] == "motion" and len(place) == 3 and place[1] in ROOMS:
+            used = {x.split(".")[2] for x in imports(module) if x.startswith("energy_opt.motion.")}
+            rooms[place[1]] |= used & set(ROOMS) - {place[1]}
+        elif place[0] == "motion" and len(place) == 2 and place[1] not in ("__init__.py", "result.py"):
+            used = {x.split(".")[2] for x in imports(module) if x.startswith("energy_opt.motion.")}
+            assert not used & set(ROOMS), f"{module}: what all rooms stand on uses one of them"
+    for k, room in enumerate(ROOMS):
+        assert rooms[room] <= set(ROOMS[k + 1 :]), room
+    assert not rooms["limits"] and not rooms["retime"] & {"reshape"}
 
 
 def test_modules_stay_small() -> None:

@@ -12,9 +12,12 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
+from energy_opt.files import read_table
 from energy_opt.formats import read, read_trajectory
 from energy_opt.formats.bags import write_mcap
+from energy_opt.formats.recordings import unpack
 from energy_opt.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")
@@ -169,3 +172,80 @@ def test_a_bag_without_a_plan_names_its_topics(tmp_path: Path) -> None:
         writer.write(connection, 0, store.serialize_cdr(message, "std_msgs/msg/Float64"))
     with pytest.raises(BadInput, match=r"no planned trajectory; its topics are /power \(std_msgs/msg/Float64\)"):
         read(tmp_path / "bag")
+
+
+def recorded(path: Path, power: str, ros1: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A bag of an arm at 50 Hz, a gripper beside it, and its power at 20 Hz as `power` says; time, positions, watts."""
+    store = types(ros1)
+    t = store.types
+    time_of, seq = t["builtin_interfaces/msg/Time"], {"seq": 0} if ros1 else {}
+    none, names = np.zeros(0), [f"panda_joint{k}" for k in range(1, 8)]
+    joints = np.arange(0, 4, 0.02)
+    q = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785]) + 0.2 * np.sin(joints)[:, None]
+    meter = np.arange(0.01, 4, 0.05)
+    watts = 90 + 5 * np.sin(meter)
+    kinds = {
+        "power": [("/arm/power", "std_msgs/msg/Float64", lambda w: {"data": w})],
+        "pair": [("/volts", "std_msgs/msg/Float32", lambda w: {"data": 48.0}),
+                 ("/bus_current", "std_msgs/msg/Float64", lambda w: {"data": w / 48})],
+    }  # fmt: skip
+    writer = Writer1(path) if ros1 else Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    with writer:
+
+        def topic(name: str, kind: str) -> Any:
+            return writer.add_connection(name, kind, typestore=store)
+
+        def put(connection: Any, when: float, kind: str, fields: dict[str, Any]) -> None:
+            raw = (store.serialize_ros1 if ros1 else store.serialize_cdr)(t[kind](**fields), kind)
+            writer.write(connection, round(when * 1e9), raw)
+
+        state, gripper = "sensor_msgs/msg/JointState", topic("/gripper", "sensor_msgs/msg/JointState")
+        arm = topic("/joint_states", state)
+        for when, row in zip(joints, q, strict=True):
+            nanoseconds = round((100 + when) * 1e9)
+            header = t["std_msgs/msg/Header"](stamp=time_of(*divmod(nanoseconds, 10**9)), frame_id="", **seq)
+            put(arm, 100.005 + when, state,
+                {"header": header, "name": names, "position": row, "velocity": none, "effort": none})  # fmt: skip
+            put(gripper, 100 + when, state,
+                {"header": header, "name": ["finger"], "position": none, "velocity": none, "effort": none})  # fmt: skip
+        if power == "battery":
+            kind = "sensor_msgs/msg/BatteryState"
+            connection = topic("/battery", kind)
+            blank = dict.fromkeys(("temperature", "charge", "capacity", "design_capacity", "percentage"), np.nan)
+            states = dict.fromkeys(("power_supply_status", "power_supply_health", "power_supply_technology"), 0)
+            for when, w in zip(meter, watts, strict=True):
+                header = t["std_msgs/msg/Header"](time_of(*divmod(round((100 + when) * 1e9), 10**9)), "", **seq)
+                put(connection, 100 + when, kind, {
+                    "header": header, "voltage": 24.0, "current": -w / 24, **blank, **states, "present": True,
+                    "cell_voltage": np.zeros(0, np.float32), "cell_temperature": np.zeros(0, np.float32),
+                    "location": "", "serial_number": "",
+                })  # fmt: skip
+        else:
+            for name, kind, fields in kinds[power]:
+                connection = topic(name, kind)
+                for when, w in zip(meter, watts, strict=True):
+                    put(connection, 100 + when, kind, fields(w))
+    return joints, q, np.column_stack([meter, watts])
+
+
+@pytest.mark.parametrize(("power", "ros1"), [("power", False), ("pair", False), ("battery", False), ("power", True)])
+def test_recordings_are_unpacked(tmp_path: Path, power: str, ros1: bool) -> None:
+    bag = tmp_path / ("run.bag" if ros1 else "run")
+    joints, q, meter = recorded(bag, power, ros1)
+    files, notes = unpack(bag, tmp_path / "tables")
+    assert [file.name for file in files] == ["run.csv", "run_power.csv"]
+    arm, watts = (read_table(file) for file in files)
+    assert arm["time"] == pytest.approx(joints, abs=1e-6) and "panda_joint1.velocity" not in arm
+    np.testing.assert_array_equal(arm["panda_joint3.position"], q[:, 2])
+    assert watts["time"] == pytest.approx(meter[:, 0], abs=1e-6)
+    assert watts["power"] == pytest.approx(meter[:, 1], rel=1e-6)
+    assert "7 joints" in notes[0]
+
+
+def test_a_bag_is_imported_as_a_measured_set(tmp_path: Path) -> None:
+    recorded(tmp_path / "run", "power")
+    assert main(["import", str(tmp_path / "run"), "--out", str(tmp_path / "set"), "--robot", "panda", "--quiet"]) == 0
+    assert main(["check", str(tmp_path / "set"), "--quiet"]) == 0
+    write_plan(tmp_path / "plan", StoragePlugin.MCAP)
+    with pytest.raises(BadInput, match="fewer than two joint states"):
+        unpack(tmp_path / "plan", tmp_path)

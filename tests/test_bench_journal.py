@@ -72,10 +72,10 @@ def test_foreign_file_is_not_touched(tmp_path):
 
 def test_unfinished_batch_is_not_overwritten(tmp_path):
     fill(tmp_path, "ab")
-    with pytest.raises(BadInput, match="--resume"), Journal(tmp_path, HEADER, resume=False):
+    with pytest.raises(BadInput, match="add resume"), Journal(tmp_path, HEADER, resume=False):
         pass
     (tmp_path / "summary.json").write_text('{"complete": false}')
-    with pytest.raises(BadInput, match="--resume"), Journal(tmp_path, HEADER, resume=False):
+    with pytest.raises(BadInput, match="add resume"), Journal(tmp_path, HEADER, resume=False):
         pass
     (tmp_path / "summary.json").write_text('{"complete": true}')
     with Journal(tmp_path, HEADER, resume=False) as journal:
@@ -95,7 +95,7 @@ def test_results_of_another_suite_are_not_overwritten(tmp_path):
     with Journal(tmp_path, {"suite": "a"}, resume=False) as journal:
         journal.append({"key": "k", "row": {}})
     (tmp_path / "summary.json").write_text('{"complete": true}')
-    with pytest.raises(BadInput, match=r"suite 'a'.*--force"):
+    with pytest.raises(BadInput, match=r"suite 'a'.*add force"):
         Journal(tmp_path, {"suite": "b"}, resume=False)
     with Journal(tmp_path, {"suite": "b"}, resume=False, force=True) as journal:
         assert journal.records == []

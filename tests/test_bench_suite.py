@@ -9,7 +9,7 @@ import pytest
 
 from energy_opt.bench import check_suite, load_suite
 from energy_opt.bench.moves import random_moves
-from energy_opt.bench.task import Timing
+from energy_opt.bench.task import Duration
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
@@ -120,7 +120,7 @@ def test_urdf_and_limits_travel_as_text(tmp_path):
 @pytest.mark.parametrize("value", [0, -1, "0x", "fast", "x1.5", True, None, float("inf"), "1..5x"])
 def test_no_duration(value):
     with pytest.raises(BadInput, match="not a duration"):
-        Timing.parse(value)
+        Duration.parse(value)
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,16 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from poses import START
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.curve import MotionCurve
+from energy_opt.cell.planes import Near
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cell.scene_files import read_scene
+from energy_opt.cli.main import main
+from energy_opt.files import read_table, write_table
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Robot, load_robot
@@ -40,6 +44,12 @@ def along(path: JointPath, duration: float, rows: int) -> Trajectory:
     slope = path(s, 1)
     curved = path(s, 2) * v[:, None] ** 2 + slope * a[:, None]
     return Trajectory(tuple("abcdefg"[: path.n]), t, path(s), slope * v[:, None], curved)
+
+
+def waypoints(name: str, robot: Robot) -> np.ndarray:
+    """Those of a planner's path to one of the problems."""
+    table = read_table(PROBLEMS / "paths" / f"{name}.csv")
+    return np.column_stack([table[f"{joint}.position"] for joint in robot.joints])
 
 
 def judged(cell: Cell, t: Trajectory):
@@ -197,3 +207,50 @@ def test_planners_paths_are_proven() -> None:
         answer = judged(cell, along(through(np.array(problem["waypoints"])), 2.0, 300))
         assert answer.verdict == "proven", (problem["id"], answer)
         assert answer.min_distance <= problem["clearance"]["path"] + 5e-4
+
+
+@pytest.mark.skipif(not PROBLEMS.is_dir(), reason="the planning problems are not beside the checkout")
+@pytest.mark.parametrize("name", ["panda_bookshelf_thin_0030", "ur5_table_pick_0033"])
+def test_rows_over_planes_have_exact_derivatives_and_are_bounds(name: str) -> None:
+    """By central differences; and where planes were found no row is above the distance that was measured there."""
+    robot = load_robot(name.split("_")[0])
+    cell = Cell(robot, CellRequest(), read_scene(PROBLEMS / "scenes" / f"{name}.yaml"))
+    q = along(through(waypoints(name, robot)), 2.0, 12).position
+    u = np.linspace(0, 1, len(q))
+    rows = Near(cell.bodies).rows(u, q, np.full((len(u), len(cell.bodies.pairs)), 0.002), 0.1, {(3, 0)})
+    multipliers = np.random.default_rng(0).uniform(-1, 1, len(rows.place))
+    gradient, hessian = rows.gradient(q), rows.hessian(q, multipliers)
+    for j in range(robot.n):
+        step = np.zeros(robot.n)
+        step[j] = 1e-5
+        slope = (rows.value(q + step) - rows.value(q - step)) / 2e-5
+        assert np.allclose(gradient[:, j], slope, atol=1e-7)
+        bent = (rows.gradient(q + step) - rows.gradient(q - step)) / 2e-5 * multipliers[:, None]
+        sums = np.zeros((len(u), robot.n))
+        np.add.at(sums, rows.place, bent)
+        assert np.allclose(hessian[:, j], sums, atol=1e-7)
+    for k in range(len(u)):
+        near = dict(cell.distances(q[k], 0.1))
+        here = rows.place == k
+        assert here.any() or not near
+        assert not near or min(rows.value(q)[here]) * 0.1 <= min(near.values()) + 1e-5
+    assert (rows.place == 3).any() and len(set(rows.keys.tolist())) == len(rows.keys)
+
+
+def test_check_says_what_a_trajectory_touches(panda: Robot, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    file, scene = tmp_path / "move.csv", tmp_path / "scene.yaml"
+    q = np.stack([START, START + 0.05])
+    t = along(straight(*q), 2.0, 50)
+    kinds = {"position": t.position, "velocity": t.velocity, "acceleration": t.acceleration}
+    header = ["time", *(f"{joint}.{kind}" for kind in kinds for joint in panda.joints)]
+    write_table(file, header, [t.time, *(column for block in kinds.values() for column in block.T)])
+    assert main(["check", str(file), "--robot", "panda"]) == 0
+    poses = Kinematics(panda.body.tree())(q)
+    x, y, z = poses.origin[0, 4]
+    scene.write_text(f"objects:\n- {{name: post, type: sphere, radius: 0.05, position: [{x}, {y}, {z}]}}\n")
+    assert main(["check", str(file), "--robot", "panda", "--scene", str(scene)]) == 2
+    error = capsys.readouterr().err
+    assert "touches post at 0 s" in error or "touches post at" in error
+    assert main(["check", str(file), "--robot", "panda", "--floor", "0.2"]) == 2
+    assert main(["check", str(file), "--robot", "panda", "--floor", "0.2", "--self-collision", "off"]) == 2
+    assert "floor" in capsys.readouterr().err

@@ -166,7 +166,7 @@ def test_unknown_and_absent_sources_are_bad_input(monkeypatch: pytest.MonkeyPatc
 
 def test_the_planner_tells_at_once_that_a_source_is_absent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio.casadi", None)
-    with pytest.raises(BadInput, match="--dynamics pinocchio: not available"):
+    with pytest.raises(BadInput, match="dynamics pinocchio: not available"):
         Planner(load_robot("z1"), source_method_2("z1"), Settings(dynamics="pinocchio"))
 
 

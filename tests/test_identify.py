@@ -71,6 +71,7 @@ def test_a_simulated_arm(tmp_path):
     assert load_model(tmp_path / "out/model_method2.toml").get("copper_loss") is not None
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "identify.json", "model_method1.toml", "model_method2.toml", "plot.png",
+        "report.html",
     }  # fmt: skip
     assert len(poses_of(read_set(made.folder))) == 8
 

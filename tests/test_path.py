@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from energy_opt.motion.path import JointPath, of_trajectory, straight, through
-from energy_opt.motion.timing.law import Timing, greville
+from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.bspline import greville
 
 WAYPOINTS = np.array([[0.0, 0.1], [0.7, 0.6], [1.1, -0.2], [1.5, -0.9]])
 

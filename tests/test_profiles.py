@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,10 +12,13 @@ from poses import GOAL, START
 
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Result, Settings
+from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.certificate import certify
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.base import Limit, PlaceRows, Violation
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.nodes import node_functions
+from energy_opt.numerics import ipopt
 from energy_opt.power import PowerModel
 from energy_opt.profiles import Chain, MovesPlanner, as_result, fastest
 from energy_opt.profiles.program import SHARP, Program, Shape, lobatto
@@ -124,7 +128,8 @@ def test_the_programs_energy_is_the_judges(program: Program, panda: Robot, model
     assert effort == pytest.approx(limit.max_violation["effort"], abs=2e-3)  # nodes are not where it is largest
 
 
-def test_the_programs_derivatives(program: Program) -> None:
+def check_derivatives(program: Program) -> None:
+    """Gradient and Hessian of the Lagrangian against differences."""
     x = program.unknowns(bent())
     lam = np.random.default_rng(0).normal(size=len(program.row_bounds[0]))
 
@@ -143,6 +148,10 @@ def test_the_programs_derivatives(program: Program) -> None:
     got = np.zeros((program.size, program.size))
     got.T[np.tril_indices(program.size)] = upper  # columns of the upper triangle one after another
     np.testing.assert_allclose(np.triu(got), np.triu(numeric), atol=1e-6 * np.abs(numeric).max())
+
+
+def test_the_programs_derivatives(program: Program) -> None:
+    check_derivatives(program)
 
 
 @pytest.fixture(scope="module")
@@ -199,3 +208,56 @@ def test_what_standard_moves_cannot_do(
     planner, _, reference = solved
     with pytest.raises(BadInput, match=says):
         MovesPlanner(planner).solve(Move(**{"start": START, "goal": GOAL, **changed}), reference, vias)
+
+
+class Low(Limit):
+    """Joint 2 stays below a height at all of some places: numeric rows, as distances between bodies are."""
+
+    name, unit = "low", "rad"
+    height = -0.35
+
+    def worst(self, x: Dense) -> Violation:
+        k = int(np.argmax(x.q[:, 1]))
+        return Violation(self.name, float(x.q[k, 1] - self.height), x.joints[1], float(x.time[k]), 0.0, 0.0)
+
+    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceRows:
+        u = np.linspace(0.05, 0.6, 23)
+        assert curve(u).shape == (23, 7)
+        return LowRows(u, self.height)
+
+
+class LowRows:
+    """sin(q_2) - sin(height) <= 0, so that the rows have curvature of their own."""
+
+    def __init__(self, u: np.ndarray, height: float) -> None:
+        self.u, self.place, self.keys = u, np.arange(len(u)), np.arange(len(u))
+        self.lower, self.upper = np.full(len(u), -np.inf), np.zeros(len(u))
+        self._height = np.sin(height)
+
+    def value(self, q: np.ndarray) -> np.ndarray:
+        return np.sin(q[:, 1]) - self._height
+
+    def gradient(self, q: np.ndarray) -> np.ndarray:
+        return np.cos(q[:, 1])[:, None] * np.eye(7)[1]
+
+    def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        return (-multipliers * np.sin(q[:, 1]))[:, None, None] * np.outer(np.eye(7)[1], np.eye(7)[1])
+
+
+def test_numeric_rows_have_exact_derivatives_and_are_held(panda: Robot, model: PowerModel) -> None:
+    limits = (*joint_limits(panda.limits), Low())
+    nodes = node_functions(model, panda.body, limits)
+    program = Program(Shape(7, 1, True), nodes, (START, GOAL), limits, model.values(7), (1.5, 1.5), bent())
+    assert len(program.placed) == 1
+    check_derivatives(program)
+    x = program.unknowns(bent())
+    inside = np.linspace(0.05, 0.6, 23)
+    curve = bent().trajectory(panda.joints)
+    assert bent().along(inside) == pytest.approx(curve.sample(inside * curve.duration)[0], abs=1e-12)
+    assert program.rows(x)[-23:] == pytest.approx(np.sin(bent().along(inside)[:, 1]) - np.sin(-0.35))
+    answer = ipopt.solve(program, x, program.box, program.row_bounds, {"max_iter": 200, "tol": 1e-6})
+    free = Program(Shape(7, 1, True), nodes, (START, GOAL), limits, model.values(7), (1.5, 1.5))
+    loose = ipopt.solve(free, x, free.box, free.row_bounds, {"max_iter": 200, "tol": 1e-6})
+    assert answer.success and loose.success
+    assert program.rows(answer.x)[-23:].max() <= 1e-7 < program.rows(loose.x)[-23:].max()
+    assert program.cost(answer.x) > free.cost(loose.x)

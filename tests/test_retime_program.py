@@ -26,13 +26,14 @@ from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime.bound import largest_price
 from energy_opt.motion.retime.law import compressed, law_function, point_numbers
-from energy_opt.motion.retime.nlp import Program
+from energy_opt.motion.retime.nlp import RetimeProgram
 from energy_opt.motion.retime.points import PathLaw, Symbolic
 from energy_opt.motion.retime.quadrature import lift, quadrature
 from energy_opt.motion.retime.rows import CurvedRows, LinearRows, Rows
 from energy_opt.motion.retime.solve import retime
-from energy_opt.motion.timing.law import Timing, greville
+from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.timing.toppra import fastest
+from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel, drive_function
 from energy_opt.robot import Robot
 
@@ -177,7 +178,7 @@ def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bo
     linear = LinearRows(at.part(places), *np.random.default_rng(6).normal(size=(3, 3)), np.ones(3))
     curved = CurvedRows(at.part(places), torque, 7), CurvedRows(several, JerkAlongPath(factors), 1)
     cost = law.cost(grid.weight, 1.3, 0.01, -0.3, 4.0)
-    whole = Program(at, grid.weight, cost, np.array([0.02, 0.3]), 0.8, Rows(linear, curved))
+    whole = RetimeProgram(at, grid.weight, cost, np.array([0.02, 0.3]), 0.8, Rows(linear, curved))
     g = greville(knots)[1:-1]
     x = 4 * g * (1 - g) + 0.05
     multipliers = np.random.default_rng(7).normal(size=1 + whole.rows_held.count)

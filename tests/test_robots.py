@@ -195,6 +195,29 @@ def test_limits_file_overrides_by_name(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.limits.upper, [0.5, 1])
 
 
+def test_every_key_of_a_limits_file_counts(tmp_path: Path) -> None:
+    """Factors, sizes for both directions, braking, soft ranges; where ROS parameters have the table; under a prefix."""
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text(
+        "/**:\n  ros__parameters:\n    robot_description_planning:\n"
+        "      default_velocity_scaling_factor: 0.5\n      default_acceleration_scaling_factor: 0.1\n"
+        "      cartesian_limits: {max_trans_vel: 1.0}\n      joint_limits:\n"
+        "        l_first: {max_velocity: 1.5, min_velocity: -1.0, max_acceleration: 20, max_deceleration: -8,\n"
+        "          angle_wraparound: false, has_soft_limits: true, soft_lower_limit: -0.5, soft_upper_limit: 4,\n"
+        "          k_position: 10.0, k_velocity: 3.0}\n"
+        "        l_second: {has_velocity_limits: false, max_velocity: 0, has_acceleration_limits: true,\n"
+        "          max_acceleration: 30, has_jerk_limits: false, max_jerk: 3}\n"
+    )
+    robot = load_robot(two_joints(tmp_path), limits=path, prefix="l_")
+    stated = load_robot(two_joints(tmp_path)).limits
+    np.testing.assert_allclose(robot.limits.velocity, [0.5, np.pi])  # no limit at all: the assumed one
+    np.testing.assert_allclose(robot.limits.acceleration, [0.8, 3.0])
+    np.testing.assert_allclose(robot.limits.lower, [-0.5, stated.lower[1]])
+    np.testing.assert_allclose(robot.limits.upper, stated.upper)
+    assert np.isinf(robot.limits.jerk).all()
+    assert sum("scaling_factor" in w for w in robot.warnings) == 2
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -204,6 +227,19 @@ def test_limits_file_overrides_by_name(tmp_path: Path) -> None:
         ("joint_limits:\n  first: {max_velocity: fast}\n", "not a number"),
         ("joint_limits:\n  first: {has_velocity_limits: true}\n", "max_velocity is missing"),
         ("joint_limits:\n  first: {min_position: 1, max_position: 0}\n", "not below"),
+        ("joint_limits:\n  first: {max_velocty: 1}\n", "unknown key 'max_velocty'; did you mean 'max_velocity'"),
+        (
+            "joint_limits:\n  first: {has_velocity_limits: 'false', max_velocity: 1}\n",
+            "expected true or false, without quotes",
+        ),
+        ("joint_limits:\n  first: {has_jerk_limits: 0}\n", "= 0; expected true or false"),
+        ("joint_limits:\n  frist: {max_velocity: 1}\n  second: {max_velocity: 1}\n", "did you mean 'first'"),
+        ("joint_limits:\n  l_first: {max_velocity: 1}\n", "they fit with .* 'l_'"),
+        ("default_velocity_scaling_factor: 1.5\njoint_limits:\n  first: {max_velocity: 1}\n", "at most 1"),
+        ("default_velocity_scaling: 1\njoint_limits:\n  first: {max_velocity: 1}\n", "unknown key 'default_vel"),
+        ("joint_limits:\n  first: {max_velocity: " + "9" * 400 + "}\n", "not a number"),
+        ("joint_limits:\n  first: {min_velocity: 1, max_velocity: 1}\n", "min_velocity = 1; expected a number below 0"),
+        ("joint_limits:\n  first: {has_deceleration_limits: true}\n", "max_deceleration is missing"),
         ("joint_limits: [\n", "not valid YAML"),
     ],
 )
@@ -248,3 +284,36 @@ def test_energy_is_the_integral_of_power() -> None:
     work = np.sum((power[1:] + power[:-1]) / 2 * np.diff(t[:, 0]))
     stored = body.energy(q[[0, -1]], v[[0, -1]])
     assert work == pytest.approx(stored[1] - stored[0], rel=1e-5)
+
+
+GRIPPER = """
+<robot name="gripper">
+  <link name="base"/>
+  <link name="hand"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="left"><inertial><mass value="0.2"/>
+    <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="right"><inertial><mass value="0.2"/>
+    <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>
+    <limit lower="0" upper="0.8" velocity="0.5" effort="100"/></joint>
+  <joint name="finger" type="prismatic"><parent link="hand"/><child link="left"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04" velocity="0.5" effort="20"/></joint>
+  <joint name="other" type="prismatic"><parent link="hand"/><child link="right"/><axis xyz="0 1 0"/>
+    <limit lower="-0.1" upper="0.1" velocity="0.5" effort="20"/>
+    <mimic joint="finger" multiplier="-2" offset="0.01"/></joint>
+</robot>
+"""
+
+
+def test_mimic_joints_follow_and_sliding_ones_show_metres(tmp_path: Path) -> None:
+    path = tmp_path / "gripper.urdf"
+    path.write_text(GRIPPER)
+    robot = load_robot(path, lock={"finger": 0.03})
+    assert robot.joints == ("lift",) and robot.locked == {"finger": 0.03, "other": pytest.approx(-0.05)}
+    assert robot.units == ("m",) and load_robot("panda").units == ("rad",) * 7
+    with pytest.raises(BadInput, match=r"joint other follows finger \(mimic\), which moves"):
+        load_robot(path)
+    path.write_text(GRIPPER.replace('joint="finger" ', ""))
+    with pytest.raises(BadInput, match="expected the name of another joint"):
+        load_robot(path, lock={"finger": 0.03})

@@ -62,7 +62,7 @@ def test_known_robots_bring_pairs_and_poses(panda: Robot, ur5: Robot) -> None:
     assert len(semantics(panda).disabled) == 35 and len(semantics(ur5).disabled) == 10
     assert not semantics(load_robot("ur10")).disabled
     assert np.allclose(pose_from("default", panda, "--start"), [0, -0.785398, 0, -2.35619, 0, 1.5707, 0.785398])
-    with pytest.raises(BadInput, match=r"--goal homme: no pose is named 'homme'.*default"):
+    with pytest.raises(BadInput, match=r"goal homme: no pose is named 'homme'.*default"):
         pose_from("homme", panda, "--goal")
     with pytest.raises(BadInput, match="1 positions"):
         pose_from("0.5", panda, "--goal")
@@ -79,7 +79,7 @@ def test_package_paths_are_looked_for_above_the_file_and_where_told(tmp_path: Pa
     mesh = written(tmp_path, where, "solid a\nendsolid a\n")
     urdf = written(tmp_path, "pkg/urdf/r.urdf", URDF.format("package://pkg/meshes/a.stl"))
     if where.startswith("elsewhere"):
-        with pytest.raises(BadInput, match=r"1 of 1 collision meshes not found.*\(link a\).*--package-dir") as caught:
+        with pytest.raises(BadInput, match=r"1 of 1 collision meshes not found.*\(link a\).*package_dir") as caught:
             collision_urdf(urdf)
         assert "\n" not in str(caught.value)
     found = collision_urdf(urdf, [tmp_path / "elsewhere"] if where.startswith("elsewhere") else [])

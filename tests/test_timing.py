@@ -12,8 +12,9 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics
-from energy_opt.motion.timing.law import Timing, greville
+from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.timing.toppra import fastest
+from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 

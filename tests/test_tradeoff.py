@@ -14,7 +14,7 @@ from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Energy
-from energy_opt.motion.plan.neighbour import Carried
+from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import load_robot
@@ -69,12 +69,12 @@ class TwoOptima:
     def at(self, duration, neighbour):
         self.steps += 1
         branch = 1 if duration > 3.5 else int(neighbour.trajectory.position[0, 0])
-        return Carried(*answer(branch, duration), converged=True)
+        return Optimum(*answer(branch, duration), converged=True)
 
 
 def front_of(planner=None, **options):
     planner = planner or TwoOptima()
-    return trace(planner, KnownMove(), carrier=planner, **options)
+    return trace(planner, KnownMove(), steps=planner, **options)
 
 
 def test_better_optima_spread_both_ways():
@@ -161,7 +161,7 @@ def test_files(tmp_path, panda):
     cycle = Cycle(panda, source_method_2(), GOAL, 4.0)
     front = front_of(durations=[0.5, 1, 2, 3, 4], cycle=cycle)
     found = document(front, robot="panda", joints=panda.joints, mode="retime", cycle=cycle)
-    write(tmp_path, front, found)
+    write(tmp_path, front, found, panda)
     read = json.loads((tmp_path / "tradeoff.json").read_text())
     assert {"points", "minimum", "fastest", "cycle"} <= set(read)
     assert read["minimum"].keys() >= {"duration", "energy_total"}

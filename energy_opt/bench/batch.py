@@ -30,7 +30,7 @@ class Batch:
 
 def run_batch(
     suite: Suite,
-    out: Path,
+    out: str | Path,
     *,
     jobs: int = 1,
     resume: bool = False,
@@ -58,7 +58,7 @@ def run_batch(
 
     wanted = {task.key: task for task in suite.tasks}
     header = {"suite": suite.name, "digest": suite.digest}
-    with Journal(out, header, resume=resume, force=force) as journal:
+    with Journal(Path(out), header, resume=resume, force=force) as journal:
         records: dict[str, Record] = {}
         for record in journal.records:
             if record["key"] in wanted:

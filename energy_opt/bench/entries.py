@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from energy_opt.bench.task import MODES, OBJECTIVES, RobotSource, Timing
+from energy_opt.bench.task import MODES, OBJECTIVES, Duration, RobotSource
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_text
-from energy_opt.power import PowerModel, load_model, source_method_1, source_method_2
+from energy_opt.power import PowerModel, load_model
+from energy_opt.power.named import NAMED, is_named, named_model
 from energy_opt.robot import Robot, known_robots
 
-SOURCE_MODELS = {"source_method_1": source_method_1, "source_method_2": source_method_2}
 LISTS = {
     "robots": [],
     "modes": ["reshape"],
@@ -56,10 +56,10 @@ class Group:
     """
 
     robots: list[tuple[RobotSource, Robot]]
-    moves: list[tuple[str, Mapping[str, Any], list[Timing]]]
+    moves: list[tuple[str, Mapping[str, Any], list[Duration]]]
     random: list[tuple[int, int, float]]
     modes: list[Literal["retime", "reshape"]]
-    timings: list[Timing]
+    timings: list[Duration]
     payloads: list[tuple[float, ...]]
     models: list[tuple[str, PowerModel]]
     objectives: list[str]
@@ -123,11 +123,11 @@ def _words(values: list[Any], key: str, known: tuple[str, ...], faults: Faults) 
     return [value for value in values if value in known]
 
 
-def _timings(values: list[Any], key: str, faults: Faults) -> list[Timing]:
+def _timings(values: list[Any], key: str, faults: Faults) -> list[Duration]:
     out = []
     for value in values:
         try:
-            out.append(Timing.parse(value))
+            out.append(Duration.parse(value))
         except BadInput as error:
             faults.add(key, str(error))
     return out
@@ -176,17 +176,17 @@ def _payload(value: Any, faults: Faults) -> tuple[float, ...] | None:
 
 def _model(name: Any, files: Files, faults: Faults) -> tuple[str, PowerModel] | None:
     try:
-        if isinstance(name, str) and name in SOURCE_MODELS:
-            return name, SOURCE_MODELS[name]()
+        if isinstance(name, str) and is_named(name):
+            return name, named_model(name, "")  # made anew for each robot
         if isinstance(name, str) and files.path(name, "models").is_file():
             return Path(name).name if Path(name).is_absolute() else name, load_model(files.path(name, "models"))
-        raise BadInput(f"{name!r} is neither a model file beside the suite nor one of {', '.join(SOURCE_MODELS)}")
+        raise BadInput(f"{name!r} is neither a model file beside the suite nor one of {', '.join(NAMED)}")
     except BadInput as error:
         faults.add("models", str(error))
         return None
 
 
-def _moves(rows: Any, faults: Faults) -> list[tuple[str, Mapping[str, Any], list[Timing]]]:
+def _moves(rows: Any, faults: Faults) -> list[tuple[str, Mapping[str, Any], list[Duration]]]:
     if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
         faults.add("moves", "is not a list of [[moves]] tables")
         return []

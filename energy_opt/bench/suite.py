@@ -35,10 +35,11 @@ from typing import Any
 
 from energy_opt.bench.entries import NAMES, Faults, Files, Group, read_group
 from energy_opt.bench.moves import NamedMove, joint_values, random_moves
-from energy_opt.bench.task import Task, Timing
+from energy_opt.bench.task import Duration, Task
 from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput
 from energy_opt.files import read_toml, to_json
+from energy_opt.power.named import is_named, named_model
 from energy_opt.robot import Robot
 
 FORMAT = "energy-opt/suite/1"
@@ -61,7 +62,7 @@ class Suite:
 
 
 def load_suite(
-    path: Path,
+    path: str | Path,
     *,
     overrides: Mapping[str, Any] | None = None,
     seed: int | None = None,
@@ -85,7 +86,7 @@ def load_suite(
     return replace(suite, tasks=tuple(_with_compile(suite.tasks, compile)))
 
 
-def check_suite(path: Path) -> list[str]:
+def check_suite(path: str | Path) -> list[str]:
     """Every fault of a suite file, one line each; empty where it is usable."""
     try:
         return [f"{path}: {fault}" for fault in _read(Path(path), {}, None, False)[1]]
@@ -150,12 +151,13 @@ def _unknown(table: Mapping[str, Any], where: str, faults: Faults) -> None:
 def _product(suite: str, group: Group, at: int, faults: Faults) -> Iterator[Task]:
     """All rows of a group, in the order robot, move, mode, duration, payload, model, objective."""
     for source, robot in group.robots:
-        for name, effects in group.models:
+        named = [(name, named_model(name, robot.name) if is_named(name) else model) for name, model in group.models]
+        for name, effects in named:
             try:
                 effects.check(robot.n)
             except BadInput as error:
                 faults.add(f"models {name} on {robot.name}", str(error))
-        models = [(name, to_json(model.to_document())) for name, model in group.models]
+        models = [(name, to_json(model.to_document())) for name, model in named]
         for move, timings in _moves(group, robot, faults):
             for mode in group.modes:
                 for timing in timings:
@@ -182,7 +184,7 @@ def _product(suite: str, group: Group, at: int, faults: Faults) -> Iterator[Task
                                 at += 1
 
 
-def _moves(group: Group, robot: Robot, faults: Faults) -> Iterator[tuple[NamedMove, list[Timing]]]:
+def _moves(group: Group, robot: Robot, faults: Faults) -> Iterator[tuple[NamedMove, list[Duration]]]:
     """Given moves first, then random ones."""
     for number, (name, table, timings) in enumerate(group.moves, start=1):
         where = f"moves {number} ({name}) on {robot.name}"

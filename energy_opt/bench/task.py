@@ -25,14 +25,14 @@ _MULTIPLE = re.compile(r"\s*([0-9.eE+-]+)\s*x\s*")
 
 
 @dataclass(frozen=True)
-class Timing:
+class Duration:
     """The duration that a move is asked for: seconds, a multiple of the minimum time, or free (neither)."""
 
     seconds: float | None = None
     multiple: float | None = None
 
     @classmethod
-    def parse(cls, value: object) -> Timing:
+    def parse(cls, value: object) -> Duration:
         """From a suite: 2.5 (seconds), "1.5x" (of the minimum time on the straight path), or "free".
 
         Raises:
@@ -109,7 +109,7 @@ class Task:
     goal: tuple[float, ...]
     via: tuple[tuple[float, ...], ...]
     mode: Literal["retime", "reshape"]
-    timing: Timing
+    timing: Duration
     payload: tuple[float, ...]
     model: str
     effects: str

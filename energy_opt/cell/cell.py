@@ -10,11 +10,12 @@ import numpy as np
 from energy_opt.cell import solids
 from energy_opt.cell.bodies import Bodies, Body, Scenery
 from energy_opt.cell.curve import MotionCurve
+from energy_opt.cell.inside import one_inside_the_other
 from energy_opt.cell.pairs import Kept, OwnPairs, kept_apart, own_pairs
 from energy_opt.cell.proof import Proof, Touch, inside_at, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest, pose_of
 from energy_opt.cell.scene import TOOL, PlacedShape, Scene, Shape
-from energy_opt.cell.solids import GJK_ERROR, Solid
+from energy_opt.cell.solids import GJK_ERROR, Ruler, Solid
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics
@@ -53,6 +54,19 @@ class Clearance:
     def proven(self) -> bool:
         """Nothing is touched."""
         return self.verdict == "proven"
+
+    def __str__(self) -> str:
+        if self.pair is None or self.min_distance is None:
+            return f"{self.verdict}: {self.pairs} pairs, none of them near"
+        a, b = self.pair
+        if self.proven:
+            return f"nothing is touched; nearest are {a} and {b}, {1e3 * self.min_distance:.3g} mm at {self.time:.4g} s"
+        if self.depth is not None:
+            return f"{a} touches {b} at {self.time:.4g} s, {1e3 * self.depth:.3g} mm deep"
+        return (
+            f"{a} comes as near as {1e3 * self.min_distance:.3g} mm to {b} at {self.time:.4g} s; the clearance that is "
+            "asked for is not proven"
+        )
 
     def document(self) -> dict[str, object]:
         """As it stands in result.json."""
@@ -120,7 +134,7 @@ class Cell:
         if request.payload_size is not None:
             at = pose_of(request.payload_at)
             things.append(Kept(Body(PAYLOAD, robot.n - 1, at, solids.box(request.payload_size)), False))
-        self.has_body = bool(links)
+        self.has_body, self.links = bool(links), len(links)
         self.bodies = Bodies(kinematics, [thing.body for thing in things], kept_apart(things, self.own, whole.allowed))
 
     @property
@@ -154,6 +168,27 @@ class Cell:
                 out.append((p, distance))
         return out
 
+    def clear(self, q: np.ndarray, room: np.ndarray) -> bool:
+        """Whether every pair is apart by `room` (P,) [m] at q (n,), as far as hulls and pieces tell."""
+        scene = Scenery(self.bodies, q[None])
+        pair = np.arange(len(self.bodies.pairs))
+        floor, _, _ = scene.apart(np.zeros_like(pair), pair)
+        near = np.flatnonzero(floor < room)
+        for p in near[np.argsort(floor[near])].tolist():
+            ruler = self.bodies.ruler(p)
+            a, b = self.bodies.pairs[p].tolist()
+            at, bt = scene.placed(0, a), scene.placed(0, b)
+            if ruler.near(at, bt) < room[p] and (ruler.convex or not self._apart(ruler, at, bt, float(room[p]))):
+                return False
+        return True
+
+    @staticmethod
+    def _apart(ruler: Ruler, at: object, bt: object, room: float) -> bool:
+        """Whether finer shapes than hulls are apart; a body inside of another is not."""
+        if ruler.cut and ruler.mid(at, bt) >= room:
+            return True
+        return ruler.exact(at, bt) >= room and not one_inside_the_other(ruler, at, bt)
+
     def touching(self, q: np.ndarray) -> Contact | None:
         """The pair that overlaps deepest at q (n,); None where nothing touches."""
         found = [self._contact(q, p, d) for p, d in self.distances(q, TOUCHING)]
@@ -165,11 +200,16 @@ class Cell:
         depth = self.bodies.ruler(pair).depth(scene.placed(0, a), scene.placed(0, b))
         return Contact(self.bodies.names(pair), distance, depth)
 
-    def wanted(self, ends: np.ndarray) -> np.ndarray:
-        """The clearance (P,) [m] that each pair keeps between the poses `ends` (2, n): half of that there if less."""
-        out = np.full(len(self.bodies.pairs), self.asked)
+    def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
+        """The clearance (P,) [m] that each pair keeps between the poses `ends` (2, n): half of that there if less.
+
+        Args:
+            clearance: where another is meant than was asked for.
+        """
+        asked = self.asked if clearance is None else clearance
+        out = np.full(len(self.bodies.pairs), asked)
         for q in ends:
-            for p, distance in self.distances(q, 2 * self.asked):
+            for p, distance in self.distances(q, 2 * asked):
                 out[p] = min(out[p], max(distance / 2, 0.0))
         return out
 

@@ -300,14 +300,6 @@ def placement(rotation: np.ndarray, origin: np.ndarray) -> Any:
     return coal.Transform3s(rotation, origin)
 
 
-@dataclass(frozen=True)
-class Witness:
-    """Two convex bodies' distance [m] (negative: overlap), and the normal (3,) from the second towards the first."""
-
-    distance: float
-    normal: np.ndarray
-
-
 class Plane:
     """Finds planes between two convex pieces."""
 
@@ -317,8 +309,8 @@ class Plane:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._measure = coal.ComputeDistance(a.geometry, b.geometry)
 
-    def __call__(self, at: Any, bt: Any) -> Witness:
-        """The distance and the normal in the frame that the placements are in."""
+    def __call__(self, at: Any, bt: Any) -> tuple[float, np.ndarray]:
+        """The distance [m] (negative: overlap) and the normal (3,) from the second towards the first."""
         self._result.clear()
         distance = self._measure(at, bt, self._request, self._result)
-        return Witness(float(distance), -np.asarray(self._result.normal))
+        return float(distance), -np.asarray(self._result.normal)

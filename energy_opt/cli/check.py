@@ -5,9 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_prefix, say
+from energy_opt.cli.common import add_cell, add_prefix, refuse_degrees, say
 from energy_opt.errors import BadInput, EnergyOptError
+
+if TYPE_CHECKING:
+    from energy_opt.motion.trajectory import Trajectory
+    from energy_opt.robot import Robot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,10 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="model for the torque of a trajectory")
     add_prefix(parser)
-    parser.add_argument(
-        "--allow-outside", action="store_true", help="files that a scene or set names may lie outside its folder"
-    )
-    parser.add_argument("--allow-large", action="store_true", help="larger files and meshes are read too")
+    add_cell(parser)
     parser.add_argument("--json", action="store_true", help="faults as one JSON document on stdout")
     parser.add_argument("--quiet", action="store_true", help="say nothing where nothing is wrong")
 
@@ -117,6 +119,11 @@ def _toml(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
         return []
     if kind.startswith("energy-opt/log/"):
         return _set(file, args, notes)
+    if kind.startswith("energy-opt/job/"):
+        from energy_opt.job import check_job
+        from energy_opt.robot import load_robot
+
+        return check_job(file, lambda name: load_robot(args.robot or name, limits=args.limits))
     from energy_opt.bench.suite import check_suite
 
     return check_suite(file)
@@ -124,13 +131,13 @@ def _toml(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
 
 def _limits(file: Path, args: argparse.Namespace) -> list[str]:
     from energy_opt.robot import known_robots, load_robot
-    from energy_opt.robot.limits import names_in
+    from energy_opt.robot.limits_file import names_in
 
     names = names_in(file)
     candidates = [args.robot] if args.robot else list(known_robots())
     for name in candidates:
-        if set(load_robot(name).joints) & set(names):
-            load_robot(name, limits=file)
+        if {args.joint_prefix + joint for joint in load_robot(name).joints} & set(names):
+            load_robot(name, limits=file, prefix=args.joint_prefix)
             return []
     return [f"{file}: names {', '.join(names)}, which are joints of none of {', '.join(candidates)} (say --robot)"]
 
@@ -152,20 +159,37 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
         matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
         if not matching:
             return [f"{file}: joints {', '.join(rows.joints)} are those of no robot by name; say which with --robot"]
-        robot = load_robot(matching[0], limits=args.limits)
+        robot = load_robot(matching[0], limits=args.limits, prefix=args.joint_prefix)
         say(args, f"{file}: taken for a {robot.name} (say --robot to change it)")
     else:
-        robot = load_robot(args.robot, limits=args.limits)
+        robot = load_robot(args.robot, limits=args.limits, prefix=args.joint_prefix)
     rows = rows.of(robot.joints, args.joint_prefix)
+    refuse_degrees(robot, rows.position, rows.where)
     if rows.time is None:
         return []
     trajectory = rows.trajectory()
     model = load_model(args.model) if args.model else source_method_2(robot.name)
     certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
-    worst = certificate.worst
+    worst, faults = certificate.worst, _touches(file, args, robot, trajectory)
     if certificate.valid:
-        return []
+        return faults
     return [
+        *faults,
         f"{file}: {worst['limit']} of {worst['joint']} is {worst['value']:.6g} at {worst['time']:.4g} s, beyond its "
-        f"bound {worst['bound']:.6g} by {certificate.violation:.2e}"
+        f"bound {worst['bound']:.6g} by {certificate.violation:.2e}",
     ]
+
+
+def _touches(file: Path, args: argparse.Namespace, robot: Robot, trajectory: Trajectory) -> list[str]:
+    """Where a trajectory touches the arm's own body or its cell, or comes too near."""
+    from energy_opt.cell.load import load_cell
+    from energy_opt.cli.common import cell_of
+    from energy_opt.motion.judge.clearance import clearance_of
+
+    cell = load_cell(robot, cell_of(args))
+    for warning in [] if cell is None else cell.warnings:
+        say(args, f"{file}: {warning}")
+    if cell is None or not cell.checks:
+        return []
+    found = clearance_of(cell, trajectory)
+    return [] if found.proven else [f"{file}: {found}"]

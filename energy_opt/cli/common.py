@@ -22,15 +22,24 @@ if TYPE_CHECKING:
     from energy_opt.robot import Robot
 
 
+DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for degrees: two turns
+
+
 def add_common(parser: argparse.ArgumentParser, out: str) -> None:
     """Options of every verb that plans."""
     group = parser.add_argument_group("robot and model")
     group.add_argument("--robot", required=True, metavar="NAME_OR_URDF", help="a name (`energy-opt robots`) or a URDF")
-    group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    group.add_argument(
+        "--limits", type=Path, metavar="FILE", help="MoveIt's joint_limits.yaml (default: published or the URDF's)"
+    )
     group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
-    group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m]")
-    group.add_argument("--model", type=Path, metavar="MODEL.toml", help="power model (default: the source paper's)")
-    group.add_argument("--dynamics", default="auto", metavar="SOURCE", help="auto, compact, templates or pinocchio")
+    group.add_argument(
+        "--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m] (none)"
+    )
+    group.add_argument("--model", metavar="MODEL", help="power model: a file or a name (default: source-method-2)")
+    group.add_argument(
+        "--dynamics", default="auto", metavar="SOURCE", help="auto (default), compact, templates or pinocchio"
+    )
     add_output(parser, out)
 
 
@@ -41,6 +50,7 @@ def add_output(parser: argparse.ArgumentParser, out: str) -> None:
     group.add_argument("--json", action="store_true", help="the result as one JSON document on stdout")
     group.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random choices (0)")
     group.add_argument("--quiet", action="store_true", help="no progress and no messages")
+    group.add_argument("--force", action="store_true", help="overwrite the result of another request")
 
 
 def add_move(parser: argparse.ArgumentParser) -> None:
@@ -49,18 +59,26 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--start", metavar="Q", help="comma-separated joint positions [rad], name=value pairs, or a pose of the SRDF"
     )
-    group.add_argument("--goal", metavar="Q", help="the same, for the end")
-    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints or a trajectory instead (CSV, messages)")
+    group.add_argument("--goal", metavar="Q", help="the same [rad], for the end")
+    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints [rad] or a trajectory instead of both")
     add_prefix(group)
-    group.add_argument("--via", action="append", default=[], metavar="Q", help="a point to pass (reshape; repeatable)")
+    group.add_argument(
+        "--via", action="append", default=[], metavar="Q", help="a point [rad] to pass (reshape; repeatable)"
+    )
     group.add_argument("--mode", default="reshape", metavar="MODE", help="reshape (default) or retime")
+    group = parser.add_argument_group("conditions")
+    group.add_argument("--max-power", type=float, metavar="W", help="bound of the arm's electrical power [W]")
+    group.add_argument("--tool-speed", type=float, metavar="V", help="bound of the speed of the tool's origin [m/s]")
+    group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
-    group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt")
-    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping")
-    group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move")
+    group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
+    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping (6)")
+    group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move (40)")
     group.add_argument("--end-acceleration", default="zero", metavar="KIND", help="zero (default) or free (reshape)")
-    group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never")
-    objectives = "energy, torque, power_squared, path_length, time"
+    group.add_argument(
+        "--compile", default="auto", metavar="WHEN", help="node functions: auto (default), always, never"
+    )
+    objectives = "energy (default), torque, power_squared, path_length, time"
     group.add_argument("--objective", default="energy", metavar="NAME", help=objectives)
     group.add_argument("--verify-samples", type=int, metavar="N", help="samples of the certificate (default: 10 a row)")
 
@@ -112,14 +130,14 @@ def load_robot_of(args: argparse.Namespace) -> Robot:
     for word in args.lock:
         name, _, value = word.partition("=")
         lock[name] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
-    return load_robot(args.robot, limits=args.limits, lock=lock)
+    return load_robot(args.robot, limits=args.limits, lock=lock, prefix=args.joint_prefix)
 
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
     """The model that --model and --payload describe; the source paper's Method 2 by default."""
-    from energy_opt.power import load_model, source_method_2
+    from energy_opt.front.given import model_from
 
-    model = source_method_2(robot.name) if args.model is None else load_model(args.model)
+    model = model_from(args.model, robot)
     if model.robot not in ("", robot.name):
         say(args, f"warning: {args.model}: a model of {model.robot}, used for {robot.name}")
     if args.payload is not None:
@@ -211,6 +229,25 @@ def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
     return np.array([finite_number(part, f"{option} {text}", "numbers [rad]") for part in parts])
 
 
+def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
+    """Refuse positions (N, n) or (n,) that are radians by the rules and degrees by their size.
+
+    Raises:
+        BadInput: names what to write instead.
+    """
+    import numpy as np
+
+    from energy_opt.robot.limits import look_like_degrees
+
+    found = look_like_degrees(robot.limits, position, DEGREES)
+    if found is not None:
+        value = float(np.atleast_2d(position)[found])
+        raise BadInput(
+            f"{where}: {value:g} rad for {robot.joints[found[1]]} is far outside its limits: these look like degrees; "
+            f"positions are radians ({value:g} deg = {np.radians(value):.4g} rad)"
+        )
+
+
 def move_of(
     args: argparse.Namespace, robot: Robot, duration: float | None = None, longest: float | None = None
 ) -> Move:
@@ -225,7 +262,9 @@ def move_of(
         rows = read(args.path)
         for note in rows.notes:
             say(args, note)
-        path = rows.of(robot.joints, args.joint_prefix).path()
+        rows = rows.of(robot.joints, args.joint_prefix)
+        refuse_degrees(robot, rows.position, rows.where)
+        path = rows.path()
         start, goal = path.start, path.goal
     else:
         for option in ("start", "goal"):
@@ -234,6 +273,8 @@ def move_of(
         srdf = getattr(args, "srdf", None)
         start = pose_from(args.start, robot, "--start", srdf)
         goal = pose_from(args.goal, robot, "--goal", srdf)
+        refuse_degrees(robot, start, "--start")
+        refuse_degrees(robot, goal, "--goal")
     via = tuple(joint_vector(word, robot.joints, "--via") for word in args.via)
     move = Move(start, goal, args.mode, duration, longest, path, via)
     if path is not None and path.source is not None:
@@ -256,4 +297,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
         dynamics=args.dynamics,
         verify_samples=args.verify_samples,
         end_acceleration=args.end_acceleration,
+        max_power=args.max_power,
+        tool_speed=args.tool_speed,
+        tool=args.tool,
     )

@@ -39,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.diagnose import diagnose, write
     from energy_opt.files import to_json
+    from energy_opt.front.request import guard, request_of_set
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
     from energy_opt.power import load_model
@@ -52,7 +53,11 @@ def run(args: argparse.Namespace) -> int:
     declared = load_model(args.model) if args.model else _level(measured, args.seed)
     if args.payload:
         declared = declared.replaced(payload_from(args.payload))
+    given = {"model": declared, "payload": args.payload, "limits": args.limits}
+    request = request_of_set(args.set, robot, args.seed, **given, command=args.command)
+    guard(args.out / "diagnosis.json", request, args.force)
     result = diagnose(measured, declared, args.seed)
+    result.document["request"] = request
     if result.document["verdict"] in ("ambiguous", "insufficient"):
         _next_motion(result, args.out, args.seed)
     write(result, args.out)

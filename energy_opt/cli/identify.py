@@ -52,9 +52,11 @@ def _mass(text: str | None) -> PointMass | None:
 
 def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
     from energy_opt.files import to_json, write_json
+    from energy_opt.front.request import guard, request_of_set
     from energy_opt.identify import identify, poses_of
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
+    from energy_opt.reports.identify import page
 
     measured = read_set(
         args.set,
@@ -63,25 +65,31 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
     )
     for remark in measured.remarks:
         say(args, f"note: {remark}")
+    given = {"payload": args.payload, "limits": args.limits, "command": args.command}
+    request = request_of_set(args.set, measured.robot, args.seed, **given)
+    guard(args.out / "identify.json", request, args.force)
     result = identify(measured.robot.name, poses_of(measured, mass))
+    document = {**result.document(), "request": request}
     result.model_1().save(args.out / "model_method1.toml")
     second = result.model_2()
     if second is not None:
         second.save(args.out / "model_method2.toml")
-    write_json(args.out / "identify.json", result.document())
+    write_json(args.out / "identify.json", document)
     _plot(result, args.out / "plot.png")
+    load, power = [pose.load for pose in result.poses], [pose.power for pose in result.poses]
+    page(result.document(), load, power, result.robot).write(args.out / "report.html")
     say(args, _summary(result, args.out))
     if args.json:
-        sys.stdout.write(to_json(result.document()))
+        sys.stdout.write(to_json(document))
     return 0
 
 
 def _plot(result: Identification, path: Path) -> None:
     import numpy as np
 
-    from energy_opt.reports.plots import COLOURS, labelled, new_figure, save
+    from energy_opt.reports.plots import COLOURS, labelled, legend_beside, new_figure, save
 
-    figure, axes = new_figure(1, 1, width=7.0, height=4.2)
+    figure, axes = new_figure(1, 1, width=9.5, height=4.2)
     at = labelled(axes[0, 0], "|gravity torque|^2 [(N m)^2]", "static power [W]", f"{result.robot}: static poses")
     load = np.array([p.load for p in result.poses])
     at.plot(load, [p.power for p in result.poses], "o", color=COLOURS[0], label="poses")
@@ -91,7 +99,7 @@ def _plot(result: Identification, path: Path) -> None:
         r, p0 = result.line["r_over_kt2"], result.line["standby"]
         label = f"Method 2: {p0:.2f} W + {r:.4g} W/(N m)^2, R^2 = {result.line['r_squared']:.3f}"
         at.plot(ends, p0 + r * ends, color=COLOURS[1], label=label)
-    at.legend(fontsize=8)
+    legend_beside(at)
     save(figure, path)
 
 

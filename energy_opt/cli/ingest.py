@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from pathlib import Path
 
 from energy_opt.cli.common import say
@@ -11,7 +12,9 @@ from energy_opt.cli.common import say
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="tables of joints and of meters, any order")
+    parser.add_argument(
+        "files", nargs="+", type=Path, metavar="FILE", help="tables of joints and of meters, or bags, any order"
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="SET", help="folder of the measured set")
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: found by columns and torques)")
     parser.add_argument("--force", action="store_true", help="replace a set that is there already")
@@ -29,7 +32,9 @@ def run(args: argparse.Namespace) -> int:
     named = None
     if args.robot and args.robot not in known_robots():
         named = str(Path(args.robot).resolve())
-    made = import_files(args.files, args.out, robot, named, args.force)
+    with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
+        files = _unpacked(args, Path(folder))
+        made = import_files(files, args.out, robot, named, args.force)
     motions = sum(run.kind == "motion" for run in made.runs)
     readings = sum(len(run.power) for run in made.runs)
     what = f"{len(made.runs)} run(s), {motions} of them motions, {readings} readings of power"
@@ -44,3 +49,19 @@ def run(args: argparse.Namespace) -> int:
         }  # fmt: skip
         sys.stdout.write(to_json(document))
     return 0
+
+
+def _unpacked(args: argparse.Namespace, folder: Path) -> list[Path]:
+    """The files, each bag among them as its table of joints and its table of power."""
+    from energy_opt.formats.bags import is_bag
+    from energy_opt.formats.recordings import unpack
+
+    out: list[Path] = []
+    for file in args.files:
+        if is_bag(file):
+            tables, notes = unpack(file, folder)
+            out += tables
+            say(args, "\n".join(notes))
+        else:
+            out.append(file)
+    return out

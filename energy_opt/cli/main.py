@@ -11,20 +11,24 @@ from types import ModuleType
 from typing import NoReturn
 
 from energy_opt import __version__
+from energy_opt.cli.examples import EXAMPLES, example
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
 
 VERBS = {
     "optimize": "one move to minimum energy",
     "tradeoff": "energy against duration for one move",
     "bench": "a batch of moves, in parallel, resumable, with a report",
+    "job": "a cycle of moves and waits, its time spent where it saves most",
     "identify": "the source paper's two methods from static poses",
     "diagnose": "which effect a power model lacks, from measured data",
     "import": "logs as labs have them to a measured set; guesses columns and units",
     "simulate": "play trajectories on a virtual arm and write a measured set",
     "check": "is this log, trajectory, model or suite usable",
     "robots": "the robots known by name, with joints and limits",
+    "effects": "the effects known, with parameters, units and laws",
 }
 MODULES = {"import": "ingest"}  # verbs whose module cannot have their name
+SHELLS = ("bash", "zsh", "tcsh")
 VECTORS = ("--start", "--goal", "--via", "--suggest-from", "--base")
 
 
@@ -77,8 +81,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(words: list[str]) -> int:
-    parser, verbs = _parsers(words)
+    parser, verbs = parsers(words)
     verb = next((word for word in words if not word.startswith("-")), None)
+    if words[:1] and words[0].partition("=")[0] in ("--example", "--print-completion"):
+        return _print(parser.parse_args(words))
     if verb is not None and verb not in VERBS:
         raise BadInput(f"no verb {verb!r}{near(verb, VERBS)}; verbs are {', '.join(VERBS)}")
     args, unknown = parser.parse_known_args(words)
@@ -88,6 +94,7 @@ def _run(words: list[str]) -> int:
     if unknown:
         options = [name for action in verbs[args.verb]._actions for name in action.option_strings]
         raise BadInput(f"unknown: {' '.join(unknown)}{near(unknown[0], options)} (see energy-opt {args.verb} --help)")
+    args.command = words
     if args.effects:
         from energy_opt.effects import load_file
 
@@ -98,10 +105,27 @@ def _run(words: list[str]) -> int:
     return int(code)
 
 
-def _parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
+def _print(args: argparse.Namespace) -> int:
+    if args.example is not None:
+        if args.example not in EXAMPLES:
+            kinds = ", ".join(EXAMPLES)
+            raise BadInput(f"--example {args.example}{near(args.example, EXAMPLES)}; expected one of {kinds}")
+        sys.stdout.write(example(args.example))
+        return 0
+    if args.print_completion not in SHELLS:
+        raise BadInput(f"--print-completion {args.print_completion}; expected one of {', '.join(SHELLS)}")
+    import shtab
+
+    sys.stdout.write(shtab.complete(parsers(list(VERBS))[0], shell=args.print_completion) + "\n")
+    return 0
+
+
+def parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
     """The command's parser, and that of each verb; only those of verbs that stand in `words` have their arguments."""
     parser = _Parser(prog="energy-opt", description="Robot arms that use less energy.")
     parser.add_argument("--version", action="version", version=f"energy-opt {__version__}")
+    parser.add_argument("--example", metavar="KIND", help=f"print a commented file that works: {', '.join(EXAMPLES)}")
+    parser.add_argument("--print-completion", metavar="SHELL", help=f"print a completion script: {', '.join(SHELLS)}")
     group = parser.add_subparsers(dest="verb", metavar="VERB")  # of the same class
     verbs = {}
     for verb, text in VERBS.items():

@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
                 "locked": r.locked,
                 "warnings": r.warnings,
                 "joints": [
-                    {"name": joint, **{kind: getattr(r.limits, kind)[j] for kind in kinds}}
+                    {"name": joint, "unit": r.units[j], **{kind: getattr(r.limits, kind)[j] for kind in kinds}}
                     for j, joint in enumerate(r.joints)
                 ],
             }
@@ -38,12 +38,12 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for r in robots:
         print(f"{r.name}  ({r.n} joints, {r.urdf.name})")
-        print(f"  {'joint':<24}{'position [rad]':>20}{'velocity':>10}{'accel.':>9}{'jerk':>9}{'effort':>9}")
+        print(f"  {'joint':<24}{'position':>24}{'velocity':>10}{'accel.':>9}{'jerk':>9}{'effort':>9}")
         for j, joint in enumerate(r.joints):
             m = r.limits
-            span = f"{m.lower[j]:.4g} … {m.upper[j]:.4g}"
+            span = f"{m.lower[j]:.4g} … {m.upper[j]:.4g} {r.units[j]}"
             rates = f"{m.velocity[j]:>10.4g}{m.acceleration[j]:>9.4g}{m.jerk[j]:>9.4g}"
-            print(f"  {joint:<24}{span:>20}{rates}{m.effort[j]:>9.4g}")
+            print(f"  {joint:<24}{span:>24}{rates}{m.effort[j]:>9.4g}")
         if not args.quiet:
             for warning in r.warnings:
                 print(f"  warning: {warning}", file=sys.stderr)

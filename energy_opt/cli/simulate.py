@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     plant = load_plant(args.plant)
     if args.payload is not None:
         plant = dataclasses.replace(plant, model=plant.model.replaced(payload_from(args.payload)))
-    robot = load_robot(args.robot or plant.model.robot, limits=args.limits)
+    robot = load_robot(args.robot or plant.model.robot, limits=args.limits, prefix=args.joint_prefix)
     declared = load_model(args.model) if args.model is not None else None
     instruments = Instruments(
         rate=args.rate,

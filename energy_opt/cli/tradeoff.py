@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.files import to_json
+    from energy_opt.front.request import guard, request_of_move
     from energy_opt.motion import Planner
     from energy_opt.tradeoff import trace
     from energy_opt.tradeoff.output import document, text, write
@@ -50,6 +51,11 @@ def run(args: argparse.Namespace) -> int:
             args, f"warning: {robot.name}: electrical values are assumed (those of the Panda); give --model for its own"
         )
 
+    named = {"path": args.path, "limits": args.limits, "scene": getattr(args, "scene", None)}
+    over = {"durations": durations, "longest": args.max_duration, "cycle": args.cycle, "idle_power": args.idle_power}
+    request = request_of_move(robot, model, move, args.seed, **named, command=args.command, **over)
+    guard(args.out / "tradeoff.json", request, args.force)
+
     def progress(front: Front, expected: int) -> None:
         if not args.quiet and sys.stderr.isatty():
             end = "\n" if front.solves == expected else ""
@@ -67,7 +73,8 @@ def run(args: argparse.Namespace) -> int:
             stopped=stopped,
         )
         found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
-        write(args.out, front, found)
+        found["request"] = request
+        write(args.out, front, found, robot)
     if args.json:
         sys.stdout.write(to_json(found))
     elif not args.quiet:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -226,13 +225,3 @@ def remarks(found: Trace, measured: MeasuredSet, declared: PowerModel) -> list[s
     for f in found.rivals[1:]:
         out.append(f"Fits as well: {', '.join(f.names) or 'nothing missing'}.")
     return out
-
-
-def write(result: Diagnosis, out: Path) -> None:
-    """Write diagnosis.json, model.toml and report.html into `out`."""
-    from energy_opt.diagnose.page import page
-    from energy_opt.files import write_json
-
-    write_json(out / "diagnosis.json", result.document)
-    result.model.save(out / "model.toml")
-    page(result).write(out / "report.html")

@@ -52,7 +52,7 @@ def candidates(current: Fit, declared: PowerModel, samples: Samples) -> Iterator
         elif issubclass(kind, MeterEffect):
             yield from _meter(kind, now.reading, samples)
         elif all(model.get(name) is not None for name in kind.needs):
-            absent.append(kind)
+            absent += [kind] if kind.sought else []
     yield from _absent(absent, model, declared, samples)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.robot.rigid_body import Link
+from energy_opt.robot.links import Link
 
 ROUNDING = 1e-12  # what six-digit right angles in a URDF leave behind is smaller; coarser snapping would change torques
 

@@ -16,49 +16,9 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from energy_opt.dynamics.canonical import CanonicalLink, canonical
-from energy_opt.robot.rigid_body import Link
-
-Vector = list[ca.SX]
-
-
-def _cross(a: Sequence[ca.SX], b: Sequence[ca.SX]) -> Vector:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
-def _plus(a: Sequence[ca.SX], b: Sequence[ca.SX]) -> Vector:
-    return [x + y for x, y in zip(a, b, strict=True)]
-
-
-def _times(matrix: Sequence[Sequence[float | ca.SX]], x: Sequence[ca.SX]) -> Vector:
-    return [row[0] * x[0] + row[1] * x[1] + row[2] * x[2] for row in matrix]
-
-
-class _Joint:
-    """Change of frame between a link and its parent at joint position q."""
-
-    def __init__(self, link: CanonicalLink, q: ca.SX) -> None:
-        rotation = link.placement[:3, :3]
-        self._down, self._up = rotation.T.tolist(), rotation.tolist()
-        self.offset: Vector = [ca.SX(float(x)) for x in link.placement[:3, 3]]
-        self._prismatic = link.prismatic
-        if link.prismatic:
-            self.offset = [o + float(rotation[i, 2]) * q for i, o in enumerate(self.offset)]
-        else:
-            self._c, self._s = ca.cos(q), ca.sin(q)
-
-    def down(self, x: Sequence[ca.SX]) -> Vector:
-        """A vector of the parent's frame in the link's."""
-        y = _times(self._down, x)
-        if self._prismatic:
-            return y
-        return [self._c * y[0] + self._s * y[1], self._c * y[1] - self._s * y[0], y[2]]
-
-    def up(self, x: Sequence[ca.SX]) -> Vector:
-        """A vector of the link's frame in the parent's."""
-        if self._prismatic:
-            return _times(self._up, x)
-        return _times(self._up, [self._c * x[0] - self._s * x[1], self._s * x[0] + self._c * x[1], x[2]])
+from energy_opt.dynamics.canonical import canonical
+from energy_opt.dynamics.frames import JointFrame, Vector, cross, plus, times
+from energy_opt.robot.links import Link
 
 
 def _wrench(
@@ -73,14 +33,14 @@ def _wrench(
         [xz - dw[1], yz + dw[0], -(xx + yy)],
     ]
     s, h, m = inertia, [inertia[i][3] for i in range(3)], inertia[3][3]
-    force = _plus([m * x for x in origin], _times(u, h))
+    force = plus([m * x for x in origin], times(u, h))
     # (integral of r x U r)_x = (U S)_zy - (U S)_yz; the product with the diagonal of U leaves (U_zz - U_yy) S_yz
     spin = [
         u[2][0] * s[0][1] + u[2][1] * s[1][1] - u[1][0] * s[0][2] - u[1][2] * s[2][2] + (zz - yy) * s[1][2],
         u[0][1] * s[1][2] + u[0][2] * s[2][2] - u[2][0] * s[0][0] - u[2][1] * s[0][1] + (xx - zz) * s[0][2],
         u[1][0] * s[0][0] + u[1][2] * s[0][2] - u[0][1] * s[1][1] - u[0][2] * s[1][2] + (yy - xx) * s[0][1],
     ]
-    return u, force, _plus(_cross(h, origin), spin)
+    return u, force, plus(cross(h, origin), spin)
 
 
 def torque_function(tree: Sequence[Link]) -> ca.Function:
@@ -99,7 +59,7 @@ def torque_function(tree: Sequence[Link]) -> ca.Function:
     inertias = [ca.SX(ca.DM(link.pseudo_inertia)) for link in links]
     inertias[-1] = inertias[-1] + mass * ca.mtimes(point, point.T)
 
-    joints: list[_Joint] = []
+    joints: list[JointFrame] = []
     us: list[list[Vector]] = []
     ws: list[Vector] = []
     dws: list[Vector] = []
@@ -107,13 +67,13 @@ def torque_function(tree: Sequence[Link]) -> ca.Function:
     forces: list[Vector] = []
     torques: list[Vector] = []
     for k, link in enumerate(links):
-        joint, p = _Joint(link, q[k]), link.parent
+        joint, p = JointFrame(link, q[k]), link.parent
         root = p < 0
         w, dw = joint.down(zero if root else ws[p]), joint.down(zero if root else dws[p])
-        above = [-gravity[i] for i in range(3)] if root else _plus(origins[p], _times(us[p], joint.offset))
+        above = [-gravity[i] for i in range(3)] if root else plus(origins[p], times(us[p], joint.offset))
         origin = joint.down(above)
         if link.prismatic:
-            origin = _plus(origin, [2 * (w[1] * v[k]), -2 * (w[0] * v[k]), a[k]])
+            origin = plus(origin, [2 * (w[1] * v[k]), -2 * (w[0] * v[k]), a[k]])
         else:
             dw = [dw[0] + w[1] * v[k], dw[1] - w[0] * v[k], dw[2] + a[k]]
             w = [w[0], w[1], w[2] + v[k]]
@@ -133,8 +93,8 @@ def torque_function(tree: Sequence[Link]) -> ca.Function:
         tau[k] = (forces if link.prismatic else torques)[k][2] + float(link.armature) * a[k]
         if link.parent >= 0:
             force = joints[k].up(forces[k])
-            forces[link.parent] = _plus(forces[link.parent], force)
-            moment = _plus(joints[k].up(torques[k]), _cross(joints[k].offset, force))
-            torques[link.parent] = _plus(torques[link.parent], moment)
+            forces[link.parent] = plus(forces[link.parent], force)
+            moment = plus(joints[k].up(torques[k]), cross(joints[k].offset, force))
+            torques[link.parent] = plus(torques[link.parent], moment)
     names = ["q", "v", "a", "gravity", "mass", "com"]
     return ca.Function("tau", [q, v, a, gravity, mass, com], [ca.vertcat(*tau)], names, ["tau"])

@@ -78,6 +78,7 @@ class Effect:
     bakes: ClassVar[bool] = False  # are its values numbers, not parameters, of the inverse dynamics?
     needs: ClassVar[tuple[str, ...]] = ()  # effects without which it has no meaning
     same_on_all_joints: ClassVar[bool] = True  # may one number stand for all joints where data are fitted?
+    sought: ClassVar[bool] = True  # may diagnosis propose it where a declared model lacks it?
     version: ClassVar[int] = 0  # counts how often a class of this name was registered anew
 
     def __init_subclass__(cls, **keywords: Any) -> None:

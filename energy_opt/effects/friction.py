@@ -149,3 +149,25 @@ class ThermalViscous(TorqueEffect):
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
         warm = 1 - ca.exp(-x.t / p.time_constant) if x.warmth is None else x.warmth
         return p.b * x.v * (1 - p.share * warm)
+
+
+class SigmoidFriction(TorqueEffect):
+    """a / (1 + exp(-k (v + c))) - a / (1 + exp(-k c)): friction that rises smoothly from 0 and levels off.
+
+    The form in which the Panda's friction is published (Gaz, Cognetti, Oliva, Robuffo Giordano and De Luca, IEEE RA-L
+    4(4), 2019). A level friction of a (1 +- tanh(k c / 2)) / 2 by direction; k / 2 is how steep it is about v = -c.
+    """
+
+    name = "sigmoid_friction"
+    parameters = (
+        Parameter("a", "N m", 0.0, 0.0, 1e3, "joint"),
+        Parameter("k", "s/rad", 10.0, 1e-2, 1e3, "joint", shapes=True),
+        Parameter("c", "rad/s", 0.0, -10.0, 10.0, "joint", shapes=True),
+    )
+    convex_in_retiming = False
+    dissipates = True
+    sought = False  # dry and viscous friction say the same of data
+
+    @classmethod
+    def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        return p.a / 2 * (ca.tanh(p.k * (x.v + p.c) / 2) - ca.tanh(p.k * p.c / 2))

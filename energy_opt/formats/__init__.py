@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from energy_opt.errors import BadInput
-from energy_opt.formats import bags, messages, table
+from energy_opt.formats import bags, franka, messages, table, urscript
 from energy_opt.formats.rows import Rows
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
@@ -53,16 +53,19 @@ FORMATS: dict[str, Format] = {
         Format(
             "mcap", ".mcap", "bag with a trajectory_msgs/JointTrajectory", bags.read, bags.write_mcap, (".db3", ".bag")
         ),
+        Format("urscript", ".script", "program for Universal Robots", write=urscript.write),
+        Format("franka", ".franka.csv", "joint positions for libfranka", write=franka.write),
     )
 }  # fmt: skip
 
 
-def read(path: Path) -> Rows:
+def read(path: str | Path) -> Rows:
     """The rows of a file, by its suffix: a trajectory where they have times, else waypoints.
 
     Raises:
         BadInput: the file is of no known kind, or faulty; names the place.
     """
+    path = Path(path)
     if path.is_dir() and bags.is_bag(path):
         return bags.read(path)
     readable = [f for f in FORMATS.values() if f.read is not None]
@@ -74,7 +77,22 @@ def read(path: Path) -> Rows:
     raise BadInput(f"{path}: not a file of waypoints or of a trajectory; known are {known}")
 
 
-def read_trajectory(path: Path, joints: Sequence[str], prefix: str = "") -> Trajectory:
+def write(trajectory: Trajectory, path: Path) -> None:
+    """Write the rows of a trajectory to a file, in the format that its name ends with.
+
+    Raises:
+        BadInput: no format has that ending.
+    """
+    fitting = [f for f in FORMATS.values() if f.write is not None and path.name.lower().endswith(f.suffix)]
+    if not fitting:
+        known = ", ".join(f.suffix for f in FORMATS.values() if f.write is not None)
+        raise BadInput(f"{path}: no format has this ending; known are {known}")
+    best = max(fitting, key=lambda f: len(f.suffix))
+    assert best.write is not None
+    best.write(trajectory, path)
+
+
+def read_trajectory(path: str | Path, joints: Sequence[str], prefix: str = "") -> Trajectory:
     """The trajectory in a file, for the robot's `joints`; in the file their names begin with `prefix`.
 
     Raises:
@@ -83,7 +101,7 @@ def read_trajectory(path: Path, joints: Sequence[str], prefix: str = "") -> Traj
     return read(path).of(joints, prefix).trajectory()
 
 
-def read_path(path: Path, joints: Sequence[str], prefix: str = "") -> JointPath:
+def read_path(path: str | Path, joints: Sequence[str], prefix: str = "") -> JointPath:
     """The path in a file: of a trajectory, which it keeps, or through waypoints.
 
     Raises:
@@ -92,4 +110,4 @@ def read_path(path: Path, joints: Sequence[str], prefix: str = "") -> JointPath:
     return read(path).of(joints, prefix).path()
 
 
-__all__ = ["FORMATS", "Format", "JointPath", "Rows", "Trajectory", "read", "read_path", "read_trajectory"]
+__all__ = ["FORMATS", "Format", "JointPath", "Rows", "Trajectory", "read", "read_path", "read_trajectory", "write"]

@@ -18,10 +18,11 @@ import numpy as np
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
 from energy_opt.measured import MeasuredSet
-from energy_opt.measured.segment import standstills
+from energy_opt.measured.segment import LONG, standstills
 from energy_opt.power import PowerModel
 from energy_opt.robot import PointMass, RigidBody
 
+FEWEST_READINGS = 5  # of a standstill, or as many as take `LONG` where the meter is slow
 FEWEST = 3  # poses that Method 2 needs for an interval
 SAME_POSE = 0.02  # [rad] poses nearer than this in every joint are one pose
 
@@ -80,7 +81,7 @@ class Identification:
 def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Pose]:
     """The static poses of a set; standstills within motion runs where it has no static run."""
     body = measured.robot.body
-    static = [r for r in measured.runs if r.kind == "static"]
+    static = [r for r in measured.runs if r.kind == "static" and len(r.power)]
     out = []
     for run in static:
         out.append(_pose(body, run.file, run.position, run.power, float(run.time[-1] - run.time[0]), payload))
@@ -88,8 +89,10 @@ def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Po
         return out
     for run in measured.runs:
         for first, last in standstills(run.time, run.position):
-            inside = (run.power_time >= run.time[first]) & (run.power_time <= run.time[last])
-            if inside.sum() >= 5:
+            begin = run.power_time - run.window
+            inside = (begin >= run.time[first]) & (run.power_time <= run.time[last])
+            held = float(np.ptp(run.power_time[inside]) + run.window[inside].max()) if inside.any() else 0.0
+            if inside.sum() >= FEWEST_READINGS or (inside.sum() > 1 and held >= LONG):
                 held = float(run.time[last] - run.time[first])
                 rows = run.position[first : last + 1]
                 out.append(_pose(body, run.file, rows, run.power[inside], held, payload))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.differentiate import choose_smoothing, kinematics
-from energy_opt.measured.log import read_log
+from energy_opt.measured.log import LogFile, read_log
 from energy_opt.measured.run import Run
 from energy_opt.measured.sets import collect, robot_of
 from energy_opt.robot import Robot
@@ -16,9 +17,9 @@ from energy_opt.robot import Robot
 MISMATCH = 0.2  # logged velocity may differ from that of the positions by this share of its own spread (rms)
 
 
-def check_set(folder: Path, allow_outside: bool = False) -> list[str]:
+def check_set(folder: str | Path, allow_outside: bool = False) -> list[str]:
     """All faults of a measured set, empty where it can be used as it is; never raises for a faulty file."""
-    return inspect_set(folder, allow_outside)[0]
+    return inspect_set(Path(folder), allow_outside)[0]
 
 
 def inspect_set(folder: Path, allow_outside: bool = False) -> tuple[list[str], list[str]]:
@@ -30,7 +31,8 @@ def inspect_set(folder: Path, allow_outside: bool = False) -> tuple[list[str], l
         return [str(error)], []
     runs, faults, remarks = collect(log, robot)
     for run in runs:
-        faults += _plausible(run, robot, str(log.path.parent / run.file))
+        faults += _plausible(run, robot, str(log.path.parent / run.file.partition("#")[0]))
+    faults += _constant(runs, log)
     if not faults and not any(len(run.power) for run in runs):
         remarks.append("no run has a reading of power: nothing but currents and torques can be identified")
     return faults, remarks
@@ -47,7 +49,7 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
         low, high = robot.limits.lower[j] - margin, robot.limits.upper[j] + margin
         out = np.flatnonzero((run.position[:, j] < low) | (run.position[:, j] > high))
         if out.size:
-            row, value = int(out[0]) + 2, run.position[out[0], j]
+            row, value = int(run.rows[out[0]]), run.position[out[0], j]
             faults.append(
                 f"{where}: row {row}, column {joint}.position: {value:.4g} rad is outside the joint's limits "
                 f"[{low + margin:.4g}, {high - margin:.4g}]; is the unit right?"
@@ -63,8 +65,21 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
                     f"{where}: column {joint}.velocity: differs from the slope of the positions by {off:.3g} rad/s rms "
                     f"(its own spread is {spread:.3g}); are unit and joint right?"
                 )
-    if run.power.size > 100 and np.ptp(run.power) == 0:
-        faults.append(f"{where}: column power: is {run.power[0]:g} W throughout; is the meter connected?")
+    return faults
+
+
+def _constant(runs: Sequence[Run], log: LogFile) -> list[str]:
+    """Meters that show one value throughout a recording."""
+    by_file: dict[str, list[np.ndarray]] = {}
+    for run in runs:
+        by_file.setdefault(run.file.partition("#")[0], []).append(run.power)
+    faults = []
+    for file, powers in by_file.items():
+        power = np.concatenate(powers)
+        if power.size > 100 and np.ptp(power) == 0:
+            faults.append(
+                f"{log.path.parent / file}: column power: is {power[0]:g} W throughout; is the meter connected?"
+            )
     return faults
 
 

@@ -24,6 +24,8 @@ LEAST = 0.25  # [s] a smaller offset is left to the meter's own delay, which the
 SURE = 15.0  # log likelihood by which a moved clock must be better than the one given
 GOOD = 0.3  # share of the readings' variance that the motion must explain
 APART = 0.3  # [s] readings nearer than this tell the same
+SHAPE = 3.0  # log likelihood by which means must fit better than points, or the other way round
+DELAYS = np.round(np.arange(0.0, 0.601, 0.025), 3)  # [s] that a meter may be late; the first is none
 DRIFT = 2e-3  # [s/s] no clock drifts more
 
 
@@ -111,33 +113,56 @@ def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np
 
 def align(
     motion: Activity, stamps: np.ndarray, windows: Sequence[np.ndarray], power: np.ndarray, given: bool, seek: bool
-) -> tuple[Clock | None, int, float]:
-    """The meter's clock (None: the one given is as good, or nothing can be told), which of the windows it has, and the
-    log likelihood of the last window over the first.
+) -> tuple[Clock | None, int, np.ndarray]:
+    """The meter's clock, which of the windows it has, and what tells that.
 
     Args:
         motion: of the run. stamps, power: (M,) of the readings, on a clock that may be another.
-        windows: one or more (M,) that the readings may be means over.
+        windows: one or two (M,) that the readings may be means over.
         given: the stamps claim to be on the joints' clock; otherwise any offset is as likely.
         seek: another clock is looked for; otherwise the windows are compared only.
+
+    Returns:
+        The clock (None: the one given is as good, or nothing can be told), the index of the window, and log likelihoods
+        (windows, `DELAYS`) for `shows_means`.
     """
-    as_given = [_score(motion, stamps, window, power) for window in windows]
-    at = int(np.argmax([score for score, _ in as_given]))
-    more = as_given[-1][0] - as_given[0][0] if np.isfinite(as_given[0][0]) else 0.0
-    if not seek:
-        return None, at, more
-    found = [_search(motion, stamps, window, power, given) for window in windows]
-    best = max(range(len(windows)), key=lambda k: -np.inf if found[k] is None else found[k][1])  # type: ignore[index]
-    if found[best] is None:
-        return None, at, more
-    clock, score = found[best]  # type: ignore[misc]
-    if clock.explained < GOOD:
-        return None, at, more
+    fewer = [_fewer(stamps, window, power) for window in windows]
+    scores = np.array([[evidence(motion, s - d, w, p)[0] for d in DELAYS] for s, w, p in fewer])
+    at = int(shows_means(scores, float(np.median(windows[-1])))[0]) if len(windows) > 1 else 0
+    found = [_search(motion, stamps, window, power, given) for window in windows] if seek else [None]
+    best = max((k for k, one in enumerate(found) if one is not None), key=lambda k: _score(found[k]), default=None)
+    if best is None:
+        return None, at, scores
+    clock, score = found[best] or (None, 0.0)
+    if clock is None or clock.explained < GOOD:
+        return None, at, scores
     largest = abs(clock.offset) + abs(clock.drift) * float(stamps[-1] - stamps[0]) / 2
-    if given and (score - as_given[at][0] < SURE or largest < LEAST):
-        return None, at, more
-    first, last = found[0], found[-1]
-    return clock, best, last[1] - first[1] if first is not None and last is not None else 0.0
+    if given and (score - scores[:, 0].max() < SURE or largest < LEAST):
+        return None, at, scores
+    return clock, best, np.tile(np.array([[_score(one)] for one in found]), (1, len(DELAYS)))
+
+
+def shows_means(scores: np.ndarray, interval: float) -> tuple[bool, bool]:
+    """Whether a slow meter shows means since its reading before, or the power at its stamps; and whether that is sure.
+
+    The meter may be late besides, so each takes the delay under which it fits best: the shape decides. Where that is
+    not enough, a delay of half an interval speaks for the mean, which needs none.
+
+    Args:
+        scores: (2, `DELAYS`) log likelihoods of the power at the stamps and of the mean, summed over the runs.
+        interval: between readings, s.
+    """
+    if not np.isfinite(scores).any():
+        return True, False
+    at_stamp, mean = scores.max(axis=1)
+    if abs(mean - at_stamp) > SHAPE:
+        return bool(mean > at_stamp), True
+    late = DELAYS[int(np.argmax(scores[0]))]
+    return bool(abs(late - interval / 2) < 0.2 * interval), False
+
+
+def _score(found: tuple[Clock, float] | None) -> float:
+    return -np.inf if found is None else found[1]
 
 
 def _search(
@@ -179,10 +204,6 @@ def _search(
     clock = Clock(offset, drift, middle, 0.0)
     score, explained = evidence(motion, clock.moved(stamps), window, power)
     return Clock(offset, drift, middle, explained), score
-
-
-def _score(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    return evidence(motion, *_fewer(stamps, window, power))
 
 
 def _fewer(*columns: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.joints import FAR, degrees_fault, stamp_factor
+from energy_opt.measured.joints import degrees_fault, stamp_factor
 from energy_opt.measured.names import (
+    cut,
     energy_column,
     joint_columns,
     power_column,
@@ -65,10 +66,10 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     for name in known_robots():
         found = joint_columns(table.header, _joints(name), told_names(table))
         if "position" in found:
-            named = all(_flat(joint) in _flat(column) for joint, column in found["position"].items())
-            fitting.append((named, name, found))
-    if any(named for named, _, _ in fitting):
-        fitting = [row for row in fitting if row[0]]
+            whole = all(_flat(joint) in _flat(column) for joint, column in found["position"].items())
+            fitting.append((len(_flat("".join(_joints(name)))) if whole else 0, name, found))
+    longest = max((named for named, _, _ in fitting), default=0)  # panda_joint1 holds xarm7's joint1 too
+    fitting = [row for row in fitting if row[0] == longest]
     most = max((len(_joints(name)) for _, name, _ in fitting), default=0)
     fitting = [row for row in fitting if len(_joints(row[1])) == most]
     words = {word.lower() for word in table.header}
@@ -151,6 +152,9 @@ def guess_joints(table: Table, robot: Robot) -> Guess:
             unit = units[signal]
             out.columns[f"{joint}.{signal}"] = {"column": column, "unit": unit} if unit else column
         sample, last = by[robot.joints[0]], by[robot.joints[-1]]
+        alike = sum(cut(name).words == cut(sample).words for name in header) if cut(sample).numbers else 0
+        if alike > robot.n and signal == "position":
+            out.words.append(f"{alike} columns like {sample}, {robot.n} joints: only those below are taken")
         out.words.append(f"{signal}: {sample} ... {last} [{units[signal] or next(iter(UNITS[signal]))}]")
     return out
 
@@ -294,6 +298,3 @@ def same_columns(guesses: Mapping[str, Guess]) -> None:
                 raise BadInput(
                     f"{name}: {key} is {b!r}, in {first_name} it is {a!r}; import them into sets of their own"
                 )
-
-
-__all__ = ["FAR", "Guess", "guess_joints", "guess_meter", "guess_robot", "is_motion", "same_columns"]

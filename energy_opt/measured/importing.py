@@ -71,6 +71,9 @@ def import_files(
     same_columns({str(t.path): g for t, g in meters.items()})
     for table, guess in [*list(joints.items())[:1], *list(meters.items())[:1]]:
         words += [_layout_words(table), *guess.words]
+    known = {key.rpartition(".")[2] for key in [*first_joint.columns, *(first_meter.columns if first_meter else ())]}
+    if not known & {"power", "energy", "current", "effort"} and first_joint.preset is None:
+        raise BadInput(f"{tables[0].path}: no column of power, energy, currents or torques in any file")
     pairs = _pairs(joints, meters, words)
     document = _document(named or robot.name, first_joint, first_meter, joints, pairs)
     with tempfile.TemporaryDirectory() as place:

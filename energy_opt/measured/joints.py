@@ -13,6 +13,7 @@ from energy_opt.measured.rows import Rows, backward, clean
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
+from energy_opt.robot.limits import look_like_degrees
 
 FEWEST = 8  # rows of a run
 # Beyond these a value is no measurement of an arm's: SI units, absolute values.
@@ -20,7 +21,8 @@ LARGEST = {
     "time": 1e11, "position": 1e4, "velocity": 1e4, "acceleration": 1e6, "effort": 1e6, "current": 1e5,
     "temperature": 1e3, "power": 1e7, "energy": 1e13,
 }  # fmt: skip
-FAR = 0.5  # [rad] outside a limit, from which positions are taken for degrees
+FAR = 1.5  # [rad] outside a limit, from which positions are taken for degrees
+TOO_FAST = 20.0  # velocity limits, from which the stamps' unit is doubted
 COARSEST = 1.0  # [s] between rows of a motion; what is coarser is no motion, or its stamps are in another unit
 FINEST = 1e-5  # [s]
 EPOCH = 1e8  # [s] later stamps count from 1970 and hold for every file alike
@@ -28,12 +30,13 @@ EPOCH = 1e8  # [s] later stamps count from 1970 and hold for every file alike
 
 @dataclass(frozen=True)
 class Joints:
-    """Rows of the joints; `rows` says which of the table's are kept, `time` counts as the stamps do."""
+    """Rows of the joints: `index` in the table of those kept, `dropped` of repeats; `time` counts as stamps do."""
 
     time: np.ndarray
     signals: Mapping[str, np.ndarray]
     rows: Rows
     index: np.ndarray
+    dropped: np.ndarray
     dated: bool
 
 
@@ -108,10 +111,10 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         )
         return None
     rows = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
-    index = index[rows.kept]
+    dropped, index = np.delete(index, rows.kept), index[rows.kept]
     kept = {name: values[index] for name, values in signals.items() if np.isfinite(values[index]).all()}
-    found = Joints(rows.time, kept, rows, index, table.is_date(rules["time"].columns[0]))
-    fault = _step_fault(found, kind) or degrees_fault(kept["position"], robot)
+    found = Joints(rows.time, kept, rows, index, dropped, table.is_date(rules["time"].columns[0]))
+    fault = _step_fault(found, kind, robot) or degrees_fault(kept["position"], robot)
     if fault is not None:
         row = table.row_number(int(index[fault[0]]))
         joint = rules[f"{fault[1]}.position"].columns[0] if fault[1] else rules["time"].columns[0]
@@ -132,26 +135,30 @@ def _per_joint(table: Table, robot: Robot, rules: Mapping[str, Rule], signal: st
     return np.column_stack([quantity(table, name, rules[name]) for name in names])
 
 
-def _step_fault(joints: Joints, kind: str) -> tuple[int, str, str] | None:
-    step = float(np.median(np.diff(joints.time))) if len(joints.time) > 1 else 1.0
-    moves = float(np.ptp(joints.signals["position"], axis=0).max()) > 0.01
+def _step_fault(joints: Joints, kind: str, robot: Robot) -> tuple[int, str, str] | None:
+    """Row, joint and words where stamps are too far apart or too near for what the joints do."""
+    position = joints.signals["position"]
+    step = float(np.median(np.diff(joints.time)))
+    moves = float(np.ptp(position, axis=0).max()) > 0.01
     if step > COARSEST and (moves or kind == "motion"):
         return 0, "", f"{step:.4g} s between rows; is the time's unit right (ms, us, ns)?"
     if step < FINEST:
         return 0, "", f"{step:.3g} s between rows; is the time's unit right?"
+    speed = np.percentile(np.abs(np.diff(position, axis=0)) / np.diff(joints.time)[:, None], 99, axis=0)
+    j = int(np.argmax(speed / robot.limits.velocity))
+    if speed[j] > TOO_FAST * robot.limits.velocity[j] and degrees_fault(position, robot) is None:
+        limit = f"{robot.joints[j]}'s limit of {robot.limits.velocity[j]:.3g}"
+        return 0, "", f"speeds of {speed[j]:.3g} rad/s, far above {limit}; is the time's unit right?"
     return None
 
 
 def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | None:
     """Row, joint and remedy where positions (N, n) lie so far outside the limits that they must be degrees."""
+    found = look_like_degrees(robot.limits, position, FAR)
+    if found is None:
+        return None
+    row, j = found
     lower, upper = robot.limits.lower, robot.limits.upper
-    far = (position < lower - FAR) | (position > upper + FAR) | (np.abs(position) > 50.0)
-    if not far.any():
-        return None
-    turned = np.radians(position)
-    if not ((turned >= lower - FAR) & (turned <= upper + FAR)).all():
-        return None
-    row, j = (int(x) for x in np.argwhere(far)[0])
     joint = robot.joints[j]
     return (
         row,

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from energy_opt.errors import BadInput
 from energy_opt.measured.dates import date_form, is_number
 
@@ -108,14 +110,19 @@ def _content(path: Path) -> tuple[Any, int]:
         even, odd = start[::2].count(0), start[1::2].count(0)
         if max(even, odd) > 0.4 * len(start) / 2 and min(even, odd) == 0:
             code = "utf-16-be" if even > odd else "utf-16-le"
-    if code == "utf-8-sig":
-        return content, len(codecs.BOM_UTF8)
-    if code is not None:
+    skip = len(codecs.BOM_UTF8) if code == "utf-8-sig" else 0
+    if code is not None and not skip:
         try:
             return bytes(content).decode(code).encode(), 0
         except UnicodeDecodeError:
             raise BadInput(f"{path}: is not {code.upper()} text throughout, though it begins so") from None
-    return content, 0
+    if len(content) and int(np.frombuffer(content, np.uint8).max()) > 127:
+        raw = bytes(content)
+        try:
+            raw.decode()
+        except UnicodeDecodeError:
+            return text(raw[skip:]).encode(), 0
+    return content, skip
 
 
 def _no_nul(path: Path, content: Any, delimiter: str, names: Sequence[str]) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_toml
 from energy_opt.measured.columns import Rule, only, rule_from
-from energy_opt.measured.layout import Csv, layout_of
+from energy_opt.measured.layout import DELIMITERS, Csv, layout_of
 from energy_opt.measured.presets import PRESETS
 
 FORMAT = "energy-opt/log/1"
@@ -25,7 +25,8 @@ class RunEntry:
 
     Attributes:
         start: the set time of the run's time 0, s; None where the log does not say.
-        power_file: the meter's own file. power_start: that file's time 0 on the run's clock, s; None is estimated.
+        power_file: the meter's own file. power_start: that file's time 0 (its first stamp, where stamps are dates or
+            beyond an hour) on the run's clock, s; None is estimated.
         energy: all that the run took, J, where only that is known.
     """
 
@@ -71,7 +72,7 @@ class LogFile:
             raise BadInput(f"{self.path}: file {error}") from None
 
 
-def read_log(folder: Path, allow_outside: bool = False) -> LogFile:
+def read_log(folder: str | Path, allow_outside: bool = False) -> LogFile:
     """Read the log.toml of a set (or the file itself).
 
     Raises:
@@ -146,8 +147,8 @@ def _csv(table: Any, path: Path) -> Csv:
         raise BadInput(f'{path}: csv = {table!r}; expected a table such as [csv] delimiter = ";", decimal = ","')
     only(table, ("delimiter", "decimal"), f"{path}: [csv]")
     delimiter, decimal = table.get("delimiter"), table.get("decimal")
-    if delimiter is not None and (not isinstance(delimiter, str) or len(delimiter) != 1 or ord(delimiter) > 127):
-        raise BadInput(f"{path}: [csv] delimiter = {delimiter!r}; expected one character")
+    if delimiter is not None and (not isinstance(delimiter, str) or delimiter not in DELIMITERS):
+        raise BadInput(f"{path}: [csv] delimiter = {delimiter!r}; expected one of {', '.join(map(repr, DELIMITERS))}")
     if decimal is not None and decimal not in (".", ","):
         raise BadInput(f"{path}: [csv] decimal = {decimal!r}; expected '.' or ','")
     return Csv(delimiter, decimal)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.measured.columns import Rule
-from energy_opt.measured.joints import quantity, wanted
+from energy_opt.measured.joints import Joints, quantity
 from energy_opt.measured.rows import backward, held
 from energy_opt.measured.table import Table
 
@@ -31,12 +31,14 @@ class Readings:
         return replace(self, time=self.time[which], power=self.power[which], window=self.window[which])
 
 
-def read_meter(table: Table, rules: Mapping[str, Rule], own: bool, window: float | None) -> Readings | None:
+def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, window: float | None) -> Readings | None:
     """Readings of a table; None where it has faults (they stand in `table.faults`) or no meter's column.
 
     Args:
-        own: the table is the meter's own. window: of the meter's mean, where the log states one, s.
+        joints: what was read of the same table; None where the table is the meter's own.
+        window: of the meter's mean, where the log states one, s.
     """
+    own = joints is None
     stamps = time_rule(table, rules) if own else rules["time"]
     energy = "energy" in rules and (rules["energy"].there(table) or not rules["power"].there(table))
     name = "energy" if energy else "power"
@@ -44,6 +46,9 @@ def read_meter(table: Table, rules: Mapping[str, Rule], own: bool, window: float
     time, values = quantity(table, "power.time" if own else "time", stamps), quantity(table, name, rules[name])
     if table.faults:
         return None
+    if joints is not None:  # rows go as those of the joints do
+        time[joints.index] = joints.time
+        time[joints.dropped] = np.nan
     there = np.flatnonzero(np.isfinite(time) & np.isfinite(values))
     back = backward(time[there]) if own else None
     if back is not None:
@@ -104,6 +109,3 @@ def total(time: np.ndarray, energy: float) -> Readings:
     """One reading over a whole run, from its total energy [J]."""
     span = float(time[-1] - time[0])
     return Readings(time[-1:], np.array([energy / span]), np.array([span]), "total")
-
-
-__all__ = ["Readings", "read_meter", "time_rule", "total", "wanted"]

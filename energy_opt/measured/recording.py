@@ -28,15 +28,15 @@ SLOW = 0.09  # [s] a meter slower than this may show means over its own interval
 class Recording:
     """What came of a [[run]]: its runs, what is wrong with it, and what reading it took.
 
-    `interval` is that of a slow meter of which nobody says whether it shows means, s, and `mean` the log likelihood by
-    which means fit this run's motion better than the power at the stamps.
+    `interval` is that of a slow meter of which nobody says whether it shows means, s, and `scores` what this run's
+    motion says of it, see `clock.shows_means`.
     """
 
     runs: list[Run] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     interval: float = 0.0
-    mean: float = 0.0
+    scores: np.ndarray | None = None
 
 
 def rules_of(log: LogFile, robot: Robot, table: Table) -> dict[str, Rule]:
@@ -68,7 +68,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) ->
     signals: dict[str, Any] = {name: joints.signals.get(name) for name in SIGNALS}
     run = Run(
         entry.file, entry.kind, start, time, power_time=moved.time, power=moved.power, window=moved.window,
-        meter=moved.kind, clock=status, **signals,
+        meter=moved.kind, clock=status, rows=joints.index + table.layout.first_row, **signals,
     )  # fmt: skip
     _cut(log, run, joints.rows.gaps, out)
     return out
@@ -96,11 +96,11 @@ def _readings(
         return Readings(none, none, none, "power", joints.dated)
     if not named:
         rules = {**rules, "power": Rule(("power",))}
-    readings = read_meter(source, rules, own, log.window)
+    readings = read_meter(source, rules, None if own else joints, log.window)
     if readings is None:
         out.faults += list(dict.fromkeys(source.faults))
         return None
-    return readings if own else _on_kept_rows(readings, joints)
+    return readings
 
 
 def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
@@ -119,18 +119,6 @@ def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
     return rules
 
 
-def _on_kept_rows(readings: Readings, joints: Joints) -> Readings:
-    """A meter in the joints' own table: where rows were dropped or moved, so are its readings."""
-    raw = np.unique(readings.time)
-    if len(raw) == len(readings.time) and np.isin(raw, joints.time).all():
-        return readings
-    inside = (readings.time >= joints.time[0]) & (readings.time <= joints.time[-1])
-    first = np.concatenate([[True], np.diff(readings.time) > 0])
-    if len(readings.time) == len(joints.time) and not first.all():  # stamps were spread: the rows are the same ones
-        return replace(readings, time=joints.time)
-    return readings.some(inside & first)
-
-
 def _one_clock(
     log: LogFile, entry: RunEntry, robot: Robot, joints: Joints, readings: Readings, zero: float, out: Recording
 ) -> tuple[Readings | None, str]:
@@ -138,11 +126,12 @@ def _one_clock(
     time = joints.time - zero
     status = "shared"
     stamps = readings.time - zero
+    first = 0.0  # what the meter's file calls time 0
     if entry.power_file is not None and len(stamps):
         same = abs(readings.time[0]) > EPOCH and abs(joints.time[0]) > EPOCH
         first = float(readings.time[0]) if readings.dated or abs(readings.time[0]) >= UPTIME else 0.0
         if entry.power_start is not None:
-            stamps, status = readings.time - (first if readings.dated else 0.0) + entry.power_start, "stated"
+            stamps, status = readings.time - first + entry.power_start, "stated"
         elif not same and _overlap(stamps, time) < 0.5:
             stamps = readings.time - first
     seek = entry.power_file is not None and entry.power_start is None and len(stamps) > 1
@@ -151,10 +140,10 @@ def _one_clock(
     infer = slow and readings.kind == "power"
     windows = [readings.window, np.full(len(stamps), interval)] if infer else [readings.window]
     overlap = _overlap(stamps, time) if len(stamps) > 1 else 1.0
-    found, which, advantage = None, 0, 0.0
+    found, which, scores = None, 0, None
     if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
         motion = activity(robot, time, joints.signals["position"])
-        found, which, advantage = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
+        found, which, scores = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
     if found is None and seek and overlap < 0.5:
         out.faults.append(
             f"{log.file(entry.power_file or '')}: its clock runs from {stamps[0]:g} to {stamps[-1]:g} s, the "
@@ -163,17 +152,17 @@ def _one_clock(
         )
         return None, status
     if found is not None:
-        shift = float(found.moved(stamps[:1])[0] - readings.time[0])
+        start = float(found.moved(stamps[:1])[0] - (readings.time[0] - first))
         stamps, status = found.moved(stamps), "estimated"
         drift = f", drifting by {1e6 * found.drift:.0f} ppm" if found.drift else ""
         out.remarks.append(
-            f"{entry.power_file}: the meter's clock was found by correlation with the motion: its time 0 is at "
-            f"{shift:.3f} s of {entry.file}{drift} (the motion explains {100 * found.explained:.0f} % of the "
-            "readings' variance; power_start states it otherwise)"
+            f"{entry.power_file}: the meter's clock was found by correlation with the motion: its first reading is at "
+            f"{stamps[0]:.3f} s of {entry.file}, power_start = {start:.3f}{drift} (the motion explains "
+            f"{100 * found.explained:.0f} % of the readings' variance; power_start in log.toml states it otherwise)"
         )
     window = windows[which]
     if infer:
-        out.interval, out.mean = interval, advantage
+        out.interval, out.scores = interval, scores
     slack = 0.1 * window + 1e-9
     keep = (stamps - window >= time[0] - slack) & (stamps <= time[-1] + 1e-9)
     if readings.kind == "total":

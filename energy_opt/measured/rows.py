@@ -70,7 +70,8 @@ def clean(time: np.ndarray, values: np.ndarray) -> Rows:
     if skipped.any() and skipped.mean() < 0.1:
         remarks.append(f"{int(missing[skipped].sum())} rows missing in {int(skipped.sum())} places: bridged")
     if wide.any():
-        lengths = ", ".join(f"{x:.3g} s at {t:.4g} s" for x, t in zip(step[wide][:3], stamps[:-1][wide], strict=False))
+        begun = stamps[:-1][wide] - stamps[0]
+        lengths = ", ".join(f"{x:.3g} s after {t:.4g} s" for x, t in zip(step[wide][:3], begun, strict=False))
         more = f" and {int(wide.sum()) - 3} more" if wide.sum() > 3 else ""
         remarks.append(f"cut at {int(wide.sum())} gap(s) without rows ({lengths}{more})")
     return Rows(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
@@ -84,7 +85,14 @@ def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
     length = np.diff(stamps[first])
     usual = float(np.median(length)) if len(length) else 1.0
     length = np.append(np.minimum(length, 2 * usual), usual)
-    return stamps + (np.arange(len(stamps)) - first[group]) * (length / size)[group]
+    apart = length / size
+    if len(apart) > 2:  # the first and the last stamp may be those of a part of the rows
+        row = float(np.median(apart[1:-1]))
+        apart[0], apart[-1] = min(apart[0], row), min(apart[-1], row)
+    begin = stamps[first]
+    if len(begin) > 1:
+        begin[0] = begin[1] - size[0] * apart[0]
+    return begin[group] + (np.arange(len(stamps)) - first[group]) * apart[group]
 
 
 def _moved(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:

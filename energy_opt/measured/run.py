@@ -33,6 +33,7 @@ class Run:
         meter: "power", "energy" (differences of a counter) or "total" (one reading).
         clock: "shared" with the joints, "stated" in log.toml, or "estimated" by correlation; an estimated clock is
             known to a fraction of a reading, so a delay found on it says nothing of the meter.
+        rows: (N,) rows of the file (its first is 1), where the run comes from one.
     """
 
     file: str
@@ -50,6 +51,7 @@ class Run:
     window: np.ndarray = field(default_factory=lambda: np.zeros(0))
     meter: str = "power"
     clock: str = "shared"
+    rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
 
     def __post_init__(self) -> None:
         if len(self.window) != len(self.power):

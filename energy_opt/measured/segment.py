@@ -44,8 +44,8 @@ def cut_at_standstill(run: Run) -> list[Run]:
     begin, end = run.power_time - run.window, run.power_time
 
     def enough(first: int, last: int, whole: bool = False) -> bool:
-        inside = (end <= run.time[last]) & ((begin if whole else end) >= run.time[first])
-        return not len(end) or int(inside.sum()) >= FEW_READINGS
+        below = int(np.searchsorted(begin if whole else end, run.time[first]))
+        return not len(end) or int(np.searchsorted(end, run.time[last], side="right")) - below >= FEW_READINGS
 
     cuts: list[int] = [0]
     final = len(run.time) - 1
@@ -53,7 +53,10 @@ def cut_at_standstill(run: Run) -> list[Run]:
     for first, last in standstills(run.time, run.position):
         low, high, middle = first + margin, last - margin, (first + last) // 2
         if run.time[last] - run.time[first] >= LONG and enough(low, high, whole=True):
-            cuts += [low, high] if first == 0 or enough(cuts[-1], low) else [high]
+            if first > 0 and enough(cuts[-1], low):
+                cuts.append(low)
+            if last < final and enough(high, final):
+                cuts.append(high)
         elif enough(cuts[-1], middle) and enough(middle, final):
             cuts.append(middle)
     cuts = sorted({*cuts, final})
@@ -68,18 +71,24 @@ def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> 
     whose window lies in no piece are left out.
     """
     still = [bool(np.ptp(run.position[a : b + 1], axis=0).max() <= MOVES) for a, b in spans]
-    begin, end = run.power_time - run.window, run.power_time
-    overlap = np.full((len(spans), len(end)), -np.inf)
+    end = run.power_time
+    begin = np.maximum.accumulate(end - run.window) if len(end) else end
+    most, owner = np.full(len(end), -np.inf), np.full(len(end), -1)
     for k, (a, b) in enumerate(spans):
         low, high = run.time[a], run.time[b]
-        shared = np.minimum(end, high) - np.maximum(begin, low)
-        whole = (begin >= low - 1e-9) & (end <= high + 1e-9)
-        overlap[k] = np.where(whole | ((shared > 0) & (not strict and not still[k])), shared, -np.inf)
-    owner = np.argmax(overlap, axis=0) if spans else np.zeros(len(end), dtype=int)
-    owned = np.isfinite(overlap.max(axis=0)) if spans else np.zeros(len(end), dtype=bool)
+        near = slice(int(np.searchsorted(end, low - 1e-9)), int(np.searchsorted(begin, high, side="right")))
+        shared = np.minimum(end[near], high) - np.maximum(begin[near], low)
+        whole = (begin[near] >= low - 1e-9) & (end[near] <= high + 1e-9)
+        shared = np.where(whole | ((shared > 0) & (not strict and not still[k])), shared, -np.inf)
+        better = shared > most[near]
+        most[near], owner[near] = np.where(better, shared, most[near]), np.where(better, k, owner[near])
+    by_owner = np.argsort(owner, kind="stable")
+    edges = np.searchsorted(owner[by_owner], np.arange(len(spans) + 1))
     out: list[Run] = []
     for k, (a, b) in enumerate(spans):
-        readings = np.flatnonzero(owned & (owner == k))
+        readings = by_owner[edges[k] : edges[k + 1]]
+        if len(end) and not readings.size:
+            continue
         if readings.size and not strict:
             a = min(a, max(0, int(np.searchsorted(run.time, begin[readings].min(), side="right")) - 1))
             b = max(b, min(len(run.time) - 1, int(np.searchsorted(run.time, end[readings[-1]], side="left"))))
@@ -99,6 +108,7 @@ def _piece(run: Run, first: int, last: int, readings: np.ndarray, kind: str, num
         kind=kind,
         start=run.start + zero,
         time=run.time[rows] - zero,
+        rows=run.rows[rows],
         power_time=run.power_time[readings] - zero,
         power=run.power[readings],
         window=run.window[readings],

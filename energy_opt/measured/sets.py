@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.measured.clock import shows_means
 from energy_opt.measured.log import LogFile, read_log
 from energy_opt.measured.presets import PAYLOAD
 from energy_opt.measured.recording import Recording, read_recording
@@ -17,7 +18,7 @@ from energy_opt.robot import PointMass, Robot, load_robot
 
 
 def read_set(
-    folder: Path, robot: Robot | None = None, *, allow_outside: bool = False, meter: bool = True
+    folder: str | Path, robot: Robot | None = None, *, allow_outside: bool = False, meter: bool = True
 ) -> MeasuredSet:
     """Read a measured set.
 
@@ -84,13 +85,15 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
     if log.window is None and any(one.interval for one in found):
         # What a slow meter shows is the meter's, not a run's: all runs decide together.
         interval = float(np.median([one.interval for one in found if one.interval]))
-        mean = sum(one.mean for one in found) >= 0
+        told = [one.scores for one in found if one.scores is not None and np.isfinite(one.scores).all()]
+        mean, sure = shows_means(np.sum(told, axis=0), interval) if told else (True, False)
         faults = [fault for fault in faults if fault.startswith(f"{log.path}: columns.")]
         found = _recordings(dataclasses.replace(log, window=interval if mean else 0.0), robot, faults)
         shows = f"means over {interval:.3g} s" if mean else "the power at its stamps"
         found[0].remarks.append(
-            f"meter: a reading every {interval:.3g} s, taken for {shows}, which fits the motion better "
-            "([meter] window states it otherwise)"
+            f"meter: a reading every {interval:.3g} s, taken for {shows}, "
+            + ("which fits the motion better" if sure else "though the motion does not tell")
+            + " ([meter] window states it otherwise)"
         )
     faults += [fault for one in found for fault in one.faults]
     runs = [run for one in found for run in one.runs]

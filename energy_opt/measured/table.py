@@ -79,7 +79,7 @@ class Table:
             self._columns[name] = values
             empty = np.asarray(cells.is_null().to_numpy(), dtype=bool)
             bad = np.flatnonzero(~empty & ~np.isfinite(values))
-            if not bad.size and 0 < empty.mean() < SPARSE:
+            if not bad.size and empty.any() and empty.mean() < SPARSE:
                 bad = np.flatnonzero(empty)
             if bad.size:
                 self._name(name, bad)

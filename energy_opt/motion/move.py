@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ Mode = Literal["retime", "reshape"]
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Move:
     """A joint move between fixed ends.
 
@@ -38,6 +38,9 @@ class Move:
     input: Trajectory | None = None
 
     def __post_init__(self) -> None:
+        for name in ("start", "goal"):  # any sequence is taken
+            object.__setattr__(self, name, _vector(getattr(self, name), name))
+        object.__setattr__(self, "via", tuple(_vector(q, "via") for q in self.via))
         if self.mode not in ("retime", "reshape"):
             raise BadInput(f"--mode {self.mode!r}; expected retime or reshape")
         if self.duration is not None and self.max_duration is not None:
@@ -51,6 +54,14 @@ class Move:
             if np.asarray(q).shape != np.asarray(self.start).shape or not np.isfinite(q).all():
                 raise BadInput(f"{what}: expected {np.asarray(self.start).size} finite joint positions [rad]")
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Move):
+            return NotImplemented
+        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+
+    def __hash__(self) -> int:
+        return hash((self.start.tobytes(), self.goal.tobytes(), self.mode, self.duration, self.max_duration))
+
     @property
     def end_velocities(self) -> tuple[np.ndarray, np.ndarray]:
         """Velocity (n,) [rad/s] at start and goal: the input trajectory's, else rest."""
@@ -59,12 +70,31 @@ class Move:
         return self.input.velocity[0], self.input.velocity[-1]
 
 
+def _vector(values: object, name: str) -> np.ndarray:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise BadInput(f"--{name}: {values!r} is not joint positions [rad]") from None
+
+
+def _same(a: object, b: object) -> bool:
+    """Equality that looks into arrays, sequences and dataclasses."""
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and np.array_equal(a, b)
+    if isinstance(a, (tuple, list)) and isinstance(b, (tuple, list)):
+        return len(a) == len(b) and all(map(_same, a, b))
+    if is_dataclass(a) and type(a) is type(b):
+        return all(_same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    return bool(a == b)
+
+
 @dataclass(frozen=True)
 class Settings:
     """How to solve.
 
     Attributes:
-        starts: how many starting points a reshaping tries, the straight one included; they are seeded.
+        starts: at most so many starting points a reshaping tries, the straight one included; they are seeded, and fewer
+            are tried where no better answer is to be expected.
         seed: of the starting points.
         compile: "auto", "always" or "never" (see `compile`).
         objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
@@ -73,9 +103,12 @@ class Settings:
         verify_samples: samples of the certificate; None for ten between every two rows.
         end_acceleration: "zero" or "free".
         controls: control points per joint of a reshaped move.
+        max_power: bound of the arm's electrical power [W]; None for none.
+        tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
+        tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
     """
 
-    starts: int = 6
+    starts: int = 24
     seed: int = 0
     compile: str = "auto"
     objective: str = "energy"
@@ -84,6 +117,9 @@ class Settings:
     verify_samples: int | None = None
     end_acceleration: str = "zero"
     controls: int = 40
+    max_power: float | None = None
+    tool_speed: float | None = None
+    tool: str | None = None
 
     def __post_init__(self) -> None:
         if self.starts < 1:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -15,6 +16,12 @@ from energy_opt.motion.trajectory import Trajectory
 
 NO_LENGTH = 1e-12  # [rad] shorter than this is no move at all
 TRAJECTORY_PIECES = 200  # cubic pieces of the curve through a trajectory
+
+
+class Curve(Protocol):
+    """What paths and trajectories have in common: values and derivatives (M, n) at places (or times) s (M,)."""
+
+    def __call__(self, s: np.ndarray, order: int = 0, /) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)

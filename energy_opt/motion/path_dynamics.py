@@ -20,9 +20,10 @@ import numpy as np
 
 from energy_opt.effects import Exact, Signals
 from energy_opt.motion.path import JointPath
-from energy_opt.power import PowerModel, drive_terms
+from energy_opt.numerics.batch import Batch
+from energy_opt.power import PowerModel, drive_function, drive_terms
 from energy_opt.power.rigid import rigid_torque
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, Tool
 
 AFFINE = 1e-9  # relative: torque that deviates less from its tangent is affine
 CRAWL = 1e-9  # [1/s^2] squared path speed that stands for "about to move": friction has its sign, dynamics vanish
@@ -53,6 +54,14 @@ def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
     return ca.Function("motor_torque", [a, b, at, p], [tau_m, ca.jacobian(tau_m, a), ca.jacobian(tau_m, b)])
 
 
+@lru_cache(maxsize=16)
+def _exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
+    """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
+    function, _ = drive_function(shared_by.model, n)
+    inputs = function.sx_in()
+    return ca.Function("exact_power", inputs, [function(*inputs)[1]])
+
+
 def has_torque_effects(model: PowerModel) -> bool:
     """Does the motors' torque differ from the rigid body's?"""
     return any(e.stage == "torque" for e in model.effects)
@@ -65,6 +74,7 @@ class PathDynamics:
         self.robot, self.model, self.path, self.s = robot, model, path, s
         self.q, self.q1, self.q2, self.q3 = (path(s, order) for order in range(4))
         self._affine: bool | None = None
+        self._tools: dict[Tool, np.ndarray] = {}
 
     @property
     def M(self) -> np.ndarray:
@@ -106,6 +116,23 @@ class PathDynamics:
         if not has_torque_effects(self.model):
             return self.M * a[:, None] + self.C * b[:, None] + self.G
         return self._evaluated(a, b)[0]
+
+    def power(self, a: np.ndarray, b: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
+        """Power (M,) [W] by the exact laws, at path accelerations a, squared speeds b and times (M,), 0 by default."""
+        a, b = a[:, None], b[:, None]
+        t = np.zeros_like(b) if time is None else time[:, None]
+        columns = (self.q, self.q1 * np.sqrt(b), self.q1 * a + self.q2 * b, self.M * a + self.C * b + self.G, t)
+        law = Batch(_exact_power(SharedByStructure(self.model), self.robot.n), len(self.s))
+        return law(*columns, self.model.values(self.robot.n))[0].ravel()
+
+    def tool_velocity(self, tool: Tool) -> np.ndarray:
+        """Velocity of a tool's origin per path speed, (M, 3) [m]."""
+        if tool not in self._tools:
+            still = np.zeros_like(self.q)
+            _, self._tools[tool], _ = self.robot.body.frame_motion(
+                tool.joint, np.array(tool.pose), self.q, self.q1, still
+            )
+        return self._tools[tool]
 
     def affine_torque(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(ma, mb, m0), (M, n) each: the tangent m0 + ma a + mb b of the motors' torque at (a, b).

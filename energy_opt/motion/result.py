@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from html import escape
 
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
@@ -11,12 +13,13 @@ from energy_opt.motion.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Baseline:
-    """Another trajectory of the same move, scored in the same way; `max_violation` is its own certificate's."""
+    """Another trajectory of the same move, judged in the same way; `valid` where it is inside all limits."""
 
     name: str
     trajectory: Trajectory
     energy: Energy
     max_violation: float
+    valid: bool
 
     @property
     def duration(self) -> float:
@@ -30,12 +33,18 @@ class Baseline:
             "duration": self.duration,
             "energy": self.energy.document(),
             "max_violation": self.max_violation,
+            "valid": self.valid,
         }
 
 
 @dataclass(frozen=True)
 class Optimality:
-    """How good the answer is known to be; "global" where a proven lower bound [J] is near (gap in % of the total)."""
+    """How good the answer is known to be; "global" where a proven lower bound [J] is near (gap in % of the total).
+
+    What is proven: no timing of this path whose squared speed is a quadratic spline on the program's grid, and which
+    holds the limits (less a margin of 5e-7) at the grid's points, takes less than `lower_bound` by the grid's
+    quadrature. Of timings off the grid, and of other paths, it says nothing.
+    """
 
     kind: str
     lower_bound: float | None = None
@@ -48,19 +57,20 @@ class Optimality:
 
 @dataclass(frozen=True)
 class SolverReport:
-    """Which solver, how much work."""
+    """Which solver, how much work; `starts` are those of a reshaping."""
 
     name: str
     iterations: int
     build_seconds: float
     solve_seconds: float
     compiled: bool = False
+    starts: int = 0
 
 
 ROUNDING = 1e-9  # share of an energy that its parts may miss by rounding alone
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """A solved move.
 
@@ -69,6 +79,7 @@ class Result:
             feasible one that is known, and `message` says why.
         chosen: where the trajectory comes from: "reshape", "retime", or the name of a baseline that nothing surpassed.
         trajectory: with effort and power.
+        moves: what is known of the standard moves that it consists of; None for a free trajectory.
     """
 
     status: str
@@ -84,18 +95,23 @@ class Result:
     message: str = ""
     interrupted: bool = False
     warnings: tuple[str, ...] = field(default=())
+    moves: Mapping[str, object] | None = None
 
-    def baseline(self, name: str) -> Baseline:
-        """The baseline of that name."""
-        return next(b for b in self.baselines if b.name == name)
+    def baseline(self, name: str) -> Baseline | None:
+        """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
+        return next((b for b in self.baselines if b.name == name), None)
 
     @property
-    def saving(self) -> dict[str, float | None]:
+    def saving(self) -> dict[str, float | None] | None:
         """Against "scaled", which has the same duration: percent of its total, percent of its loss, and joules.
 
-        A percentage of nothing is None: a model without losses leaves only rounding there.
+        None where there is no such baseline within limits. A percentage of nothing is None, too: a model without losses
+        leaves only rounding there.
         """
-        scaled = self.baseline("scaled").energy
+        baseline = self.baseline("scaled")
+        if baseline is None or not baseline.valid:
+            return None
+        scaled = baseline.energy
         joules = scaled.total - self.energy.total
         rounding = ROUNDING * max(scaled.standby, abs(scaled.stored), abs(scaled.total))
 
@@ -107,6 +123,52 @@ class Result:
             "loss_percent": percent(scaled.loss - self.energy.loss, scaled.loss),
             "joules": joules,
         }
+
+    @property
+    def saved(self) -> str:
+        """What is saved at equal duration, in words."""
+        saving = self.saving
+        if saving is None:
+            return "no saving is stated: the move slowed evenly is not within the limits"
+
+        shares = (saving["total_percent"], saving["loss_percent"])
+        total, loss = ("-" if share is None else f"{share:.2f} %" for share in shares)
+        return f"saved at equal duration: {saving['joules']:.3f} J, {total} of the total, {loss} of the loss"
+
+    def __repr__(self) -> str:
+        e = self.energy
+        return (
+            f"{type(self).__name__}({self.status!r}, {self.robot!r}, {self.mode!r}, {self.trajectory.duration:.4g} s, "
+            f"{e.total:.5g} J, loss {e.loss:.4g} J)"
+        )
+
+    def __str__(self) -> str:
+        e, worst, known = self.energy, self.certificate.worst, self.optimality
+        proof = "a local optimum; no bound"
+        if known.lower_bound is not None:
+            proof = f"lower bound {known.lower_bound:.6g} J, gap {known.gap_percent:.2g} %"
+        doubt = f"; {self.message}" if self.message else ""
+        return "\n".join(
+            [
+                f"{self.robot}, {self.mode}, {self.trajectory.duration:.4g} s: {self.status}{doubt}",
+                f"energy {e.total:.5g} J = standby {e.standby:.5g} + stored {e.stored:.5g} + loss {e.loss:.5g}",
+                self.saved,
+                f"closest limit: {worst['limit']} of {worst['joint'] or 'the arm'} at {worst['time']:.4g} s, "
+                f"{worst['value']:.5g} of {worst['bound']:.5g}",
+                f"{proof}; {self.solver.iterations} iterations, {self.solver.solve_seconds:.3g} s",
+            ]
+        )
+
+    def _repr_html_(self) -> str:
+        head = ["", *("this move", *(b.name for b in self.baselines))]
+        energies = [self.energy, *(b.energy for b in self.baselines)]
+        rows = [
+            [part, *(f"{getattr(e, part):.5g}" for e in energies)] for part in ("total", "standby", "stored", "loss")
+        ]
+        cells = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
+        title = "".join(f"<th>{escape(c)}</th>" for c in head)
+        lines = "<br>".join(escape(line) for line in str(self).splitlines())
+        return f"<p>{lines}</p><table><caption>energy [J]</caption><tr>{title}</tr>{cells}</table>"
 
     def document(self) -> dict[str, object]:
         """result.json."""
@@ -120,6 +182,7 @@ class Result:
             "baselines": [b.document() for b in self.baselines],
             "saving": self.saving,
             "certificate": self.certificate.document(),
+            "peak_power": self.certificate.peak_power,
             "optimality": self.optimality.document(),
             "solver": {
                 "name": self.solver.name,
@@ -127,8 +190,10 @@ class Result:
                 "build_seconds": self.solver.build_seconds,
                 "solve_seconds": self.solver.solve_seconds,
                 "compiled": self.solver.compiled,
+                "starts": self.solver.starts,
             },
             "chosen": self.chosen,
             "message": self.message,
             "warnings": list(self.warnings),
+            **({} if self.moves is None else {"moves": self.moves}),
         }

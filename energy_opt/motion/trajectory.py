@@ -38,7 +38,7 @@ def _places(factor: int) -> np.ndarray:
     return np.stack([_powers(x, order) @ _HERMITE for order in range(4)])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trajectory:
     """Samples of a motion: time (N,) [s]; position, velocity, acceleration (N, n) [rad, rad/s, rad/s^2].
 
@@ -109,6 +109,13 @@ class Trajectory:
         for values, last in zip(out, (*(row[-1:] for row in rows), end), strict=True):
             values[-1] = last
         return out[0], out[1], out[2], out[3]
+
+    def __call__(self, time: np.ndarray, order: int = 0) -> np.ndarray:
+        """Derivative of order 0 ... 3 with respect to time, shape (M, n) for `time` (M,) [s]."""
+        return self.sample(np.atleast_1d(np.asarray(time, dtype=float)))[order]
+
+    def __repr__(self) -> str:
+        return f"Trajectory({len(self.joints)} joints, {len(self.time)} rows, {self.duration:.4g} s)"
 
     def denser(self, factor: int) -> np.ndarray:
         """Times of a grid `factor` times denser than the rows, rows included; shape ((N - 1) * factor + 1,)."""

@@ -1,4 +1,5 @@
-"""Clamped quintic B-splines on [0, 1]: basis matrices, quadrature on the knot spans, least-squares fit.
+"""Clamped B-splines. Quintic ones on [0, 1]: basis matrices, quadrature on the knot spans, least-squares fit; and
+quadratic ones on any knots, of which three meet at a point.
 
 Knots are packed towards the ends, where a move from rest has to build up its acceleration from zero: breakpoints
 u_i = (1 - p) x_i + p (1 - cos(pi x_i)) / 2 for evenly spaced x_i, with the packing p between 0 and 1.
@@ -84,3 +85,33 @@ class Basis:
         rows = np.vstack([b[:, inner], weight * second[:, inner]])
         free = np.linalg.lstsq(rows, np.vstack([rest, -weight * fixed]), rcond=None)[0]
         return np.vstack([head, free, tail])
+
+
+def greville(knots: np.ndarray) -> np.ndarray:
+    """Greville points (N + 2,) of quadratic B-splines on the knots (N + 1,), both ends threefold."""
+    padded = np.concatenate([knots[:1], knots, knots[-1:]])
+    return (padded[1:] + padded[:-1]) / 2
+
+
+@dataclass(frozen=True)
+class QuadraticBasis:
+    """b, a = b'/2 and w = b''/2 at points s as linear maps of the three control values c[first : first + 3]: a squared
+    speed, the acceleration, and its change per length."""
+
+    first: np.ndarray  # (M,)
+    b: np.ndarray  # (M, 3)
+    a: np.ndarray  # (M, 3)
+    w: np.ndarray  # (M, 3)
+
+
+def quadratic_basis(knots: np.ndarray, s: np.ndarray, piece: np.ndarray | None = None) -> QuadraticBasis:
+    """The quadratic B-splines at `s` (M,); `piece` (M,) says which interval where s is a knot."""
+    k = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2) if piece is None else piece
+    padded = np.concatenate([knots[:1], knots, knots[-1:]])
+    t0, t1, t2, t3 = (padded[k + j] for j in range(4))  # the interval is [t1, t2]
+    h, left, right = t2 - t1, t2 - t0, t3 - t1
+    x, y = s - t1, t2 - s
+    b = np.stack([y * y / (left * h), 1 - y * y / (left * h) - x * x / (right * h), x * x / (right * h)], axis=1)
+    a = np.stack([-y / (left * h), y / (left * h) - x / (right * h), x / (right * h)], axis=1)
+    w = np.stack([1 / (left * h), -1 / (left * h) - 1 / (right * h), 1 / (right * h)], axis=1)
+    return QuadraticBasis(k, b, a, w)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,13 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects import EXACT, CopperLoss, Effect, PowerEffect, Standby, SupplyEffect, effect_class
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml, write_toml
 
 FORMAT = "energy-opt/model/1"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PowerModel:
     """The effects of an arm; mechanical power tau^T v is always counted, negative included.
 
@@ -54,6 +55,32 @@ class PowerModel:
             return PowerModel(self.robot, (*self.effects, effect), self.assumed)
         kept = tuple(effect if e.name == effect.name else e for e in self.effects)
         return PowerModel(self.robot, kept, self.assumed)
+
+    def __add__(self, other: Effect | PowerModel) -> PowerModel:
+        """The model with one more effect, or with those of another model.
+
+        Raises:
+            BadInput: it has an effect of that name already; `replaced` puts another in its place.
+        """
+        if not isinstance(other, (Effect, PowerModel)):
+            return NotImplemented
+        more = (other,) if isinstance(other, Effect) else other.effects
+        return PowerModel(self.robot, (*self.effects, *more), self.assumed)
+
+    def __sub__(self, other: str | Effect | type[Effect]) -> PowerModel:
+        """The model less the effect of a name or class.
+
+        Raises:
+            BadInput: it has none of that name.
+        """
+        name = other if isinstance(other, str) else other.name
+        if self.get(name) is None:
+            names = [e.name for e in self.effects]
+            raise BadInput(f"model of {self.robot}: has no {name!r}{near(name, names)}; it has {', '.join(names)}")
+        return self.without(name)
+
+    def __repr__(self) -> str:
+        return f"PowerModel({self.robot!r}: {' + '.join(map(repr, self.effects)) or 'mechanical power alone'})"
 
     def without(self, name: str) -> PowerModel:
         """The model less the effect of that name."""
@@ -129,9 +156,9 @@ class PowerModel:
             rows.append({**row, **e.choices})
         return {"format": FORMAT, "robot": self.robot, "effect": rows}
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write the model file."""
-        write_toml(path, self.to_document())
+        write_toml(Path(path), self.to_document())
 
 
 def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
@@ -160,13 +187,13 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
         raise BadInput(f"{where}: {error}") from None
 
 
-def load_model(path: Path) -> PowerModel:
+def load_model(path: str | PathLike[str]) -> PowerModel:
     """Read a model file (TOML, format energy-opt/model/1).
 
     Raises:
         BadInput: names the file, the effect and the parameter at fault.
     """
-    return model_from_document(read_toml(path), str(path))
+    return model_from_document(read_toml(Path(path)), str(path))
 
 
 def source_method_1(robot: str = "panda") -> PowerModel:

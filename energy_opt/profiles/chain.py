@@ -98,6 +98,23 @@ class Chain:
                 q = self.corners[i] + before * tau / 2
                 yield Piece(t, float(starts[i + 1] - t), q, before, np.zeros_like(before), np.zeros_like(before))
 
+    def places(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which piece each time (M,) lies in, and its share of the piece in [0, 1]."""
+        pieces = list(self.pieces())
+        starts, lengths = np.array([p.start for p in pieces]), np.array([p.length for p in pieces])
+        k = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, len(pieces) - 1)
+        return k, np.clip((time - starts[k]) / np.maximum(lengths[k], LEAST), 0.0, 1.0)
+
+    def along(self, u: np.ndarray) -> np.ndarray:
+        """Positions (M, n) at shares u (M,) in [0, 1] of the duration."""
+        pieces = list(self.pieces())
+        out = []
+        for k, share in zip(*self.places(np.asarray(u) * self.duration), strict=True):
+            p = pieces[int(k)]
+            x = share * p.length
+            out.append(p.q + x * (p.v + x * (p.a / 2 + x * (p.jerk / 6))))
+        return np.array(out).reshape(len(out), self.corners.shape[1])
+
     def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
         """The motion itself: a row where each piece begins and ends, and at most 4 ms apart.
 

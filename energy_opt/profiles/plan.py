@@ -23,9 +23,12 @@ from energy_opt.profiles.program import SHARP, Program, Shape
 
 MOST_VIAS = 5
 MENDS = 3  # times that limits are tightened where the judge finds them broken
+ROUNDS = 6  # solves with numeric rows that are asked for anew where the one before ended
+SETTLED = 1e-4  # [rad, s] change of all unknowns from round to round at which nothing new is asked for
 LONGEST = 10.0  # a free duration ends at this multiple of the reference's
 OPTIONS: dict[str, object] = {"max_iter": 150, "tol": 1e-6, "mu_init": 1e-2}
-RAMP, RISE = 0.8, 0.25  # first guess: ramps as a share of the spans, rises as a share of ramps
+RAMP, RISE = 0.8, 0.25  # first guess: ramps as a share of the shortest span, rises as a share of ramps
+SKEW, OUT = 1.7, 1.5  # of first guesses: power of the via points' times, and how far out they are
 
 
 @dataclass(frozen=True)
@@ -101,11 +104,13 @@ class MovesPlanner:
         if not found:
             raise self._infeasible(move, reference, vias, broken)
         chain, trajectory, energy, certificate = min(found, key=lambda answer: answer[2].total)
-        scaled = reference.baseline("scaled").energy.loss
-        saved = scaled - reference.energy.loss
-        kept = (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
+        baseline, kept = reference.baseline("scaled"), None
+        if baseline is not None and baseline.valid:
+            scaled = baseline.energy.loss
+            saved = scaled - reference.energy.loss
+            kept = (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
         kind = "s-curve" if self.smooth else "trapezoid"
-        return StandardMoves(kind, chain, self.p._scorer.filled(trajectory), energy, certificate, kept)
+        return StandardMoves(kind, chain, self.p.scorer.filled(trajectory), energy, certificate, kept)
 
     def _check(self, move: Move, vias: int) -> None:
         if not 0 <= vias <= MOST_VIAS:
@@ -122,19 +127,38 @@ class MovesPlanner:
             raise BadInput("--as moves: start and goal are the same")
 
     def _starts(self, move: Move, reference: Result, count: int, before: Chain | None) -> list[Chain]:
-        """First guesses with `count` via points: on the line, on the continuous optimum, and on the answer before."""
-        ends, duration = (move.start, move.goal), reference.trajectory.duration
-        span = duration / (count + 1 + RAMP)
-        times = span * (RAMP / 2 + np.arange(1, count + 1))
-        curves = [np.linspace(*ends, count + 2)[1:-1]]
+        """First guesses with `count` via points.
+
+        On the line; on the continuous optimum, evenly in time, and early and late, there further out than it; and on
+        the answer before.
+        """
+        t, line = reference.trajectory, np.stack([move.start, move.goal])
+
+        def straight(time: np.ndarray) -> np.ndarray:
+            return line[0] + (line[1] - line[0]) * (time / t.duration)[:, None]
+
+        def optimum(time: np.ndarray) -> np.ndarray:
+            return t.sample(t.time[0] + time)[0]
+
+        def further(time: np.ndarray) -> np.ndarray:
+            return straight(time) + OUT * (optimum(time) - straight(time))
+
+        curves = [(1.0, straight)]
         if count:
-            t = reference.trajectory
-            curves.append(t.sample(t.time[0] + times)[0])
+            curves += [(1.0, optimum), (SKEW, further), (1 / SKEW, further)]
             if before is not None and len(before.corners) > 2:
-                curves.append(before.trajectory(self.robot.joints).sample(times)[0])
-        ramps = np.full(count + 2, RAMP * span)
-        rises = np.full(count + 2, RISE * RAMP * span if self.smooth else SHARP)
-        return [Chain(np.vstack([ends[0], q, ends[1]]), np.full(count + 1, span), ramps, rises) for q in curves]
+                known = before.trajectory(self.robot.joints)
+                curves.append((1.0, lambda time: known.sample(time)[0]))
+        out = []
+        limits = self.robot.limits
+        for skew, curve in curves:
+            shares = np.diff((np.arange(count + 2) / (count + 1)) ** skew)
+            ramp = RAMP * shares.min() * t.duration / (1 + RAMP * shares.min())
+            spans = shares * (t.duration - ramp)
+            q = np.clip(curve(ramp / 2 + np.cumsum(spans)[:-1]), limits.lower, limits.upper)
+            rises = np.full(count + 2, RISE * ramp if self.smooth else SHARP)
+            out.append(Chain(np.vstack([line[0], q, line[1]]), spans, np.full(count + 2, ramp), rises))
+        return out
 
     def _mended(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str
@@ -152,17 +176,21 @@ class MovesPlanner:
     def _solved(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str, limits: Sequence[Limit]
     ) -> tuple[Chain, bool]:
+        """Solved from `chain`; where limits have numeric rows, again until these are asked for where it ends."""
         ends = np.asarray(move.start, dtype=float), np.asarray(move.goal, dtype=float)
         shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
         values = self.p.model.values(self.robot.n)
-        program = Program(shape, self._nodes(objective), ends, limits, values, durations)
-        x = program.unknowns(chain)
-        program.scale = 1 / max(abs(program.cost(x) - self._overhead(durations, objective)), 1e-6)
-        answer = ipopt.solve(program, x, program.box, program.row_bounds, OPTIONS)
-        solved = program.chain(answer.x)
+        for _ in range(ROUNDS):
+            program = Program(shape, self._nodes(objective), ends, limits, values, durations, chain)
+            x = program.unknowns(chain)
+            program.scale = 1 / max(abs(program.cost(x) - self._overhead(durations, objective)), 1e-6)
+            answer = ipopt.solve(program, x, program.box, program.row_bounds, OPTIONS)
+            chain = program.chain(answer.x)
+            if not program.placed or np.abs(answer.x - x).max() < SETTLED:
+                break
         if durations[0] == durations[1]:
-            solved = solved.lasting(durations[0])  # to the last digit
-        return solved, answer.success
+            chain = chain.lasting(durations[0])  # to the last digit
+        return chain, answer.success
 
     def _overhead(self, durations: tuple[float, float], objective: str) -> float:
         """What a fixed duration costs whatever the moves, J: it only serves the scaling."""
@@ -206,4 +234,5 @@ def as_result(reference: Result, moves: StandardMoves) -> Result:
         energy=moves.energy,
         certificate=moves.certificate,
         optimality=replace(reference.optimality, kind="local", lower_bound=None, gap_percent=None),
+        moves=moves.document(),
     )

@@ -26,8 +26,10 @@ from energy_opt.motion.limits.base import Limit, box_of, values_of
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.numerics.batch import Batch
 from energy_opt.profiles.chain import Chain
+from energy_opt.profiles.places import Placed
+from energy_opt.profiles.symbols import ChainSymbols
 
-NODES = {"rise": 4, "hold": 6, "fall": 4, "line": 8}  # Gauss-Lobatto nodes of a piece, both ends included
+NODES = (4, 6, 4, 8)  # Gauss-Lobatto nodes of a rise, hold, fall and line, both ends included
 SHARP = 0.002  # [s] rise of a trapezoid's acceleration: one step of a controller at 500 Hz
 SHORTEST = 0.02  # [s] of any ramp
 APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter pieces would have no digits in their rows
@@ -54,6 +56,7 @@ class Program:
 
     Args:
         ends: start and goal (n,); durations: bounds of the whole, s; parameters: the model's values.
+        near: where the limits' numeric rows are asked for; None: without them.
 
     Attributes:
         scale: what the cost is multiplied by.
@@ -67,6 +70,7 @@ class Program:
         limits: Sequence[Limit],
         parameters: np.ndarray,
         durations: tuple[float, float],
+        near: Chain | None = None,
     ) -> None:
         self.shape, self._ends, self._parameters, self.scale = (
             shape,
@@ -75,27 +79,25 @@ class Program:
             1.0,
         )
         n, k = shape.joints, shape.vias
-        x = ca.SX.sym("x", n * k + 3 * k + 5)
+        symbols = ChainSymbols(ends, k)
+        x, ramps, rises = symbols.x, symbols.ramps, symbols.rises
         self.size = x.numel()
-        corners = [ca.DM(ends[0]), *(x[i * n : (i + 1) * n] for i in range(k)), ca.DM(ends[1])]
-        at = n * k
-        spans, ramps, rises = x[at : at + k + 1], x[at + k + 1 : at + 2 * k + 3], x[at + 2 * k + 3 :]
-        lines = [(corners[i + 1] - corners[i]) / spans[i] for i in range(k + 1)]
-        rest = ca.DM.zeros(n)
-        changes = [b - a for a, b in zip([rest, *lines], [*lines, rest], strict=True)]
-        z, h, t = _nodes(corners, spans, ramps, rises, lines, changes)
+        z, h, t = _nodes(symbols)
         self._count = z.shape[1]
         linear = [
-            *(spans[i] - (ramps[i] + ramps[i + 1]) / 2 - APART for i in range(k + 1)),
+            *(rest - APART for rest in symbols.rests),
             *(ramps[i] - 2 * rises[i] - APART for i in range(k + 2)),
         ]
-        total = ca.sum1(spans) + (ramps[0] + ramps[-1]) / 2
-        peaks = [change / (ramps[i] - rises[i]) for i, change in enumerate(changes)]
-        largest = {1: lines, 2: peaks, 3: [peak / rises[i] for i, peak in enumerate(peaks)]}  # of each derivative
+        peaks = [change / (ramps[i] - rises[i]) for i, change in enumerate(symbols.changes)]
+        largest = {
+            1: symbols.lines,
+            2: peaks,
+            3: [peak / rises[i] for i, peak in enumerate(peaks)],
+        }  # of each derivative
         shares = [_bounded(x, limit.bound) for limit in limits if limit.order for x in largest[limit.order]]
         same = [ramps[0] - ramps[1], rises[0] - rises[1]] if k == 0 else []  # one move has one acceleration
         share = ca.vertcat(*shares)
-        closed = ca.vertcat(*linear, total, *same, share)
+        closed = ca.vertcat(*linear, symbols.duration, *same, share)
         low = [0.0] * len(linear) + [durations[0]] + [0.0] * len(same) + [-1.0] * share.numel()
         high = [np.inf] * len(linear) + [durations[1]] + [0.0] * len(same) + [1.0] * share.numel()
         bounds = np.concatenate([np.zeros(0), *(limit.scale for limit in limits)])
@@ -103,9 +105,11 @@ class Program:
         self._width, self._bounded = len(bounds), np.flatnonzero(np.isfinite(bounds))
         self._bounds = bounds[self._bounded]
         least_share = np.tile(np.concatenate(sides)[self._bounded], self._count)
+        asked = [] if near is None else [limit.places(near.along) for limit in limits]
+        self.placed = [Placed(rows, symbols, near) for rows in asked if rows is not None and near is not None]
         self.row_bounds = (
-            np.concatenate([low, least_share]),
-            np.concatenate([high, np.ones(len(least_share))]),
+            np.concatenate([low, least_share, *(placed.rows.lower for placed in self.placed)]),
+            np.concatenate([high, np.ones(len(least_share)), *(placed.rows.upper for placed in self.placed)]),
         )
         low_corner, high_corner = (np.tile(side, k) for side in box_of(limits, n))
         least = np.concatenate([np.full(k + 1, SHORTEST), np.full(k + 2, SHORTEST), np.full(k + 2, SHARP)])
@@ -160,6 +164,8 @@ class Program:
         self._pulled = np.matmul(self._g[:, None, :], self._jz)[:, 0]  # J_k^T g_k
         closed, slope_rows = self._rows(x)
         self._closed, self._closed_x = np.asarray(closed.full()).ravel(), np.asarray(slope_rows.full())
+        for placed in self.placed:
+            placed.move(x)
 
     def cost(self, x: np.ndarray) -> float:
         """Energy, scaled, less the work that only the ends decide."""
@@ -172,18 +178,21 @@ class Program:
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
-        return np.concatenate([self._closed, (self._values[:, self._bounded] / self._bounds).ravel()])
+        held = (self._values[:, self._bounded] / self._bounds).ravel()
+        return np.concatenate([self._closed, held, *(placed.value for placed in self.placed)])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         self._move(x)
         slope = self._values_z[:, :, self._bounded] / self._bounds
         at_nodes = np.matmul(slope.transpose(0, 2, 1), self._jz).reshape(-1, self.size)
-        return np.vstack([self._closed_x, at_nodes]).T.ravel()  # CasADi's order: by columns
+        by_place = [placed.slopes() for placed in self.placed]
+        return np.vstack([self._closed_x, at_nodes, *by_place]).T.ravel()  # CasADi's order: by columns
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         self._move(x)
         s = self.scale * factor
-        closed, held = np.split(multipliers, [self._closed_count])
+        ends = np.cumsum([self._closed_count, self._count * len(self._bounded), *(len(p.value) for p in self.placed)])
+        closed, held, *by_place = np.split(multipliers, ends[:-1])
         lam = np.zeros((self._count, self._width))
         lam[:, self._bounded] = held.reshape(self._count, -1) / self._bounds
         (blocks,) = self._curvature(self._z, self._t, self._parameters, (s * self._h)[:, None], lam)
@@ -195,6 +204,8 @@ class Program:
         out += cross + cross.T
         out += np.asarray(self._bent(x, pull.ravel(), s * self._e).full())
         out += np.asarray(self._rows_bent(x, closed).full())
+        for placed, part in zip(self.placed, by_place, strict=True):
+            out += placed.hessian(part)
         return np.concatenate([out[: j + 1, j] for j in range(self.size)])
 
 
@@ -204,39 +215,13 @@ def _bounded(values: ca.SX, bounds: np.ndarray) -> ca.SX:
     return values[finite.tolist()] / ca.DM(bounds[finite])
 
 
-def _nodes(
-    corners: list[ca.SX], spans: ca.SX, ramps: ca.SX, rises: ca.SX, lines: list[ca.SX], changes: list[ca.SX]
-) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _nodes(chain: ChainSymbols) -> tuple[ca.SX, ca.SX, ca.SX]:
     """z (3n + 1, M), weight (M,) and time (M,) of all quadrature nodes, piece by piece."""
     zs, hs, ts = [], [], []
-    middle = ramps[0] / 2
-    for i, change in enumerate(changes):
-        tau, u = ramps[i], rises[i]
-        before = lines[i - 1] if i else ca.DM.zeros(change.numel())
-        base, start = corners[i] - before * tau / 2, middle - tau / 2
-        peak = 1 / (tau - u)
-        for piece in ("rise", "hold", "fall"):
-            for x, w in zip(*lobatto(NODES[piece]), strict=True):
-                if piece == "rise":
-                    t, h = x * u, w * u
-                    a, v, r = peak * x, peak * t * t / (2 * u), peak * t**3 / (6 * u)
-                elif piece == "hold":
-                    y, h = x * (tau - 2 * u), w * (tau - 2 * u)
-                    t = u + y
-                    a, v, r = peak, peak * (u / 2 + y), peak * (u * u / 6 + u * y / 2 + y * y / 2)
-                else:
-                    y, h = (1 - x) * u, w * u
-                    t = tau - y
-                    a, v, r = peak * (1 - x), 1 - peak * y * y / (2 * u), tau / 2 - y + peak * y**3 / (6 * u)
-                zs.append(ca.vertcat(base + before * t + change * r, before + change * v, change * a, 1.0))
-                hs.append(h)
-                ts.append(start + t)
-        if i < spans.numel():
-            line, end = lines[i], spans[i] - (ramps[i] + ramps[i + 1]) / 2
-            for x, w in zip(*lobatto(NODES["line"]), strict=True):
-                t = x * end
-                zs.append(ca.vertcat(corners[i] + line * (tau / 2 + t), line, ca.DM.zeros(change.numel()), 1.0))
-                hs.append(w * end)
-                ts.append(middle + tau / 2 + t)
-            middle = middle + spans[i]
+    for piece in range(chain.count):
+        for share, weight in zip(*lobatto(NODES[piece % 4]), strict=True):
+            q, v, a, t = chain.at(piece, float(share))
+            zs.append(ca.vertcat(q, v, a, 1.0))
+            hs.append(weight * chain.length(piece))
+            ts.append(t)
     return ca.horzcat(*zs), ca.vertcat(*hs), ca.vertcat(*ts)

@@ -10,6 +10,7 @@ import numpy as np
 
 from energy_opt.reports.charts import rounded
 from energy_opt.robot import Robot
+from energy_opt.robot.kinematics import Kinematics
 
 FRAMES = 150  # of one motion; between them the player interpolates
 COLOURS = {"result": "#2f74c0", "scaled": "#e07b28"}
@@ -19,12 +20,18 @@ OTHER = "#2e9a60"
 class Motion(Protocol):
     """A sampled motion: time (N,) [s]; position, velocity, acceleration and effort (N, n), power (N,) [W], or None."""
 
-    time: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    effort: np.ndarray | None
-    power: np.ndarray | None
+    @property
+    def time(self) -> np.ndarray: ...
+    @property
+    def position(self) -> np.ndarray: ...
+    @property
+    def velocity(self) -> np.ndarray: ...
+    @property
+    def acceleration(self) -> np.ndarray: ...
+    @property
+    def effort(self) -> np.ndarray | None: ...
+    @property
+    def power(self) -> np.ndarray | None: ...
 
 
 @dataclass(frozen=True)
@@ -93,30 +100,8 @@ def _motion(robot: Robot, played: Played) -> dict[str, Any]:
         "shown": played.shown,
         "time": _numbers(time - time[0]),
         "position": _numbers(q, 5),
-        "tool": _numbers(_origins(robot, q), 4),
+        "tool": _numbers(Kinematics(robot.body.tree())(q).origin[:, -2], 4),  # of the last link; the base is behind it,
     }
-
-
-def _origins(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """Where the last joint's frame is, (N, 3) [m] in the base frame."""
-    poses: list[np.ndarray] = []
-    for j, link in enumerate(robot.body.tree()):
-        turn = np.tile(np.eye(4), (len(q), 1, 1))
-        if link.prismatic:
-            turn[:, :3, 3] = q[:, j, None] * link.axis
-        else:
-            turn[:, :3, :3] = _rotations(link.axis, q[:, j])
-        base = poses[link.parent] if link.parent >= 0 else np.eye(4)
-        poses.append(base @ link.placement @ turn)
-    return np.asarray(poses[-1][:, :3, 3])
-
-
-def _rotations(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rodrigues' formula, (N, 3, 3)."""
-    x, y, z = axis
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.asarray(np.eye(3) + s * k + (1 - c) * (k @ k))
 
 
 def _numbers(values: np.ndarray, digits: int = 6) -> Any:

@@ -52,7 +52,7 @@ def new_figure(rows: int, columns: int, *, width: float = 10.0, height: float = 
 def png(figure: Figure) -> bytes:
     """The figure as a PNG."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png")
+    figure.savefig(stream, format="png", bbox_inches="tight", pad_inches=0.1)  # legends stand beside the axes
     return stream.getvalue()
 
 
@@ -79,7 +79,12 @@ def curves(axes: Axes, lines: Sequence[Curve], *, legend: bool = True, width: fl
     for k, line in enumerate(lines):
         axes.plot(line.x, line.y, color=COLOURS[k % len(COLOURS)], linewidth=width, label=line.name)
     if legend and lines:
-        axes.legend(fontsize=7, ncols=2 if len(lines) > 4 else 1, framealpha=0.8)
+        legend_beside(axes, 7)
+
+
+def legend_beside(axes: Axes, size: int = 8) -> None:
+    """The legend to the right of the axes, where it covers nothing."""
+    axes.legend(fontsize=size, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
 
 
 def bars(axes: Axes, groups: Mapping[str, Mapping[str, float]]) -> None:
@@ -93,13 +98,15 @@ def bars(axes: Axes, groups: Mapping[str, Mapping[str, float]]) -> None:
     axes.invert_yaxis()
     axes.axvline(0.0, color=GREY, linewidth=0.8)
     if len(groups) > 1:
-        axes.legend(fontsize=7)
+        legend_beside(axes, 7)
 
 
-def _fractions(axes: Axes, time: np.ndarray, values: np.ndarray, bounds: np.ndarray, joints: Sequence[str]) -> None:
+def _fractions(
+    axes: Axes, time: np.ndarray, values: np.ndarray, bounds: np.ndarray, joints: Sequence[str], legend: bool = True
+) -> None:
     """Values (N, n) as fractions of their bounds (n,); joints without a bound are left out."""
     bounded = [j for j in range(len(joints)) if np.isfinite(bounds[j])]
-    curves(axes, [Curve(joints[j], time, values[:, j] / bounds[j]) for j in bounded])
+    curves(axes, [Curve(joints[j], time, values[:, j] / bounds[j]) for j in bounded], legend=legend)
     for side in (-1.0, 1.0):
         axes.axhline(side, color=GREY, linestyle="--", linewidth=0.8)
 
@@ -126,11 +133,14 @@ def plot_move(
         by_effect: energy by effect [J] of each move that is compared, by the move's name.
     """
     figure, axes = new_figure(2, 2)
-    _fractions(labelled(axes[0, 0], "time [s]", "velocity / limit"), time, velocity, velocity_limit, joints)
+    alike = bool((np.isfinite(velocity_limit) == np.isfinite(effort_limit)).all())  # then one legend serves both
+    speed = labelled(axes[0, 0], "time [s]", "velocity / limit")
+    _fractions(speed, time, velocity, velocity_limit, joints, legend=not alike)
     _fractions(labelled(axes[0, 1], "time [s]", "torque / limit"), time, effort, effort_limit, joints)
     lines = [Curve("result", time, power)] + ([baseline] if baseline is not None else [])
-    curves(labelled(axes[1, 0], "time [s]", "power [W]"), lines)
-    bars(labelled(axes[1, 1], "energy [J]", ""), by_effect or {})
+    groups = by_effect or {}
+    curves(labelled(axes[1, 0], "time [s]", "power [W]"), lines, legend=len(groups) < 2)  # the bars' names and colours
+    bars(labelled(axes[1, 1], "energy [J]", ""), groups)
     if title:
         figure.suptitle(title, fontsize=11)
     return figure
@@ -167,5 +177,5 @@ def plot_tradeoff(
         axes.plot([x], [y], "*D^v"[k % 4], color=COLOURS[(k + 5) % len(COLOURS)], markersize=10, label=name)
     if fastest is not None:
         axes.axvline(fastest, color=GREY, linestyle="--", linewidth=0.9, label="fastest")
-    axes.legend(fontsize=8)
+    legend_beside(axes)
     return figure

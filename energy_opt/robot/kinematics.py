@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.robot.rigid_body import Link
+from energy_opt.robot.links import Link
 
 
 @dataclass(frozen=True)

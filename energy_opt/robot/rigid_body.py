@@ -5,8 +5,7 @@ Joint positions are angles (rad) for every revolute joint, continuous ones inclu
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,72 +14,11 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput
+from energy_opt.robot.links import Link, LinkGeometry, PointMass, UrdfLimits
 from energy_opt.robot.meshes import collision_urdf
 from energy_opt.robot.urdf import check_urdf
 
 FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
-
-
-@dataclass(frozen=True)
-class PointMass:
-    """A mass [kg] at `com` (3,) [m] in the last joint's frame."""
-
-    mass: float
-    com: np.ndarray
-
-
-@dataclass(frozen=True)
-class Link:
-    """One moving link and the joint that carries it, as plain numbers.
-
-    Attributes:
-        name: the joint's name.
-        prismatic: slides along `axis` where True, else turns about it.
-        continuous: a revolute joint without an end.
-        parent: index of the parent link, -1 for the base.
-        placement: (4, 4) pose of the joint's frame in the parent's at q = 0.
-        axis: (3,) unit vector in the joint's frame.
-        mass, lever, inertia: kg, (3,) m to the centre of mass, (3, 3) kg m^2 about the centre of mass.
-        armature: reflected rotor inertia, kg m^2 (0 unless the model states it).
-    """
-
-    name: str
-    prismatic: bool
-    continuous: bool
-    parent: int
-    placement: np.ndarray
-    axis: np.ndarray
-    mass: float
-    lever: np.ndarray
-    inertia: np.ndarray
-    armature: float
-
-
-@dataclass(frozen=True)
-class LinkGeometry:
-    """One collision geometry of a link.
-
-    Attributes:
-        link: the link's name.
-        joint: index of the joint that carries it, -1 for the base.
-        pose: (4, 4) in that joint's frame.
-        geometry: the shape as coal holds it, the library that Pinocchio's collision checks stand on.
-    """
-
-    link: str
-    joint: int
-    pose: np.ndarray
-    geometry: Any
-
-
-@dataclass(frozen=True)
-class UrdfLimits:
-    """What the URDF states, (n,) each, untouched: position [rad], velocity [rad/s], effort [N m]."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
 
 
 def _read(path: Path, lock: Mapping[str, float], collision: str | None = None) -> tuple[Any, Any]:
@@ -211,10 +149,53 @@ class RigidBody:
             )
         return tuple(out)
 
+    def collision_check(
+        self, parts: Sequence[tuple[int, np.ndarray, Any]], pairs: np.ndarray, margins: np.ndarray
+    ) -> Callable[[np.ndarray], bool]:
+        """A quick test of one pose (n,): whether any pair of convex parts comes nearer than its margin.
+
+        Args:
+            parts: the joint that carries each (-1: the base), its pose (4, 4) in that joint's frame, coal's geometry.
+            pairs: (P, 2) numbers of parts; margins: (P,) [m].
+        """
+        model, data = self._model, self._model.createData()
+        world = pin.GeometryModel()
+        for k, (joint, pose, geometry) in enumerate(parts):
+            world.addGeometryObject(pin.GeometryObject(str(k), joint + 1, 0, pin.SE3(pose), geometry))
+        for a, b in pairs.tolist():
+            world.addCollisionPair(pin.CollisionPair(a, b))
+        results = pin.GeometryData(world)
+        for request, margin in zip(results.collisionRequests, margins.tolist(), strict=True):
+            request.security_margin = margin
+
+        def touches(q: np.ndarray) -> bool:
+            return bool(pin.computeCollisions(model, data, world, results, self.configuration(q), True))
+
+        return touches
+
     def link_frames(self) -> dict[str, tuple[int, np.ndarray]]:
         """Every link by name: index of the joint that carries it (-1: base), and its (4, 4) pose in that frame."""
         bodies = [frame for frame in self._model.frames if frame.type == pin.FrameType.BODY]
         return {frame.name: (int(frame.parentJoint) - 1, frame.placement.homogeneous.copy()) for frame in bodies}
+
+    def frame_motion(
+        self, joint: int, pose: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """How a frame fixed to a joint's link moves, in the base frame, at q, v, a (N, n).
+
+        Returns: its poses (N, 4, 4), and velocity [m/s] and acceleration [m/s^2] of its origin, (N, 3) each.
+        """
+        data, placement = self._model.createData(), pin.SE3(np.asarray(pose, dtype=float))
+        poses, velocity, acceleration = np.empty((len(q), 4, 4)), np.empty((len(q), 3)), np.empty((len(q), 3))
+        for k, c in enumerate(self.configuration(q)):
+            pin.forwardKinematics(self._model, data, c, v[k], a[k])
+            here = data.oMi[joint + 1] * placement
+            twist, change = placement.actInv(data.v[joint + 1]), placement.actInv(data.a[joint + 1])
+            turn = here.rotation
+            poses[k] = here.homogeneous
+            velocity[k] = turn @ twist.linear
+            acceleration[k] = turn @ (change.linear + np.cross(twist.angular, twist.linear))
+        return poses, velocity, acceleration
 
     def tree(self) -> tuple[Link, ...]:
         """The moving links, parents before children, in the order of the joints."""

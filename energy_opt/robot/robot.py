@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from energy_opt.errors import BadInput, near
 from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
-from energy_opt.robot.limits import Limits, overlay, with_assumptions
-from energy_opt.robot.rigid_body import Link, RigidBody
+from energy_opt.robot.limits import Limits, with_assumptions
+from energy_opt.robot.limits_file import overlay
+from energy_opt.robot.links import Link
+from energy_opt.robot.rigid_body import RigidBody
+from energy_opt.robot.urdf import mimics
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Robot:
     """An arm that can be planned for.
 
@@ -33,10 +37,18 @@ class Robot:
     locked: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, {self.n} joints)"
+
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints that move, in the order of every vector."""
         return self.body.joints
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's position: "rad", or "m" where it slides."""
+        return tuple("m" if link.prismatic else "rad" for link in self.body.tree())
 
     @property
     def n(self) -> int:
@@ -44,16 +56,24 @@ class Robot:
         return self.body.n
 
 
-def load_robot(name_or_urdf: str, *, limits: Path | None = None, lock: Mapping[str, float] | None = None) -> Robot:
+def load_robot(
+    name_or_urdf: str | PathLike[str],
+    *,
+    limits: str | PathLike[str] | None = None,
+    lock: Mapping[str, float] | None = None,
+    prefix: str = "",
+) -> Robot:
     """A robot by name (`known_robots()`) or by the path of a URDF file.
 
     Args:
         limits: a MoveIt joint_limits.yaml that overrides URDF and published limits.
         lock: joints that do not take part, with their positions [rad or m].
+        prefix: what stands before the joints' names in the limits file.
 
     Raises:
         BadInput: unknown name, unreadable file, unknown joint.
     """
+    name_or_urdf, limits = str(name_or_urdf), None if limits is None else Path(limits)
     entry = CATALOG.get(name_or_urdf)
     if entry is None:
         path = Path(name_or_urdf)
@@ -64,15 +84,36 @@ def load_robot(name_or_urdf: str, *, limits: Path | None = None, lock: Mapping[s
     else:
         path, name = urdf_of(entry), name_or_urdf
         published, locked = published_limits(name), {**entry.lock, **(lock or {})}
+    if path.is_file():
+        locked = _followed(path, locked)
     body = RigidBody.from_urdf(path, locked)
     stated = body.urdf_limits()
     free = np.full(body.n, np.inf)
     merged = Limits(stated.lower, stated.upper, stated.velocity, free, free.copy(), stated.effort)
-    for file in (published, limits):
+    scaled: list[str] = []
+    for file, before in ((published, ""), (limits, prefix)):
         if file is not None:
-            merged = overlay(merged, body.joints, file)
+            merged, said = overlay(merged, body.joints, file, before, locked)
+            scaled += said
     merged, warnings = with_assumptions(merged, body.joints, _holding(body.tree()))
-    return Robot(name, merged, body, path, locked, (*warnings, *_doubtful_inertias(body.tree())))
+    return Robot(name, merged, body, path, locked, (*scaled, *warnings, *_doubtful_inertias(body.tree())))
+
+
+def _followed(path: Path, locked: dict[str, float]) -> dict[str, float]:
+    """The locked joints, and with them those that follow them by the URDF's mimic elements.
+
+    Raises:
+        BadInput: a joint follows one that moves; the dynamics of such a linkage are not those of a tree.
+    """
+    followers, out = mimics(path), dict(locked)
+    for _ in followers:
+        for name, (leader, multiplier, offset) in followers.items():
+            if leader in out and name not in out:
+                out[name] = multiplier * out[leader] + offset
+    for name, (leader, _, _) in followers.items():
+        if name not in out:
+            raise BadInput(f"{path}: joint {name} follows {leader} (mimic), which moves; --lock {leader}=VALUE")
+    return out
 
 
 def _holding(links: Sequence[Link]) -> float:

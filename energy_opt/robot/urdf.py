@@ -35,6 +35,20 @@ def check_urdf(path: Path) -> None:
     _tree(path, links, joints)
 
 
+def mimics(path: Path) -> dict[str, tuple[str, float, float]]:
+    """The joints that follow another: its name, the multiplier and the offset (rad or m) of each."""
+    root, out = read_robot_xml(path), {}
+    for joint in root.findall("joint"):
+        mimic, name = joint.find("mimic"), str(joint.get("name"))
+        if mimic is not None:
+            where = f"{path}: joint {name!r}, mimic"
+            leader = mimic.get("joint")
+            if leader is None or leader == name:
+                raise BadInput(f"{where}: joint={leader!r}; expected the name of another joint")
+            out[name] = leader, _number(where, mimic, "multiplier", 1.0), _number(where, mimic, "offset", 0.0)
+    return out
+
+
 def _named(path: Path, root: ElementTree.Element, tag: str) -> dict[str, ElementTree.Element]:
     out: dict[str, ElementTree.Element] = {}
     for element in root.findall(tag):

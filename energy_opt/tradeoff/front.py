@@ -17,7 +17,7 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Energy
-from energy_opt.motion.plan.neighbour import Carried, Carrier
+from energy_opt.motion.plan.neighbour import Neighbours, Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tradeoff.cycle import Cycle, Waiting
 
@@ -38,19 +38,19 @@ class Point:
 
     duration: float
     status: str
-    carried: Carried | None = None
+    optimum: Optimum | None = None
     reason: str = ""
     waiting: Waiting | None = None
 
     @property
     def energy(self) -> Energy | None:
         """Energy of the move, where there is a trajectory."""
-        return None if self.carried is None else self.carried.energy
+        return None if self.optimum is None else self.optimum.energy
 
     @property
     def trajectory(self) -> Trajectory | None:
         """The move, where there is one."""
-        return None if self.carried is None else self.carried.trajectory
+        return None if self.optimum is None else self.optimum.trajectory
 
     @property
     def total(self) -> float:
@@ -89,7 +89,7 @@ def trace(
     cycle: Cycle | None = None,
     progress: Callable[[Front, int], None] = lambda front, total: None,
     stopped: Callable[[], bool] = lambda: False,
-    carrier: Steps | None = None,
+    steps: Steps | None = None,
 ) -> Front:
     """The front of a move; Ctrl-C ends it early and keeps what is there.
 
@@ -101,12 +101,12 @@ def trace(
         cycle: also the energy over this cycle.
         progress: called after every solve with the front and the number of solves expected.
         stopped: asked after every solve; True ends the front early, like Ctrl-C.
-        carrier: what takes an optimum to another duration; the planner's own by default.
+        steps: what solves the move at one duration after the other; the planner's own by default.
 
     Raises:
         Infeasible: no duration works at all, or none that is within the cycle.
     """
-    tracer = _Tracer(planner, carrier or Carrier(planner, move), move, cycle, progress, stopped)
+    tracer = _Tracer(planner, steps or Neighbours(planner.context(move), move), move, cycle, progress, stopped)
     try:
         tracer.run(durations, longest)
     except KeyboardInterrupt:
@@ -115,27 +115,23 @@ def trace(
 
 
 class Steps(Protocol):
-    """Takes an optimum to another duration (see `motion.carry.Carrier`)."""
+    """Solves a move at one duration after the other (see `Neighbours`)."""
 
-    def at(self, duration: float, neighbour: Carried) -> Carried | None: ...
+    def at(self, duration: float, neighbour: Optimum) -> Optimum | None: ...
 
 
 class _Tracer:
     def __init__(
         self,
         planner: Planner,
-        carrier: Steps,
+        steps: Steps,
         move: Move,
         cycle: Cycle | None,
         progress: Callable[[Front, int], None],
         stopped: Callable[[], bool],
     ) -> None:
-        self.planner, self.carrier = planner, carrier
-        self.cycle, self.progress, self.stopped = (
-            cycle,
-            progress,
-            stopped,
-        )  # , self.progress, self.stopped = planner, cycle, progress, stopped
+        self.planner, self.steps = planner, steps
+        self.cycle, self.progress, self.stopped = cycle, progress, stopped
         self.free = replace(move, duration=None, max_duration=None)
         self.front, self.expected, self._usual = Front(), COUNT + 2, 0.0
 
@@ -170,8 +166,8 @@ class _Tracer:
         if result.trajectory.duration > path_fastest:
             return Point(path_fastest, "solved")
         found = result.trajectory
-        carried = Carried(found, self.planner.score(found), result.status == "solved")
-        return self._point(found.duration, carried)
+        optimum = Optimum(found, self.planner.score(found), result.status == "solved")
+        return self._point(found.duration, optimum)
 
     def _grid(self, fastest: float, best: float, longest: float | None) -> np.ndarray:
         last = self.cycle.length if self.cycle else max(REACH * fastest, 1.5 * best)
@@ -195,25 +191,25 @@ class _Tracer:
         """The least energy at a duration of the program's own choice."""
         result = self.planner.solve(self.free, warm=warm)
         self._count()
-        carried = Carried(result.trajectory, result.energy, result.status == "solved")
-        return self._point(result.trajectory.duration, carried)
+        optimum = Optimum(result.trajectory, result.energy, result.status == "solved")
+        return self._point(result.trajectory.duration, optimum)
 
-    def _step(self, duration: float, neighbour: Carried) -> Point:
+    def _step(self, duration: float, neighbour: Optimum) -> Point:
         """One step to exactly `duration` s."""
         try:
-            carried = self.carrier.at(duration, neighbour)
+            optimum = self.steps.at(duration, neighbour)
         except Infeasible as error:
             point = Point(duration, "infeasible", reason=str(error))
         else:
-            point = self._point(duration, carried)
+            point = self._point(duration, optimum)
         self._count()
         return point
 
-    def _point(self, duration: float, carried: Carried | None) -> Point:
-        if carried is None:
+    def _point(self, duration: float, optimum: Optimum | None) -> Point:
+        if optimum is None:
             return Point(duration, "not_converged", reason="no trajectory within limits was found from its neighbours")
-        status = "solved" if carried.converged else "not_converged"
-        return Point(duration, status, carried, waiting=self._waiting(duration))
+        status = "solved" if optimum.converged else "not_converged"
+        return Point(duration, status, optimum, waiting=self._waiting(duration))
 
     def _waiting(self, duration: float) -> Waiting | None:
         """What the wait costs; None without a cycle, or where the move outlasts it."""
@@ -238,11 +234,11 @@ class _Tracer:
             for k in order[-2::-1]:
                 if self._another_optimum(k, neighbour):
                     self._improve(k, neighbour)
-                neighbour = points[k] if points[k].carried is not None else neighbour
+                neighbour = points[k] if points[k].optimum is not None else neighbour
 
     def _another_optimum(self, k: int, neighbour: Point) -> bool:
         """May a step back from a neighbour end elsewhere than at point k? Not where both are one smooth family."""
-        here, there = self.front.points[k].carried, neighbour.carried
+        here, there = self.front.points[k].optimum, neighbour.optimum
         if there is None or self.free.mode == "retime":
             return False  # retiming starts from the path alone, wherever it is called from
         if here is None:
@@ -251,7 +247,7 @@ class _Tracer:
 
     def _usual_change(self) -> float:
         """Median change between neighbouring points."""
-        found = [p for p in self.front.points if p.carried is not None]
+        found = [p for p in self.front.points if p.optimum is not None]
         changes = [change(a, b) for a, b in zip(found, found[1:], strict=False)]
         return float(np.median(changes)) if changes else 0.0
 
@@ -263,14 +259,14 @@ class _Tracer:
             reason = f"shorter than the fastest move, {fastest.duration:.6g} s"
             self.front.points[k] = Point(old.duration, "infeasible", reason=reason)
             return neighbour
-        if neighbour.carried is not None:
-            new = self._step(old.duration, neighbour.carried)
-            if new.carried is None and fastest.carried is not None and _equal(old.duration, fastest.duration):
-                new = self._point(old.duration, fastest.carried)
-            if old.carried is None or (new.carried is not None and _better(new, old)):
+        if neighbour.optimum is not None:
+            new = self._step(old.duration, neighbour.optimum)
+            if new.optimum is None and fastest.optimum is not None and _equal(old.duration, fastest.duration):
+                new = self._point(old.duration, fastest.optimum)
+            if old.optimum is None or (new.optimum is not None and _better(new, old)):
                 self.front.points[k] = new
         kept = self.front.points[k]
-        return kept if kept.carried is not None else neighbour
+        return kept if kept.optimum is not None else neighbour
 
     def _keep_minimum(self) -> None:
         """If a point of the grid lies below the free optimum, solve again with free duration from there."""
@@ -289,9 +285,9 @@ class _Tracer:
 
         def at(duration: float) -> Point:
             near = min(known, key=lambda p: abs(p.duration - duration), default=None)
-            if near is None or near.carried is None:
+            if near is None or near.optimum is None:
                 return Point(duration, "not_converged", reason="nothing to start from")
-            point = self._step(duration, near.carried)
+            point = self._step(duration, near.optimum)
             if point.trajectory is not None:
                 known.append(point)
             return point

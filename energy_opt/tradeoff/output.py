@@ -8,8 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.files import write_json, write_text
 from energy_opt.formats import table as rows
+from energy_opt.reports.solids import drawn
+from energy_opt.reports.tradeoff import page
+from energy_opt.robot import Robot
 from energy_opt.tradeoff.cycle import Cycle
 from energy_opt.tradeoff.front import Front, Point
 
@@ -83,13 +88,20 @@ def table(front: Front) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write(out: Path, front: Front, found: dict[str, Any]) -> None:
-    """Write tradeoff.csv, tradeoff.json and plot.png, and the trajectories of the optima."""
+def write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Cell | None = None) -> None:
+    """Write tradeoff.csv, tradeoff.json, plot.png and report.html, and the trajectories of the optima.
+
+    Args:
+        cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
+    """
     write_text(out / "tradeoff.csv", table(front))
     for name, point in (("minimum", front.minimum), ("cycle_minimum", front.cycle_minimum)):
         if point is not None and point.trajectory is not None:
             rows.write(point.trajectory, out / f"trajectory_{name}.csv")
     _plot(out / "plot.png", front)
+    motions = {p.duration: p.trajectory for p in front.points if p.trajectory is not None}
+    bodies, scene = drawn(cell or Cell(robot, CellRequest()))
+    page(found, motions, robot, bodies, scene).write(out / "report.html")
     write_json(out / "tradeoff.json", found)
 
 

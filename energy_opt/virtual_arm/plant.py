@@ -58,13 +58,13 @@ class Plant:
         return document
 
 
-def load_plant(path: Path) -> Plant:
+def load_plant(path: str | Path) -> Plant:
     """Read a plant file: a model file that may also hold [[special]] tables.
 
     Raises:
         BadInput: names the file, the table and the parameter at fault.
     """
-    document = read_toml(path)
+    document = read_toml(Path(path))
     rows = document.pop("special", [])
     if not isinstance(rows, list):
         raise BadInput(f"{path}: special is not a list of [[special]] tables")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from energy_opt.cell.cell import Clearance
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.energy import DENSER, Scorer
 from energy_opt.motion.limits.base import Limit, Violation
@@ -19,12 +20,14 @@ ALLOWED = 1e-6  # a violation beyond this share of the bound is one
 class Certificate:
     """How far a trajectory stays inside its limits.
 
-    `found` is the worst place under each limit, in the order of the limits; `peak_power` [W] of the whole arm.
+    `found` is the worst place under each limit, in the order of the limits; `peak_power` [W] of the whole arm;
+    `clearance` from all that the arm must not touch, None where that was not asked.
     """
 
     samples: int
     found: tuple[Violation, ...]
     peak_power: float
+    clearance: Clearance | None = None
 
     @property
     def max_violation(self) -> dict[str, float | None]:
@@ -47,9 +50,14 @@ class Certificate:
         }
 
     @property
-    def valid(self) -> bool:
+    def within_limits(self) -> bool:
         """No limit is violated by more than 1e-6 of its bound."""
         return self.violation <= ALLOWED
+
+    @property
+    def valid(self) -> bool:
+        """Within limits, and proven to touch nothing."""
+        return self.within_limits and (self.clearance is None or self.clearance.proven)
 
     @property
     def violation(self) -> float:
@@ -58,7 +66,9 @@ class Certificate:
 
     def document(self) -> dict[str, object]:
         """As it stands in result.json."""
-        return {"samples": self.samples, "max_violation": self.max_violation, "worst": self.worst}
+        clearance = None if self.clearance is None else self.clearance.document()
+        limits = {"max_violation": self.max_violation, "worst": self.worst}
+        return {"samples": self.samples, **limits, "clearance": clearance}
 
     def tightened(self, limits: Sequence[Limit]) -> tuple[Limit, ...]:
         """The limits that were judged, a little smaller than they were found broken, where they were."""

@@ -36,8 +36,10 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.motion.dense import Dense
+from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.robot import Robot
 
 NOTHING = np.zeros(0)
 
@@ -173,6 +175,14 @@ class Limit:
     scale: np.ndarray = NOTHING
     values: np.ndarray = NOTHING
     via: np.ndarray = np.zeros((0, 0))
+
+    @classmethod
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None) -> Self | None:
+        """The limit that settings or move ask for; None where they do not.
+
+        Without a move, one of the same structure that serves to build expressions.
+        """
+        return None
 
     @property
     def structure(self) -> Hashable:

@@ -31,7 +31,8 @@ class Position(Limit):
 
     def fixed(self, d: PathDynamics) -> Fixed:
         def text(k: int, j: int) -> str:
-            return f"position {d.q[k, j]:.6g} rad is outside [{self.lower[j]:.6g}, {self.upper[j]:.6g}] rad"
+            unit = d.robot.units[j]
+            return f"position {d.q[k, j]:.6g} {unit} is outside [{self.lower[j]:.6g}, {self.upper[j]:.6g}] {unit}"
 
         return Fixed(self._excess(d.q), text)
 

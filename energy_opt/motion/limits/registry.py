@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from energy_opt.motion.limits.acceleration import Acceleration
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.effort import Effort
 from energy_opt.motion.limits.jerk import Jerk
 from energy_opt.motion.limits.position import Position
+from energy_opt.motion.limits.power import Power
+from energy_opt.motion.limits.tool_speed import ToolSpeed
 from energy_opt.motion.limits.velocity import Velocity
 from energy_opt.motion.limits.via import ViaPoints
 from energy_opt.motion.move import Move, Settings
 from energy_opt.robot import Limits, Robot
+
+ASKED: tuple[type[Limit], ...] = (ViaPoints, Power, ToolSpeed)  # besides the robot's own
 
 
 def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
@@ -27,6 +29,10 @@ def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
 
 
 def limits_of(robot: Robot, settings: Settings, move: Move | None = None) -> tuple[Limit, ...]:
-    """All limits in force for a robot's moves, or for one of them."""
-    via = () if move is None or not move.via else (ViaPoints(np.stack(move.via)),)
-    return (*joint_limits(robot.limits), *via)
+    """All limits in force for a robot's moves, or for one of them.
+
+    Raises:
+        BadInput: a bound or a frame that cannot be.
+    """
+    asked = (kind.asked(robot, settings, move) for kind in ASKED)
+    return (*joint_limits(robot.limits), *(limit for limit in asked if limit is not None))

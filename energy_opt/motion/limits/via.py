@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 import numpy as np
 
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Limit, Violation
+from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import Robot
 
 PASSED = 1e-4  # [rad] so near every joint's position is the point passed: less than an arm's repeatability
 NEWTON = 8  # steps from the nearest sample to the nearest instant
@@ -19,6 +23,10 @@ class ViaPoints(Limit):
 
     def __init__(self, via: np.ndarray) -> None:
         self.via = np.asarray(via, dtype=float)
+
+    @classmethod
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None) -> Self | None:
+        return cls(np.stack(move.via)) if move is not None and move.via else None
 
     def worst(self, x: Dense) -> Violation:
         """The via point that is missed most, each looked for after the one before was passed."""

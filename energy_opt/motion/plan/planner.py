@@ -8,24 +8,26 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from energy_opt.dynamics import torque_function
-from energy_opt.errors import BadInput
+from energy_opt.effects import Payload
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.check import check_pose
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
-from energy_opt.motion.path import JointPath, straight, through
-from energy_opt.motion.plan.candidates import Solve
-from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
-from energy_opt.motion.reshape.search import Reshaper
+from energy_opt.motion.plan.candidates import Made, least_energy_timing, mended_timing, reshaped, stands_still
+from energy_opt.motion.plan.choice import Work, choose
+from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.result import Result
 from energy_opt.motion.timing.law import Timing
-from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
+
+
+def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
+    return model.without(Payload.name).structure
 
 
 class Planner:
@@ -46,34 +48,30 @@ class Planner:
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
-        self._batch, self._stopped = batch, stopped
-        self._reshapers: dict[str, Reshaper] = {}
-        self._compiled = False
-        self._build_seconds = 0.0
-        self._structure = model.structure
+        self._workshop, self._stopped = Workshop(batch), stopped
+        self._structure = _but_payload(model)
         self.set_model(model)
+        self.limits()  # what cannot be is told now, not when a move needs it
         if self.settings.dynamics != "auto":  # a source that is not there is told now, not when a move needs it
             torque_function(robot.body, self.settings.dynamics)
 
     def set_model(self, model: PowerModel) -> None:
-        """Other values of the same effects; nothing is built again.
+        """Other values of the same effects, with or without a payload; nothing is built again.
+
+        (But for the first payload where the planner was built for a model that has none: there it costs nothing.)
 
         Raises:
             BadInput: the model has other effects than the planner was built for.
         """
-        if model.structure != self._structure:
+        if _but_payload(model) != self._structure:
             raise BadInput("the planner was built for other effects; build a new one")
         model.check(self.robot.n)
         self.model = model
-        self._scorer = Scorer(self.robot, model)
-        self._certified: tuple[Trajectory, Move | None, Certificate] | None = (
-            None  # the last, which is often asked for again
-        )
-        self._values = model.values(self.robot.n)
+        self.scorer = Scorer(self.robot, model)
 
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""
-        return self._scorer.energy(trajectory)
+        return self.scorer.energy(trajectory)
 
     def limits(self, move: Move | None = None) -> tuple[Limit, ...]:
         """The limits in force: the robot's, those that the settings ask for, and the move's own."""
@@ -81,15 +79,11 @@ class Planner:
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """How far any trajectory stays inside the limits, those of the move it is for among them."""
-        known = self._certified
-        if known is None or known[0] is not trajectory or known[1] is not move:
-            certificate = certify(trajectory, self._scorer, self.limits(move), self.settings.verify_samples)
-            self._certified = known = trajectory, move, certificate
-        return known[2]
+        return certify(trajectory, self.scorer, self.limits(move), self.settings.verify_samples)
 
     def minimum_time(self, move: Move) -> float:
         """The shortest duration of the move's path within all limits, by TOPP-RA, s."""
-        return self._fastest(move).duration
+        return self.context(move).fastest(path_of(move)).duration
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
         """The move with the least energy that is found, or by another objective if the settings say so.
@@ -103,7 +97,26 @@ class Planner:
         """
         self._check_ends(move)
         self._check_objective(move)
-        return Solve(self, move, warm).run()
+        context = self.context(move)
+        built, begin = self._workshop.seconds, time.perf_counter()
+        work = _made(context, move, warm)
+        build = self._workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
+        return choose(context, move, work, build, time.perf_counter() - begin - build)
+
+    def context(self, move: Move) -> Context:
+        """What the parts of a solve are given: the planner as it is now, with a judge for this move."""
+        limits = self.limits(move)
+        return Context(
+            robot=self.robot,
+            model=self.model,
+            settings=self.settings,
+            scorer=self.scorer,
+            limits=limits,
+            standing=self.limits(),
+            judge=Judge(self.scorer, limits, self.settings.verify_samples),
+            workshop=self._workshop,
+            stopped=self._stopped,
+        )
 
     def _check_objective(self, move: Move) -> None:
         objective = self.settings.objective
@@ -123,30 +136,35 @@ class Planner:
         for what, q, resting in poses:
             check_pose(limits, self.robot, self.model, q, what, resting)
 
-    def _path(self, move: Move) -> JointPath:
-        if move.path is not None:
-            return move.path
-        if move.via:
-            return through(np.vstack([move.start, *move.via, move.goal]))
-        return straight(move.start, move.goal)
 
-    def _fastest(self, move: Move, limits: Sequence[Limit] | None = None) -> Timing:
-        path = self._path(move)
-        return fastest(
-            self.robot,
-            self.model,
-            path,
-            limits=self.limits(move) if limits is None else limits,
-            start_speed=path.start_speed,
-            end_speed=path.end_speed,
-        )
+def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
+    """Candidates for a move's answer.
 
-    def _reshaper(self, objective: str) -> Reshaper:
-        if objective not in self._reshapers:
-            begin = time.perf_counter()
-            nodes = node_functions(self.model, self.robot.body, self.limits(), objective, self.settings.dynamics)
-            functions, self._compiled = compiled(nodes.as_list(), self.settings.compile, self._batch)
-            free = self.settings.end_acceleration == "free"
-            self._reshapers[objective] = Reshaper(NodeFunctions(*functions), self.robot.n, self.settings.controls, free)
-            self._build_seconds += time.perf_counter() - begin
-        return self._reshapers[objective]
+    Raises:
+        Infeasible: no timing or no path holds the limits.
+    """
+    timing = _first_timing(context, move)
+    if move.mode == "retime":
+        assert timing is not None
+        if context.settings.objective == "time":
+            asked = timing if move.duration is None else timing.slowed(move.duration)
+            return Work(timing, None, None, Made(asked.trajectory(context.robot.joints)), warm)
+        solution = least_energy_timing(context, move, timing)
+        assert solution is not None
+        return Work(timing, solution, None, mended_timing(context, move, solution), warm)
+    wanted = move.duration if move.duration is not None else move.max_duration
+    solution = None
+    if timing is not None and (wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves):
+        solution = least_energy_timing(context, move, timing)
+    curve = None if stands_still(move) else reshaped(context, move, timing, solution, warm)
+    return Work(timing, solution, curve, None, warm)
+
+
+def _first_timing(context: Context, move: Move) -> Timing | None:
+    """TOPP-RA's timing of the first path; a reshaped move may do without one."""
+    try:
+        return context.fastest(path_of(move))
+    except Infeasible:
+        if move.mode == "retime":
+            raise
+        return None

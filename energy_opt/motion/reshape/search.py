@@ -1,10 +1,10 @@
-"""The search for a reshaped move: several coarse starts, the best refined, limits mended where they are found broken.
+"""The search for a reshaped move: starts on a coarse problem, the best optima solved in full.
 
-A coarse problem (few control points) is solved from several starts; it is cheap, and it is there that local optima
-differ. Starts are the timed straight line and the trajectories that are handed in; and bent lines, each the cheapest of
-some random bends, which descend for a few iterations without limits on velocity, acceleration and jerk: what lies
-lowest then, before limits wall the valleys off, is solved in full. The best coarse curve is carried to the fine
-problem, whose rows bind nearly where the coarse ones did.
+A coarse problem (few control points) is cheap to solve, and it is there that local optima differ (see `starts`). Where
+the duration is given, the starts are solved at the next larger one of a few durations, each half as long again as the
+one before; what was found there is then solved at the duration itself. So durations that lie close together share
+their starts, a front of energy against duration finds what single moves find, and a start can be feasible where the
+move itself is hardly. The best coarse optima are carried to the fine problem, whose rows bind nearly where theirs did.
 """
 
 from __future__ import annotations
@@ -14,32 +14,33 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.motion.limits.base import Limit, box_of
-from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Curve, Level, Outcome, fitted, refined
+from energy_opt.errors import BadInput
+from energy_opt.motion.reshape.layout import Shape
+from energy_opt.motion.reshape.level import Curve, Level, Outcome, refined
 from energy_opt.motion.reshape.nodes import NodeFunctions
+from energy_opt.motion.reshape.starts import Optima, search, solved
+from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.bspline import Basis
 
 COARSE, COARSE_PACKING = 12, 0.5
-CANDIDATES = 16  # random bends of which the cheapest descends
-DESCENT = 5  # iterations of a descent without limits
-TRIED = 3  # one of so many descents, the lowest, is solved in full
-BEND = 0.5  # standard deviation of a bend's amplitude, as a share of half of a joint's range
-FEASIBLE = 1e-4  # a coarse outcome with a larger excess over a bound counts as infeasible
-WORTH_REFINING = 0.05  # more control points may still mend an excess up to this share of a bound
+PER_VIA = 2  # control points more for every via point
+RUNG = 1.5  # ratio of the durations at which starts are solved
+KEPT, WORTH_KEEPING = 3, 1.25  # so many optima of the starts are solved at the move's own duration, if so near the best
+REFINED, WORTH_REFINING = 2, 1.03  # so many of these are refined, if so near the best: coarse costs err by some percent
+MENDABLE = 0.05  # more control points may still mend an excess up to this share of a bound
 ROW_STEP, MIN_ROWS = 0.004, 200  # [s]
+
+Kept = dict[float, Optima]  # what starts led to, by the duration at which they were solved
 
 
 @dataclass(frozen=True)
-class Task:
-    """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that no path changes."""
+class Answer:
+    """The best outcome of a search (None where no start leads to a feasible curve), and what it took."""
 
-    ends: Ends
-    limits: tuple[Limit, ...]
-    parameters: np.ndarray
-    durations: tuple[float, float]
-    offset: float
+    best: Outcome | None
+    starts: int
+    iterations: int
 
 
 class Reshaper:
@@ -47,161 +48,117 @@ class Reshaper:
 
     def __init__(self, nodes: NodeFunctions, joints: int, controls: int, free_acceleration: bool) -> None:
         self._nodes, self._joints = nodes, joints
-        self._fine, self._free = controls, free_acceleration
-        self._levels: dict[tuple[int, int], Level] = {}
+        self._controls, self._free = controls, free_acceleration
+        self._levels: dict[tuple[Basis, int], Level] = {}
 
-    def level(self, controls: int, vias: int) -> Level:
-        """The level with that many control points and via points."""
-        if (controls, vias) not in self._levels:
-            basis = Basis(controls, COARSE_PACKING) if controls <= COARSE + vias else Basis(controls)
+    def _level(self, basis: Basis, vias: int) -> Level:
+        if (basis, vias) not in self._levels:
             shape = Shape(self._joints, basis, 3, self._free, vias)
-            self._levels[controls, vias] = Level(shape, self._nodes)
-        return self._levels[controls, vias]
+            self._levels[basis, vias] = Level(shape, self._nodes)
+        return self._levels[basis, vias]
+
+    def coarse(self, vias: int) -> Level:
+        """The level on which starts are solved."""
+        return self._level(Basis(min(COARSE + PER_VIA * vias, self._controls), COARSE_PACKING), vias)
+
+    def fine(self, vias: int) -> Level:
+        """The level of the answer.
+
+        Raises:
+            BadInput: fewer control points than ends and via points take.
+        """
+        least = COARSE + PER_VIA * vias - 2
+        if self._controls < least:
+            raise BadInput(f"--controls {self._controls}: too few for {vias} via points; expected {least} or more")
+        return self._level(Basis(self._controls), vias)
 
     def search(
         self,
         task: Task,
-        lines: Sequence[tuple[np.ndarray, np.ndarray, float]],
+        lines: Sequence[Line],
         starts: int,
         seed: int,
         stopped: Callable[[], bool],
-    ) -> tuple[Outcome | None, int]:
-        """The best outcome and the iterations spent; None where no start leads to a feasible curve.
+        kept: Kept | None = None,
+    ) -> Answer:
+        """The best outcome from at most `starts` starts.
 
-        `lines` are (u, q, T): positions q (M, n) at u (M,) of a first guess of duration T, at least one.
+        Args:
+            lines: first guesses, at least one; the first is bent, the others are solved as they are.
+            kept: what was found before for other durations of the same move, and is added to.
         """
-        vias = len(task.ends.via)
-        coarse = self.level(COARSE + 2 * vias, vias)
-        guesses = [self._curve(coarse.shape, line, task) for line in lines]
-        iterations, found = 0, []
-        descents = self._descents(coarse, guesses[0], task, starts - len(guesses), seed, stopped)
-        iterations += sum(outcome.iterations for outcome in descents)
-        lowest = sorted(descents, key=lambda outcome: outcome.cost)[: -(-len(descents) // TRIED)]
-        rows = all_rows(coarse.shape, task.limits)
-        for guess in (*guesses, *(outcome.curve for outcome in lowest)):
-            outcome = coarse.solve(
-                guess,
-                task.ends,
-                task.limits,
-                task.parameters,
-                task.durations,
-                tolerance=1e-3,
-                rows=rows,
-                offset=task.offset,
-                options={"mu_init": 1e-2, "max_iter": 60},
-                rounds=3,
-            )
-            iterations += outcome.iterations
-            found.append(outcome)
-            if stopped():
-                break
-        order = sorted(found, key=lambda o: (o.broken > FEASIBLE, o.cost if o.broken <= FEASIBLE else o.broken))
-        fine = self.level(max(self._fine, COARSE + 2 * vias + 4), vias)
-        best: Outcome | None = None
-        for outcome in order[:2]:
-            if outcome.broken > WORTH_REFINING:
-                break
-            better = self._refine(fine, outcome.curve, task)
-            iterations += better.iterations
-            if better.broken <= FEASIBLE and (best is None or better.cost < best.cost):
-                best = better
-            if best is not None or stopped():
-                break
-        return best, iterations
+        optima, used, spent = self.optima(task, lines, starts, seed, stopped, kept)
+        best, more = self.refined(task, optima, stopped)
+        return Answer(best, used, spent + more)
 
-    def _descents(
+    def optima(
         self,
-        level: Level,
-        straight: Curve,
         task: Task,
-        count: int,
+        lines: Sequence[Line],
+        starts: int,
         seed: int,
         stopped: Callable[[], bool],
-    ) -> list[Outcome]:
-        """A few iterations from each of `count` bent copies of a curve, at its duration, with limits on torque only."""
-        limits = tuple(limit.scaled(np.inf) if limit.order else limit for limit in task.limits)
-        rng = np.random.default_rng(seed)
-        out: list[Outcome] = []
-        while len(out) < count and not stopped():
-            outcome = level.solve(
-                self._bent(level, straight, task, rng),
-                task.ends,
-                limits,
-                task.parameters,
-                (straight.duration, straight.duration),
-                tolerance=1e-2,
-                offset=task.offset,
-                options={"mu_init": 1e-2, "max_iter": DESCENT},
-                rounds=1,
-            )
-            out.append(outcome)
-        return out
+        kept: Kept | None = None,
+    ) -> tuple[list[Outcome], int, int]:
+        """Coarse optima of the task, the best first; the starts and iterations that they took."""
+        coarse = self.coarse(task.vias)
+        if not task.fixed:
+            known = search(coarse, task, lines, starts, seed, stopped)
+            return sorted(known.found, key=task.rank), known.starts, known.iterations
+        duration = task.durations[0]
+        rung = float(RUNG ** np.ceil(np.log(duration) / np.log(RUNG) - 1e-9))
+        there = task.lasting(rung)
+        kept = {} if kept is None else kept
+        used = spent = 0
+        if rung not in kept:
+            known = search(coarse, there, lines[:1], starts, seed, stopped)
+            kept[rung], used, spent = known, known.starts, known.iterations
+        best = sorted(kept[rung].found, key=there.rank)[:KEPT]
+        most = WORTH_KEEPING * there.cost(best[0])
+        near = [o for o in best if o is best[0] or (o.broken <= FEASIBLE and there.cost(o) <= most)]
+        guesses = [replace(outcome.curve, duration=duration) for outcome in near]
+        guesses += [task.curve(coarse.shape, line) for line in lines[1:]]
+        found = sorted(solved(coarse, task, guesses, stopped), key=task.rank)
+        return found, used + len(lines) - 1, spent + sum(o.iterations for o in found)
 
-    def _refine(self, fine: Level, curve: Curve, task: Task) -> Outcome:
-        guess = refined(curve, fine.shape, task.ends)
-        return fine.solve(
-            guess,
-            task.ends,
-            task.limits,
-            task.parameters,
-            task.durations,
-            tolerance=1e-5,
-            rows=all_rows(fine.shape, task.limits),
-            offset=task.offset,
-            options={"mu_init": 1e-2},
-        )
+    def refined(self, task: Task, optima: Sequence[Outcome], stopped: Callable[[], bool]) -> tuple[Outcome | None, int]:
+        """The best fine outcome from coarse optima, the best of which come first; and the iterations spent."""
+        fine = self.fine(task.vias)
+        best: Outcome | None = None
+        spent = count = 0
+        for outcome in optima:
+            near = task.cost(outcome) <= WORTH_REFINING * task.cost(optima[0])
+            if outcome.broken > MENDABLE or (best is not None and not (near and count < REFINED)):
+                break
+            better = self._refine(refined(outcome.curve, fine.shape, task.ends), task)
+            spent, count = spent + better.iterations, count + 1
+            if better.broken <= FEASIBLE and (best is None or better.cost < best.cost):
+                best = better
+            if stopped():
+                break
+        return best, spent
+
+    def _refine(self, curve: Curve, task: Task) -> Outcome:
+        return task.solved(self._of(curve.shape), curve, tolerance=1e-5, barrier=1e-2)
+
+    def from_line(self, line: Line, task: Task) -> Outcome:
+        """The fine problem solved from a line."""
+        return self._refine(task.curve(self.fine(task.vias).shape, line), task)
 
     def polish(self, outcome: Outcome, task: Task) -> Outcome:
         """Solve again from an outcome, under limits or values that have changed a little."""
-        level = self.level(outcome.curve.shape.basis.controls, outcome.curve.shape.vias)
-        return level.solve(
-            outcome.curve,
-            task.ends,
-            task.limits,
-            task.parameters,
-            task.durations,
-            tolerance=1e-6,
-            rows=outcome.rows,
-            offset=task.offset,
-            options={"mu_init": 1e-3},
-        )
+        level = self._of(outcome.curve.shape)
+        return task.solved(level, outcome.curve, tolerance=1e-6, barrier=1e-3, rows=outcome.rows)
 
-    def _curve(self, shape: Shape, line: tuple[np.ndarray, np.ndarray, float], task: Task) -> Curve:
-        u, q, duration = line
-        duration = float(np.clip(duration, *task.durations))
-        places = np.linspace(0, 1, len(task.ends.via) + 2)[1:-1]
-        for i, via in enumerate(task.ends.via):  # where the guess passes nearest, in order
-            k = int(np.argmin(np.abs(q - via).sum(axis=1)))
-            places[i] = np.clip(u[k], 0.02, 0.98)
-        return fitted(shape, u, q, task.ends, duration, np.sort(places))
+    def step(self, outcome: Outcome, task: Task) -> Outcome:
+        """Solve from the outcome of a neighbouring task, whose rows and multipliers are nearly this one's."""
+        return task.solved(
+            self._of(outcome.curve.shape), outcome.curve, tolerance=1e-5, barrier=1e-5,
+            rows=outcome.rows, multipliers=outcome.multipliers,
+        )  # fmt: skip
 
-    def _bent(self, level: Level, straight: Curve, task: Task, rng: np.random.Generator) -> Curve:
-        """The cheapest of many randomly bent copies of a curve; a broken limit makes a copy dearer."""
-        shape, limits = level.shape, task.limits
-        lower, upper = box_of(limits, shape.joints)
-        half = np.clip((upper - lower) / 2, 0, np.pi)
-        u = np.linspace(0, 1, shape.basis.controls)
-        best, least = straight, np.inf
-        for _ in range(CANDIDATES):
-            amplitude = rng.normal(size=(2, shape.joints)) * [[1.0], [0.5]] * BEND * half
-            bend = np.sin(np.pi * u)[:, None] ** 2 * amplitude[0] + np.sin(2 * np.pi * u)[:, None] ** 3 * amplitude[1]
-            points = np.clip(straight.points + bend, lower, upper)
-            points[: shape.pinned] = straight.points[: shape.pinned]
-            points[-shape.pinned :] = straight.points[-shape.pinned :]
-            curve = replace(straight, points=points)
-            cost, shares = level.shares(curve, task.parameters, limits)
-            excess = max(0.0, max(float(share.max()) for share in shares.values()) - 1)
-            score = (cost - task.offset * curve.duration) * (1 + excess)
-            if score < least:
-                best, least = curve, score
-        return best
-
-
-def all_rows(shape: Shape, limits: Sequence[Limit], orders: Sequence[int] = (1, 2)) -> np.ndarray:
-    """Rows of limits on the derivatives of those orders, at every site; (R, 3) limit, site, joint."""
-    sites = [(k, site) for k, limit in enumerate(limits) if limit.order in orders
-             for site in range(len(shape.sites[limit.order - 1]))]  # fmt: skip
-    return np.array([(k, site, j) for k, site in sites for j in range(shape.joints)])
+    def _of(self, shape: Shape) -> Level:
+        return self._level(shape.basis, shape.vias)
 
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from energy_opt.motion.retime.nlp import Program
+from energy_opt.motion.retime.nlp import RetimeProgram
 
 
 def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
@@ -39,7 +39,7 @@ def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
     return float((r0 + (r2 * at**2 - r1 * at / 3).min(axis=0)).min())
 
 
-def lower_bound(program: Program, x: np.ndarray, multipliers: np.ndarray, allowed: np.ndarray) -> float:
+def lower_bound(program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray, allowed: np.ndarray) -> float:
     """A number that the cost of no feasible timing on the grid is below, for a convex cost and linear rows.
 
     The Lagrangian at the multipliers found (of the right signs) is convex, hence nowhere below its tangent at x; the
@@ -58,5 +58,5 @@ def lower_bound(program: Program, x: np.ndarray, multipliers: np.ndarray, allowe
     linear = program.rows_held.linear
     if linear is not None:
         value += float(of_rows @ here.rows - np.abs(of_rows) @ linear.allowed)
-        slope = slope + linear.pulled(of_rows)
+        slope = slope + linear.adjoint(of_rows)
     return value + float(np.minimum(-slope * x, slope * (allowed - x)).sum())

@@ -21,7 +21,7 @@ from energy_opt.effects import EXACT, Signals
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.numerics.batch import Batch
-from energy_opt.power import drive_function, drive_terms
+from energy_opt.power import drive_terms
 
 # Widths of the smoothed kinks, in units of those stated at each law: an interior-point method crosses sharp kinks in
 # short steps only, so it is led to them from wide ones.
@@ -180,14 +180,6 @@ def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.
     if np.abs(_RESIDUAL @ power).max() > 1e-9 * np.abs(power).max():
         return None
     return _INVERSE @ power
-
-
-@lru_cache(maxsize=16)
-def exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
-    """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
-    function, _ = drive_function(shared_by.model, n)
-    inputs = function.sx_in()
-    return ca.Function("exact_power", inputs, [function(*inputs)[1]])
 
 
 @dataclass(frozen=True, eq=False)

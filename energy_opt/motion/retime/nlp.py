@@ -50,7 +50,7 @@ class Values:
     rows: np.ndarray
 
 
-class Program:
+class RetimeProgram:
     """One move's program, in its unit of squared speed; see ipopt.Problem.
 
     Args:
@@ -95,7 +95,7 @@ class Program:
             by_z = np.zeros_like(self._z)
             by_z[1] = -0.5 * self._share / b
             time, rows = float(self._share.sum()), self.rows_held.values(self._control)
-            self._values = Values(cost, self.lift.pulled(slope), time, self.lift.pulled(by_z), rows)
+            self._values = Values(cost, self.lift.adjoint(slope), time, self.lift.adjoint(by_z), rows)
         return self._values
 
     def cost(self, x: np.ndarray) -> float:
@@ -113,14 +113,14 @@ class Program:
         return np.concatenate([slope, self.rows_held.slopes(self._control).ravel()])[self._order]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        return self.bent(x, factor, multipliers)[self.band.inside]
+        return self.banded_hessian(x, factor, multipliers)[self.band.inside]
 
-    def bent(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+    def banded_hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         """The Hessian of factor cost + multipliers . rows, in the form of `Band`."""
         self.at(x)
-        bent = factor * self.points.curvature(self._z)
-        bent[2] += multipliers[0] * 0.75 * self._share / (self._z[1] * self._z[1])
-        return self.lift.bent(bent) + self.rows_held.bent(self._control, multipliers[1:])
+        at_points = factor * self.points.curvature(self._z)
+        at_points[2] += multipliers[0] * 0.75 * self._share / (self._z[1] * self._z[1])
+        return self.lift.hessian(at_points) + self.rows_held.hessian(self._control, multipliers[1:])
 
     def solve(
         self,

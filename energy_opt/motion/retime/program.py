@@ -12,16 +12,16 @@ import numpy as np
 
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.retime.bound import largest_price, lower_bound
-from energy_opt.motion.retime.law import WIDTHS, exact_power
+from energy_opt.motion.retime.law import WIDTHS
 from energy_opt.motion.retime.limits import MARGIN, PathLimits
-from energy_opt.motion.retime.nlp import Program
+from energy_opt.motion.retime.nlp import RetimeProgram
 from energy_opt.motion.retime.points import PathLaw
 from energy_opt.motion.retime.quadrature import GAUSS, quadrature
 from energy_opt.motion.retime.rows import Rows
-from energy_opt.motion.timing.law import Timing, greville
-from energy_opt.numerics.batch import Batch
+from energy_opt.motion.timing.law import Timing
+from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
@@ -61,15 +61,7 @@ class Solved:
 def standing_power(robot: Robot, model: PowerModel, path: JointPath) -> float:
     """Power [W] of standing still at the start."""
     d = PathDynamics(robot, model, path, np.zeros(1))
-    return float(_power(d, np.zeros(1), np.zeros(1), np.zeros(1))[0])
-
-
-def _power(d: PathDynamics, a: np.ndarray, b: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Power (M,) [W] by the exact laws, at path acceleration a, squared speed b and time (M,)."""
-    a, b = a[:, None], b[:, None]
-    columns = (d.q, d.q1 * np.sqrt(b), d.q1 * a + d.q2 * b, d.M * a + d.C * b + d.G, time[:, None])
-    law = Batch(exact_power(SharedByStructure(d.model), d.robot.n), len(d.s))
-    return law(*columns, d.model.values(d.robot.n))[0].ravel()
+    return float(d.power(np.zeros(1), np.zeros(1))[0])
 
 
 class Retiming:
@@ -114,7 +106,7 @@ class Retiming:
         law = self.law(timing)
         if law.coefficients is not None and self.convex:  # no kinks that the program takes for granted
             return law.cost(self.grid.weight, 1.0, 1.0, 0.0, 0.0).value(z)[0]
-        return float(pace @ _power(self.dynamics, a, b, timing.time_at(self.grid.s)))
+        return float(pace @ self.dynamics.power(a, b, timing.time_at(self.grid.s)))
 
     def _integrated(self, timing: Timing) -> float:
         """J by the exact laws, by Gauss quadrature in time within every piece of timing and path."""
@@ -123,7 +115,7 @@ class Retiming:
         time = (edges[:-1, None] + step[:, None] * GAUSS[0]).ravel()
         s, rate, a = timing.at(time)
         d = PathDynamics(self.robot, self.model, timing.path, s)
-        return float((step[:, None] * GAUSS[1]).ravel() @ _power(d, a, rate**2, time))
+        return float((step[:, None] * GAUSS[1]).ravel() @ d.power(a, rate**2, time))
 
     def law(self, timing: Timing) -> PathLaw:
         """The law at the grid's points; where it drifts, at the times at which `timing` is there."""
@@ -198,9 +190,9 @@ class Retiming:
         x = np.clip(start.control[1:-1] / unit, lower, upper)
         size = 1.0
 
-        def program(rows: Rows, width: float) -> Program:
+        def program(rows: Rows, width: float) -> RetimeProgram:
             cost = law.cost(weight, unit, clock * energy / size, -price * clock / size, width)
-            return Program(points, weight, cost, ends, longest / clock, rows)
+            return RetimeProgram(points, weight, cost, ends, longest / clock, rows)
 
         whole = program(Rows(), WIDTHS[0])
         size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)

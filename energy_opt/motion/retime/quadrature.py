@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from energy_opt.motion.timing.law import Basis, basis
+from energy_opt.numerics.bspline import QuadraticBasis, quadratic_basis
 
 _X, _W = np.polynomial.legendre.leggauss(3)
 GAUSS = ((_X + 1) / 2, _W / 2)
@@ -103,7 +103,7 @@ class Lift:
     count: int
 
     @classmethod
-    def of(cls, at: Basis, kinds: str, count: int) -> Lift:
+    def of(cls, at: QuadraticBasis, kinds: str, count: int) -> Lift:
         """From the B-spline's basis; `kinds` is "ab" or "abw"."""
         return cls(at.first, np.stack([getattr(at, kind) for kind in kinds]), count)
 
@@ -133,7 +133,7 @@ class Lift:
         """z (d, M) of control values (count,), ends included."""
         return (self._matrix @ control).reshape(len(self.maps), -1)
 
-    def pulled(self, gradient: np.ndarray) -> np.ndarray:
+    def adjoint(self, gradient: np.ndarray) -> np.ndarray:
         """Gradient (N,) with respect to the free control values, from that with respect to z (d, M)."""
         return self._down @ gradient.ravel()
 
@@ -157,7 +157,7 @@ class Lift:
         places = np.concatenate(rows), np.concatenate(columns)
         return coo_array((np.concatenate(values), places), shape=(3 * n, len(triangle) * m)).tocsr()
 
-    def bent(self, hessians: np.ndarray) -> np.ndarray:
+    def hessian(self, hessians: np.ndarray) -> np.ndarray:
         """The sum (3 N,), in the form of `Band`, of the points' Hessians (d (d + 1) / 2, M).
 
         A point's Hessian is given by its upper triangle, column by column.
@@ -173,7 +173,7 @@ def gathered(first: np.ndarray, entries: np.ndarray, count: int) -> np.ndarray:
 
 def lift(knots: np.ndarray, s: np.ndarray, kinds: str = "ab", piece: np.ndarray | None = None) -> Lift:
     """The maps from control values to the points `s`; `piece` says which interval where s is a knot."""
-    return Lift.of(basis(knots, s, piece), kinds, len(knots) + 1)
+    return Lift.of(quadratic_basis(knots, s, piece), kinds, len(knots) + 1)
 
 
 @lru_cache(maxsize=8)

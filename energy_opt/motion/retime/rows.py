@@ -45,11 +45,11 @@ class LinearRows:
         """(K, 3) derivatives with respect to the control values that each row depends on."""
         return self.entries
 
-    def bent(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
+    def hessian(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
         """Sum of the rows' Hessians times `multipliers` (K,), in the form of `Band`."""
         return 0.0
 
-    def pulled(self, multipliers: np.ndarray) -> np.ndarray:
+    def adjoint(self, multipliers: np.ndarray) -> np.ndarray:
         """Sum of the rows' gradients times `multipliers` (K,), with respect to the free control values."""
         return gathered(self.first, self.entries * multipliers[:, None], self.lift.count)
 
@@ -74,9 +74,9 @@ class CurvedRows:
         slope = self.functions.slope(self.lift.values(control))
         return np.einsum("mrd,dmk->mrk", slope, self.lift.maps).reshape(-1, 3)
 
-    def bent(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
+    def hessian(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
         z = self.lift.values(control)
-        return self.lift.bent(self.functions.curvature(z, multipliers.reshape(-1, self.each)))
+        return self.lift.hessian(self.functions.curvature(z, multipliers.reshape(-1, self.each)))
 
 
 @dataclass(frozen=True)
@@ -114,11 +114,11 @@ class Rows:
         """(count, 3) derivatives with respect to the control values that each row depends on."""
         return np.concatenate([np.zeros((0, 3)), *(block.slopes(control) for block in self.blocks)])
 
-    def bent(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
+    def hessian(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
         """Sum of the rows' Hessians times `multipliers` (count,), in the form of `Band`."""
         total: np.ndarray | float = 0.0
         used = 0
         for block in self.blocks:
-            total = total + block.bent(control, multipliers[used : used + len(block.first)])
+            total = total + block.hessian(control, multipliers[used : used + len(block.first)])
             used += len(block.first)
         return total

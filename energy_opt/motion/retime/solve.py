@@ -134,8 +134,8 @@ def retime(
     start = shortest
     if wanted is not None and shortest.duration > wanted:
         start = _shorter(work, shortest, wanted)
-    elif duration is not None and all(work.rest):
-        start = shortest.slowed(duration)
+    if duration is not None and all(work.rest):
+        start = start.slowed(duration)
     plan = _free(work, start, max_duration) if duration is None else _exact(work, start, duration)
     return _solution(work, plan, shortest)
 

@@ -18,40 +18,12 @@ import numpy as np
 
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.bspline import greville, quadratic_basis
 
 ROW_STEP = 0.004  # [s] largest time between two rows of a trajectory
 MIN_ROWS = 200
 CLOSE = 1e-3  # rows nearer to each other than this share of the row step are merged
 HOLD = 1e-3  # [s] duration of a move of no length that was given none
-
-
-def greville(knots: np.ndarray) -> np.ndarray:
-    """Greville points (N + 2,) of the knots (N + 1,)."""
-    padded = np.concatenate([knots[:1], knots, knots[-1:]])
-    return (padded[1:] + padded[:-1]) / 2
-
-
-@dataclass(frozen=True)
-class Basis:
-    """b, a = b'/2 and w = b''/2 at points s as linear maps of the three control values c[first : first + 3]."""
-
-    first: np.ndarray  # (M,)
-    b: np.ndarray  # (M, 3)
-    a: np.ndarray  # (M, 3)
-    w: np.ndarray  # (M, 3)
-
-
-def basis(knots: np.ndarray, s: np.ndarray, piece: np.ndarray | None = None) -> Basis:
-    """The quadratic B-splines at `s` (M,); `piece` (M,) says which interval where s is a knot."""
-    k = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2) if piece is None else piece
-    padded = np.concatenate([knots[:1], knots, knots[-1:]])
-    t0, t1, t2, t3 = (padded[k + j] for j in range(4))  # the interval is [t1, t2]
-    h, left, right = t2 - t1, t2 - t0, t3 - t1
-    x, y = s - t1, t2 - s
-    b = np.stack([y * y / (left * h), 1 - y * y / (left * h) - x * x / (right * h), x * x / (right * h)], axis=1)
-    a = np.stack([-y / (left * h), y / (left * h) - x / (right * h), x / (right * h)], axis=1)
-    w = np.stack([1 / (left * h), -1 / (left * h) - 1 / (right * h), 1 / (right * h)], axis=1)
-    return Basis(k, b, a, w)
 
 
 def _tau(w: np.ndarray, x: np.ndarray, v_sum: np.ndarray) -> np.ndarray:
@@ -104,7 +76,7 @@ class Timing:
 
     def speed(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """b = (ds/dt)^2, a = d^2 s/dt^2 and w = da/ds at s (M,)."""
-        at = basis(self.knots, s)
+        at = quadratic_basis(self.knots, s)
         c = self.control[at.first[:, None] + np.arange(3)]
         return (at.b * c).sum(1), (at.a * c).sum(1), (at.w * c).sum(1)
 

@@ -21,7 +21,8 @@ from energy_opt.motion.limits.check import check_path
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import CRAWL, PathDynamics, has_torque_effects, points_of
-from energy_opt.motion.timing.law import Timing, greville
+from energy_opt.motion.timing.law import Timing
+from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 

@@ -16,8 +16,9 @@ from energy_opt.motion.ways.polyline import Rounding, between, length, merged, s
 Source = Literal["straight", "given", "own", "ompl"]
 VIAS = 150  # seeded points through which lines of our own may bend
 PAIRS = 400  # of such points that are tried two at a time
-FIRST = 60_000  # poses that the search for a first way may look at
-FURTHER = 10_000  # and that for each further one
+ATTEMPTS = 6  # of a planner at a first way
+FIRST = 40_000  # poses that each of them may look at: some seconds
+FURTHER = 10_000  # and each at a further way, once there is one
 TRIES = 150  # cuts that are tried on a way
 SAME = 0.15  # ways whose middles are all nearer than this [rad] are one
 ROUNDS = 40  # times that corners are made tighter before a way is given up
@@ -126,21 +127,25 @@ def find_ways(
 
 
 def _bent(search: _Search, ends: Ends, planner: str, seed: int, count: int) -> Iterator[tuple[Source, np.ndarray]]:
-    """Bent lines, free as far as poses along them tell."""
+    """Bent lines, free as far as poses along them tell: ours, and where these are too few, a planner's."""
     own = 0
     for points in _own(search, ends, seed):
         yield "own", points
         own += 1
         if own == count:
-            break
+            return
     if planner == "none" or not ompl.installed():
         return
-    for k in range(2 * count):
-        enough = search.budget(FIRST if k == 0 and own == 0 else FURTHER)
+    found = own
+    for k in range(ATTEMPTS + 2 * count):
+        if found == 0 and k == ATTEMPTS:
+            return
+        enough = search.budget(FURTHER if found else FIRST)
         bent = ompl.rrt_connect(
             ends.start, ends.goal, ends.lower, ends.upper, search.clear, search.line, enough, seed + k
         )
         if bent is not None:
+            found += 1
             yield "ompl", bent
 
 

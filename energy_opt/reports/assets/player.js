@@ -75,7 +75,7 @@ class Player {
     for (const arm of this.arms) for (const p of arm.motion.tool) box.expandByPoint(new THREE.Vector3(...p));
     box.expandByPoint(new THREE.Vector3(0, 0, 0));
     this.centre = box.getCenter(new THREE.Vector3());
-    this.view = { azimuth: -0.9, elevation: 0.35, distance: Math.max(1.2, 2.1 * box.getSize(new THREE.Vector3()).length()) };
+    this.view = { azimuth: -0.9, elevation: 0.35, distance: Math.max(1.1, 1.7 * box.getSize(new THREE.Vector3()).length()) };
   }
 
   bar(place) {

@@ -1,0 +1,23 @@
+"""From what was asked for to the cell itself."""
+
+from __future__ import annotations
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene_files import read_scene
+from energy_opt.robot import Robot
+
+
+def load_cell(robot: Robot, request: CellRequest) -> Cell | None:
+    """A robot's body and cell; None where nothing is asked to be kept clear of.
+
+    Raises:
+        BadInput: a file or a mesh cannot be read, or an object hangs on a link that there is not.
+    """
+    if not request.checks:
+        return None
+    scene = None
+    if request.scene is not None:
+        outside, large = request.allow_outside, request.allow_large
+        scene = read_scene(request.scene, floor=request.floor, allow_outside=outside, allow_large=large)
+    return Cell(robot, request, scene)

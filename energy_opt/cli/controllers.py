@@ -1,0 +1,83 @@
+"""What a plan is written as for controllers: `--write`, `--rate`, `--as moves`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from energy_opt.cli.common import say
+from energy_opt.errors import BadInput
+
+if TYPE_CHECKING:
+    from energy_opt.motion import Move, Planner, Result, Trajectory
+    from energy_opt.motion.judge.certificate import Certificate
+    from energy_opt.profiles import StandardMoves
+
+
+def add_controllers(parser: argparse.ArgumentParser) -> None:
+    """Options of the files for controllers."""
+    group = parser.add_argument_group("for controllers")
+    group.add_argument(
+        "--write", action="append", default=[], metavar="FORMAT",
+        help="csv, yaml, json, mcap, follow-joint-trajectory, urscript or franka (repeatable)",
+    )  # fmt: skip
+    group.add_argument("--rate", type=float, metavar="HZ", help="samples per second of what --write writes")
+    group.add_argument(
+        "--as", dest="as_", choices=("moves",), metavar="moves",
+        help="standard joint moves with a speed and an acceleration each, instead of a free trajectory",
+    )  # fmt: skip
+    group.add_argument("--vias", type=int, metavar="K", help="via points of --as moves, at most (0)")
+
+
+def check_controllers(args: argparse.Namespace) -> None:
+    """Refuse what cannot be meant, before anything is solved."""
+    from energy_opt.formats.output import wanted
+    from energy_opt.formats.resample import check_rate
+
+    wanted(args.write)
+    if args.rate is not None:
+        if not args.write:
+            raise BadInput(f"--rate {args.rate:g}: of which files? Give --write too")
+        check_rate(args.rate)
+    if args.vias is not None and args.as_ is None:
+        raise BadInput("--vias are those of --as moves; give it too")
+
+
+def moves_of(
+    args: argparse.Namespace, planner: Planner, move: Move, result: Result
+) -> tuple[Result, StandardMoves | None]:
+    """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none."""
+    from energy_opt.profiles import MovesPlanner, as_result
+
+    if args.as_ is None or result.interrupted:
+        return result, None
+    moves = MovesPlanner(planner).solve(move, result, args.vias or 0)
+    return as_result(result, moves), moves
+
+
+def write_controllers(
+    args: argparse.Namespace, planner: Planner, move: Move, result: Result, moves: StandardMoves | None
+) -> None:
+    """Write the files that --write and --as ask for, and say what they are."""
+    from energy_opt.formats import FORMATS, output
+    from energy_opt.motion.judge.energy import Scorer
+    from energy_opt.profiles import movej
+
+    out, formats, lines = args.out, output.wanted(args.write), []
+    if moves is not None:
+        lines += [f"{out / name}: standard moves" for name in movej.write(moves, planner.robot.body, out)]
+        if FORMATS["urscript"] in formats:
+            formats.remove(FORMATS["urscript"])
+            movej.write_urscript(moves, planner.robot.body, out / "trajectory.script")
+            lines.append(f"{out / 'trajectory.script'}: standard moves")
+    scorer = Scorer(planner.robot, planner.model)
+
+    def judge(trajectory: Trajectory) -> Certificate:
+        return planner.certify(trajectory, move)
+
+    lines += output.write(result.trajectory, scorer, judge, formats, out, args.rate, args.joint_prefix)
+    for line in lines:
+        say(args, line)
+    if moves is not None:
+        kept = "nothing to save" if moves.kept is None else f"{100 * moves.kept:.1f} % of the free trajectory's saving"
+        say(args, f"standard moves ({moves.kind}, {moves.vias} via points) keep {kept}")

@@ -1,0 +1,100 @@
+"""`energy-opt job`: a cycle of moves and waits, the time of the cycle distributed for least energy."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from energy_opt.cli.common import add_output, add_prefix, load_model_of, say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("job", type=Path, metavar="JOB.toml", help="the cycle (`energy-opt --example job`)")
+    group = parser.add_argument_group("robot and model")
+    group.add_argument("--robot", metavar="NAME_OR_URDF", help="in place of the job's own")
+    group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
+    group.add_argument("--model", metavar="MODEL", help="power model: a file or a name (default: source-method-2)")
+    add_prefix(group)
+    group = parser.add_argument_group("solving")
+    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping")
+    group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never (auto)")
+    group.add_argument("--resume", action="store_true", help="take the answers that an earlier run into --out left")
+    group.add_argument("--allow-outside", action="store_true", help="the job's files may lie outside its folder")
+    add_output(parser, "energy_opt_job")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; returns the exit code."""
+    from energy_opt.cli.interrupt import stop_on_interrupt
+    from energy_opt.files import to_json
+    from energy_opt.job import load_job, run_job
+    from energy_opt.job.cycle import joined
+    from energy_opt.job.output import write
+    from energy_opt.job.resume import Answers
+    from energy_opt.motion import Settings
+    from energy_opt.reports.job import page
+
+    job = load_job(args.job, lambda name: _robot(args, name), allow_outside=args.allow_outside)
+    args.payload = None
+    model = load_model_of(args, job.robot)
+    given = {"seed": args.seed, "compile": args.compile}
+    settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}))
+    limits = vars(job.robot.limits)
+    about = [model.to_document(), job.robot.name, limits, vars(settings)]
+    answers = Answers(args.out, job.robot.joints, about, args.resume)
+    with stop_on_interrupt() as stopped:
+        result = run_job(
+            job,
+            model,
+            settings,
+            stopped=stopped,
+            known=answers.known,
+            answered=answers.keep,
+            progress=lambda text: say(args, text),
+        )
+        found = write(result, args.out)
+        page(found, joined(result.pieces), job.robot).write(args.out / "report.html")
+    if result.solved:
+        answers.forget()
+    if args.json:
+        sys.stdout.write(to_json(found))
+    elif not args.quiet:
+        print(_text(found, args.out))
+    if result.interrupted:
+        return 130
+    return 0 if result.solved else 4
+
+
+def _robot(args: argparse.Namespace, name: str) -> Any:
+    from energy_opt.cli.common import load_robot_of
+
+    beside = args.job.parent / name
+    args.robot = args.robot or (str(beside) if beside.is_file() else name)
+    return load_robot_of(args)
+
+
+def _text(found: dict[str, Any], out: Path) -> str:
+    lines = [f"{'step':<24} {'begins [s]':>10} {'takes [s]':>10} {'energy [J]':>11} {'kg':>5}"]
+    for row in found["steps"]:
+        lines.append(
+            f"{row['name'][:24]:<24} {row['start']:>10.3f} {row['duration']:>10.3f} {row['energy_total']:>11.3f} "
+            f"{row['payload']:>5.2g}"
+        )
+    lines.append(f"the cycle of {found['cycle_time']:g} s takes {found['energy_total']:.3f} J")
+    for row in found["baselines"]:
+        if row["energy_total"] is None:
+            lines.append(f"{row['name']}: not possible, a limit is in its way")
+        else:
+            saved = 100 * (1 - found["energy_total"] / row["energy_total"])
+            lines.append(f"{row['name']}: {row['energy_total']:.3f} J; this saves {saved:.2f} %")
+    if found["optimality"]["lower_bound"] is not None:
+        lines.append(
+            f"no timing of these paths takes less than {found['optimality']['lower_bound']:.3f} J "
+            f"(gap {found['optimality']['gap_percent']:.2g} %)"
+        )
+    lines.append(f"files in {out}")
+    return "\n".join(lines)

@@ -1,0 +1,43 @@
+"""A solved move with what it was asked for: it prints in five lines and saves what the command writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from energy_opt.motion import Result
+from energy_opt.robot import Robot
+
+FORMAT = "energy-opt/result/1"
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Answer(Result):
+    """A result that knows its robot and the request that it answers, and so can be saved.
+
+    Attributes:
+        arm: the robot.
+        request: start, goal, path, payload, model, limits, scene, seed, version, command, as result.json has them.
+    """
+
+    arm: Robot
+    request: Mapping[str, Any] = field(default_factory=dict)
+
+    def document(self) -> dict[str, object]:
+        """result.json."""
+        return {"format": FORMAT, **super().document(), "request": self.request}
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write result.json, trajectory.csv, trajectory.yaml, plot.png and report.html into the folder `out`."""
+        from energy_opt.front.output import write
+
+        write(self, self.arm, self.document(), Path(out))
+        return Path(out)
+
+
+def answer_of(result: Result, robot: Robot, request: Mapping[str, Any]) -> Answer:
+    """The result with its robot and request."""
+    return Answer(**{f.name: getattr(result, f.name) for f in fields(result)}, arm=robot, request=request)

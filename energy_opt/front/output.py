@@ -1,0 +1,87 @@
+"""What an optimized move leaves behind: its files, and the table that the command prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from energy_opt import formats
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.files import replacing, write_json
+from energy_opt.motion import Result
+from energy_opt.motion.timing.toppra import INTERVALS
+from energy_opt.reports import plots
+from energy_opt.reports.optimize import page
+from energy_opt.reports.solids import drawn
+from energy_opt.robot import Robot
+
+
+def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None = None) -> None:
+    """Write result.json (`document`), trajectory.csv, trajectory.yaml, plot.png and report.html; result.json last.
+
+    Args:
+        cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
+    """
+    formats.table.write(result.trajectory, out / "trajectory.csv")
+    formats.messages.write_yaml(result.trajectory, out / "trajectory.yaml")
+    _picture_and_report(result, robot, document, out, cell or Cell(robot, CellRequest()))
+    write_json(out / "result.json", document)
+
+
+def _picture_and_report(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell) -> None:
+    t, scaled = result.trajectory, result.baseline("scaled")
+    assert t.effort is not None and t.power is not None
+    curve, names = None, {"result": result.energy.by_effect}
+    if scaled is not None and scaled.trajectory.power is not None:
+        curve = plots.Curve("scaled", scaled.trajectory.time, scaled.trajectory.power)
+        names["scaled"] = scaled.energy.by_effect
+    shown = {name: {k: v for k, v in energy.items() if k != "standby"} for name, energy in names.items()}
+    figure = plots.plot_move(
+        t.time, t.velocity, t.effort, t.power, joints=t.joints, velocity_limit=robot.limits.velocity,
+        effort_limit=robot.limits.effort, baseline=curve, by_effect=shown,
+        title=f"{result.robot}, {result.mode}, {t.duration:.3f} s",
+    )  # fmt: skip
+    picture = plots.png(figure)
+    with replacing(out / "plot.png") as aside:
+        aside.write_bytes(picture)
+    motions = {b.name: b.trajectory for b in result.baselines}
+    bodies, scene = drawn(cell)
+    page(document, t, motions, robot, bodies, scene).write(out / "report.html")
+
+
+def _energies(result: Result) -> tuple[list[str], list[list[object]]]:
+    """Header and rows of the table of energies."""
+    columns = [("result", result.trajectory.duration, result.energy)]
+    columns += [(b.name, b.duration, b.energy) for b in result.baselines]
+    header = ["", *(name for name, _, _ in columns)]
+    rows: list[list[object]] = [["duration [s]", *(duration for _, duration, _ in columns)]]
+    for part in ("total", "standby", "stored", "loss"):
+        rows.append([part, *(getattr(energy, part) for _, _, energy in columns)])
+    for effect in result.energy.by_effect:
+        rows.append([f"  {effect}", *(energy.by_effect.get(effect) for _, _, energy in columns)])
+    return header, rows
+
+
+def table(result: Result, out: Path) -> str:
+    """The short table for the terminal."""
+    header, rows = _energies(result)
+    lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name in header[1:])]
+    for name, *values in rows:
+        cells = "".join(f"{value:>12.4f}" if isinstance(value, float) else f"{'-':>12}" for value in values)
+        lines.append(f"{name:<22}{cells}")
+    worst = result.certificate.worst
+    lines.append(result.saved)
+    lines.append(
+        f"worst limit: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, {worst['value']:.6g} of "
+        f"{worst['bound']:.6g} ({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"
+    )
+    if result.optimality.lower_bound is not None:
+        lines.append(
+            f"{result.optimality.kind} optimum of the timing: of this path's timings on {INTERVALS} intervals, "
+            f"none within limits at its points takes less than {result.optimality.lower_bound:.6f} J "
+            f"(gap {result.optimality.gap_percent:.1e} %)"
+        )
+    lines.append(f"files: {out}/result.json, trajectory.csv, trajectory.yaml, plot.png, report.html")
+    return "\n".join(lines)

@@ -1,0 +1,228 @@
+"""The verbs that plan, from Python: one move, its energy against duration, a batch of moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from energy_opt.errors import BadInput, near
+from energy_opt.front.answer import Answer, answer_of
+from energy_opt.front.given import (
+    AnyModel,
+    AnyPath,
+    AnyPayload,
+    AnyRobot,
+    Positions,
+    model_from,
+    path_from,
+    payload_from,
+    positions,
+    robot_from,
+)
+from energy_opt.front.request import request_of_move
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+if TYPE_CHECKING:
+    from energy_opt.bench import Batch
+    from energy_opt.tradeoff import Cycle, Front
+
+
+def move_for(
+    robot: Robot,
+    start: Positions | None = None,
+    goal: Positions | None = None,
+    path: AnyPath | None = None,
+    via: Sequence[Positions] = (),
+    **of_move: Any,
+) -> Move:
+    """A move of `robot` from arguments as people have them; `of_move` are the other fields of `Move`.
+
+    Raises:
+        BadInput: ends are missing or given twice, of another shape or not finite.
+    """
+    along = None
+    if path is not None:
+        if start is not None or goal is not None:
+            raise BadInput("--path says where the move begins and ends; give it, or --start and --goal")
+        along = path_from(path, robot)
+        source = along.source
+        ends = (along.start, along.goal) if source is None else (source.position[0], source.position[-1])
+        of_move.setdefault("input", source)
+    elif start is None or goal is None:
+        raise BadInput(f"--{'start' if start is None else 'goal'} is missing; give --start and --goal, or --path")
+    else:
+        ends = (positions(start, robot, "start"), positions(goal, robot, "goal"))
+    points = tuple(positions(point, robot, "via") for point in via)
+    return Move(ends[0], ends[1], path=along, via=points, **of_move)
+
+
+def optimize(
+    robot: AnyRobot,
+    model: AnyModel = None,
+    *,
+    start: Positions | None = None,
+    goal: Positions | None = None,
+    mode: str = "reshape",
+    duration: float | None = None,
+    max_duration: float | None = None,
+    path: AnyPath | None = None,
+    via: Sequence[Positions] = (),
+    payload: AnyPayload | None = None,
+    limits: str | PathLike[str] | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    **more: Any,
+) -> Answer:
+    """One move to minimum energy, judged, beside its baselines.
+
+    Args:
+        robot: a robot, a name (`known_robots()`) or a URDF file.
+        model: a power model, a model file, or "source-method-1" or "source-method-2" (the default).
+        start: joint positions (n,) [rad] in any sequence, or by joint names.
+        goal: the same, for the end.
+        mode: "reshape" is free to change the path, "retime" keeps it.
+        duration: exactly this long [s]; free where neither this nor `max_duration` is given.
+        max_duration: at most this long [s].
+        path: waypoints (K, n) [rad], a trajectory, a file of either, or a function q(s), in place of start and goal.
+        via: points (n,) [rad] to pass on the way (reshape).
+        payload: mass [kg], or (mass, x, y, z) [kg, m] in the last joint's frame.
+        limits: a joint_limits.yaml in MoveIt's format.
+        stopped: asked between solves; True ends the work with the best known so far.
+        more: fields of `Settings` (starts, seed, compile, objective, ...) and further fields of `Move`.
+
+    Raises:
+        BadInput: something given is not usable; says what and what would be.
+        Infeasible: no motion holds the limits; says which, where and what would work.
+    """
+    arm = robot_from(robot, limits)
+    power = with_payload(model_from(model, arm), payload)
+    of_move, settings = sorted_out(more)
+    named = {"mode": mode, "duration": duration, "max_duration": max_duration}
+    move = move_for(arm, start, goal, path, via, **named, **of_move)
+    request = request_of_move(arm, power, move, settings.seed, path=path, limits=limits)
+    return answer_of(Planner(arm, power, settings, stopped=stopped).solve(move), arm, request)
+
+
+def with_payload(model: PowerModel, payload: AnyPayload | None) -> PowerModel:
+    """The model with that payload in place of its own, if one is given."""
+    return model if payload is None else model.replaced(payload_from(payload))
+
+
+def sorted_out(more: dict[str, Any]) -> tuple[dict[str, Any], Settings]:
+    """Further keywords as fields of a move, and as settings."""
+    of_move = {f.name for f in fields(Move)} - {"start", "goal", "path", "via"}
+    of_settings = {f.name for f in fields(Settings)}
+    for name in more:
+        if name not in of_move | of_settings:
+            raise BadInput(f"no argument {name!r}{near(name, of_move | of_settings)}")
+    settings = Settings(**{name: value for name, value in more.items() if name in of_settings})
+    return {name: value for name, value in more.items() if name not in of_settings}, settings
+
+
+@dataclass(frozen=True, repr=False)
+class Tradeoff:
+    """Energy against duration of one move.
+
+    Attributes:
+        front: its points, from fast to slow.
+        document: tradeoff.json. robot: the arm.
+    """
+
+    front: Front
+    document: dict[str, Any]
+    robot: Robot
+
+    @property
+    def durations(self) -> np.ndarray:
+        """(P,) [s]."""
+        return np.array([row["duration"] for row in self.document["points"]])
+
+    @property
+    def energies(self) -> np.ndarray:
+        """Total energy at each duration, (P,) [J]; nan where none was found."""
+        return np.array([row["energy_total"] for row in self.document["points"]], dtype=float)
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
+        from energy_opt.tradeoff.output import write
+
+        write(Path(out), self.front, self.document, self.robot)
+        return Path(out)
+
+    def __repr__(self) -> str:
+        least = self.document["minimum"]
+        best = "" if least is None else f", least {least['energy_total']:.4g} J at {least['duration']:.4g} s"
+        return f"Tradeoff({self.document['robot']!r}, {len(self.document['points'])} points{best})"
+
+    def _repr_html_(self) -> str:
+        rows = zip(self.durations, self.energies, strict=True)
+        cells = "".join(f"<tr><td>{d:.4g}</td><td>{e:.6g}</td></tr>" for d, e in rows)
+        return f"<table><tr><th>duration [s]</th><th>energy [J]</th></tr>{cells}</table>"
+
+
+def tradeoff(
+    robot: AnyRobot,
+    model: AnyModel = None,
+    *,
+    start: Positions | None = None,
+    goal: Positions | None = None,
+    durations: Sequence[float] | np.ndarray | None = None,
+    longest: float | None = None,
+    cycle: float | None = None,
+    idle_power: float | None = None,
+    mode: str = "reshape",
+    path: AnyPath | None = None,
+    via: Sequence[Positions] = (),
+    payload: AnyPayload | None = None,
+    limits: str | PathLike[str] | None = None,
+    **more: Any,
+) -> Tradeoff:
+    """Energy against duration of one move; arguments as those of `optimize`, and
+
+    Args:
+        durations: where [s]; by default chosen from the fastest and the optimum, up to `longest`.
+        cycle: length [s] of a cycle in which the arm waits at the goal after the move, counted too.
+        idle_power: overhead while waiting [W], in place of the model's standby.
+    """
+    from energy_opt.tradeoff import trace
+    from energy_opt.tradeoff.output import document
+
+    arm = robot_from(robot, limits)
+    power = with_payload(model_from(model, arm), payload)
+    of_move, settings = sorted_out(more)
+    move = move_for(arm, start, goal, path, via, mode=mode, **of_move)
+    over = _cycle(arm, power, move, cycle, idle_power)
+    wanted = None if durations is None else [float(d) for d in durations]
+    front = trace(Planner(arm, power, settings), move, durations=wanted, longest=longest, cycle=over)
+    found = document(front, robot=arm.name, joints=arm.joints, mode=move.mode, cycle=over)
+    return Tradeoff(front, found, arm)
+
+
+def _cycle(robot: Robot, model: PowerModel, move: Move, length: float | None, idle_power: float | None) -> Cycle | None:
+    from energy_opt.tradeoff import Cycle
+
+    if length is None:
+        if idle_power is not None:
+            raise BadInput("--idle-power is what waiting takes; give --cycle too")
+        return None
+    return Cycle(robot, model, move.goal, length, idle_power)
+
+
+def bench(suite: str | PathLike[str], out: str | PathLike[str] | None = None, *, jobs: int = 1, **more: Any) -> Batch:
+    """Run a suite of moves, in parallel and resumable, with a report in the folder `out` (bench_<name>).
+
+    Args:
+        jobs: processes on this machine.
+        more: `overrides`, `seed` and `compile` of the suite; `resume`, `scheduler` and `quiet` of the run.
+    """
+    from energy_opt.bench import load_suite, run_batch
+
+    of_suite = {name: more.pop(name) for name in ("overrides", "seed", "compile") if name in more}
+    loaded = load_suite(Path(suite), **of_suite)
+    return run_batch(loaded, Path(out or f"bench_{loaded.name}"), jobs=jobs, **more)

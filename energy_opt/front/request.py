@@ -1,0 +1,115 @@
+"""What was asked for, as it stands in a result; and that a folder with another request's answer is left alone."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from energy_opt import __version__
+from energy_opt.errors import BadInput
+from energy_opt.files import plain, read_json
+from energy_opt.motion import Move
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+SAME_ANSWER = ("version", "command")  # what may differ between two requests for the same thing
+
+
+def request_of_move(
+    robot: Robot,
+    model: PowerModel,
+    move: Move,
+    seed: int,
+    *,
+    path: object = None,
+    limits: object = None,
+    scene: object = None,
+    command: list[str] | None = None,
+    **more: Any,
+) -> dict[str, Any]:
+    """start, goal, path, payload, model, limits, scene, seed, version, command and `more` of one move.
+
+    Args:
+        path, limits, scene: names of the files that were given; None where none was.
+        command: the words of the command line, where there was one.
+    """
+    payload = model.get("payload")
+    return {
+        "robot": robot.name,
+        "start": move.start,
+        "goal": move.goal,
+        "via": list(move.via),
+        "mode": move.mode,
+        "duration": move.duration,
+        "max_duration": move.max_duration,
+        "path": _path(path, move),
+        "payload": None if payload is None else {k: v.tolist() for k, v in payload.values.items()},
+        "model": model.to_document(),
+        "limits": None if limits is None else str(limits),
+        "scene": None if scene is None else str(scene),
+        "seed": seed,
+        **more,
+        **stamp(command),
+    }
+
+
+def request_of_set(
+    folder: Path,
+    robot: Robot,
+    seed: int,
+    *,
+    model: PowerModel | None = None,
+    payload: object = None,
+    limits: object = None,
+    command: list[str] | None = None,
+) -> dict[str, Any]:
+    """The same for a verb that reads a measured set: set, robot, payload, model, limits, seed, version, command."""
+    return {
+        "set": str(folder),
+        "robot": robot.name,
+        "payload": payload,
+        "model": None if model is None else model.to_document(),
+        "limits": None if limits is None else str(limits),
+        "seed": seed,
+        **stamp(command),
+    }
+
+
+def stamp(command: list[str] | None) -> dict[str, Any]:
+    """Version and command line; the latter None for a call from Python."""
+    return {"version": __version__, "command": None if command is None else shlex.join(["energy-opt", *command])}
+
+
+def _path(given: object, move: Move) -> object:
+    """The file's name, or what is known of a path that was handed in."""
+    if move.path is None:
+        return None
+    if isinstance(given, (str, Path)):
+        return str(given)
+    return move.path(move.path.knots[:: max(1, len(move.path.knots) // 50)])
+
+
+def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
+    """Refuse to overwrite the answer to another request, unless forced.
+
+    Raises:
+        BadInput: `file` holds such an answer; says what differs.
+    """
+    if force or not file.is_file():
+        return
+    try:
+        held = read_json(file).get("request")
+    except BadInput:
+        held = None
+    if not isinstance(held, dict):
+        return
+    wanted = plain(request)
+    keys = sorted((set(held) | set(wanted)) - set(SAME_ANSWER))
+    differ = [key for key in keys if held.get(key) != wanted.get(key)]
+    if differ:
+        raise BadInput(
+            f"{file.parent} holds the result of another request ({', '.join(differ)}); "
+            "choose another --out, or overwrite it with --force"
+        )

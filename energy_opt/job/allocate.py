@@ -1,0 +1,129 @@
+"""How a cycle's time is shared among its legs for least energy: equal slopes, by a price of time.
+
+A leg's least energy E(T) over the timing of its path is convex in T (where the model keeps retiming convex), and a
+second that is left over costs the power of waiting. So the best shares solve, for one price [W] of a second,
+
+    minimise  E(T) - price T   for every leg,   sum of T = what the cycle leaves,   price <= power of waiting
+
+(waiting takes what is left where the price has reached it). Each solve of a leg at a price is one convex program. By
+weak duality, the sum of their bounds plus price times the time to be shared is a bound of the whole job's energy.
+
+Between solves the price is found on a model of each leg: slowing down by a little saves k / T^4 (losses of a motion go
+with T^-3) and costs its holding power h, E'(T) = h - k / T^4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+ROUNDS = 5  # prices tried at most; three are usual
+NEAR = 1e-3  # relative: durations that add up to what is to be shared this nearly are scaled to it
+FLAT = 1e-3  # [W] least distance of a price from a leg's holding power: below it the leg would never arrive
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A leg at a price: its duration [s], energy [J], and a proven bound of E - price T [J] if there is one."""
+
+    duration: float
+    energy: float
+    bound: float | None
+
+
+@dataclass
+class Front:
+    """What is known of a leg: its shortest and longest duration [s], holding power [W], and how to solve it."""
+
+    shortest: float
+    longest: float
+    holding: float
+    at_price: Callable[[float], Solved]
+
+
+@dataclass(frozen=True)
+class Shares:
+    """How the time is shared.
+
+    Attributes:
+        durations: (L,) s of the legs; left: s to wait.
+        bound: J of the legs and that wait that nothing goes below; None where not proven.
+        saved: (L,) k of the legs' models [J s^3]; energies: (L,) J at the durations, by the last solves.
+    """
+
+    durations: np.ndarray
+    left: float
+    bound: float | None
+    saved: np.ndarray
+    energies: np.ndarray
+
+
+def allocate(fronts: Sequence[Front], time: float, waiting: float) -> Shares:
+    """Share `time` s among the legs and a wait that takes `waiting` W; their shortest durations must fit into it."""
+    if not fronts:
+        none = np.zeros(0)
+        return Shares(none, time, waiting * time, none, none)
+    low, high = (np.array([getattr(front, name) for front in fronts]) for name in ("shortest", "longest"))
+    holding = np.maximum([front.holding for front in fronts], waiting + FLAT)
+    price, bound = waiting, -np.inf
+    for _ in range(ROUNDS):
+        solved = [front.at_price(price) for front in fronts]
+        durations = np.clip([s.duration for s in solved], low, high)
+        saved = (holding - price) * durations**4
+        bounds = [s.bound for s in solved if s.bound is not None]
+        if len(bounds) == len(solved):  # the wait adds nothing below zero, as the price is at most what it takes
+            bound = max(bound, sum(bounds) + price * time)
+        total = durations.sum()
+        if (price == waiting and total <= time) or abs(total / time - 1) < NEAR:
+            break
+        price = _price(saved, holding, low, high, time, waiting)
+    left = time - total if price == waiting and total <= time else 0.0
+    if not left:
+        durations = _scaled(durations, low, high, time)
+    energies = np.array([s.energy for s in solved])
+    return Shares(durations, left, None if np.isinf(bound) else bound, saved, energies)
+
+
+def modelled(
+    fronts: Sequence[Front], saved: np.ndarray, holding: np.ndarray, time: float, waiting: float
+) -> np.ndarray:
+    """Durations (L,) [s] by the legs' models alone: `saved` k [J s^3] and `holding` h [W], (L,) each."""
+    low, high = (np.array([getattr(front, name) for front in fronts]) for name in ("shortest", "longest"))
+    holding = np.maximum(holding, waiting + FLAT)
+    durations = _durations(saved, holding, low, high, waiting)
+    if durations.sum() <= time:
+        return durations
+    price = _price(saved, holding, low, high, time, waiting)
+    return _scaled(_durations(saved, holding, low, high, price), low, high, time)
+
+
+def _durations(k: np.ndarray, holding: np.ndarray, low: np.ndarray, high: np.ndarray, price: float) -> np.ndarray:
+    return np.clip((k / (holding - price)) ** 0.25, low, high)
+
+
+def _price(k: np.ndarray, holding: np.ndarray, low: np.ndarray, high: np.ndarray, time: float, waiting: float) -> float:
+    """The price at which the model's durations add up to `time`, by bisection."""
+    below, above = waiting - 1.0, waiting
+    while _durations(k, holding, low, high, below).sum() > time and waiting - below < 1e12:
+        below = waiting - 4 * (waiting - below)
+    for _ in range(80):
+        middle = (below + above) / 2
+        if _durations(k, holding, low, high, middle).sum() > time:
+            above = middle
+        else:
+            below = middle
+    return below
+
+
+def _scaled(durations: np.ndarray, low: np.ndarray, high: np.ndarray, time: float) -> np.ndarray:
+    """The durations moved a little, within their bounds, so that they add up to `time`."""
+    out = durations
+    for _ in range(50):
+        missing = time - out.sum()
+        free = (out < high) if missing > 0 else (out > low)
+        if abs(missing) <= 1e-13 * time or not free.any():
+            break
+        out = np.clip(out + missing * np.where(free, out, 0) / out[free].sum(), low, high)
+    return out

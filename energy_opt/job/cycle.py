@@ -1,0 +1,151 @@
+"""A cycle put together: motions and waits in order, and where the arm stands while time is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.effects import Payload
+from energy_opt.job.file import Job, Step
+from energy_opt.job.fronts import holding_power
+from energy_opt.job.legs import Leg
+from energy_opt.motion.judge.energy import Energy, Scorer
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+STANDING = 3  # rows of a wait
+SHORTEST_WAIT = 1e-9  # s; less is no wait
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A leg's motion: where it comes from ("retime", "reshape", "scaled", "toppra"), its energy and status."""
+
+    trajectory: Trajectory
+    energy: Energy
+    source: str
+    status: str = "solved"
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One stretch of the cycle: a leg's motion, or a wait.
+
+    Attributes:
+        steps: the job's steps that it does, none for time that is left over.
+        energy: J, standby included; payload: kg.
+        source: of a motion as in `Answer`, else "wait".
+    """
+
+    name: str
+    steps: tuple[int, ...]
+    trajectory: Trajectory
+    energy: float
+    payload: float
+    source: str
+    status: str = "solved"
+
+
+class Scorers:
+    """Scorers of the job's model under each payload; their models share one structure."""
+
+    def __init__(self, robot: Robot, model: PowerModel) -> None:
+        self.robot, self._model = robot, model
+        self._kept: dict[tuple[float, ...], Scorer] = {}
+
+    def of(self, step: Step) -> Scorer:
+        """Under the payload of a step."""
+        mass, *com = step.payload
+        if step.payload not in self._kept:
+            self._kept[step.payload] = Scorer(self.robot, self._model.replaced(Payload(mass=mass, com=com)))
+        return self._kept[step.payload]
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Where the arm stands while time is left over: after step `after`, at `power` W."""
+
+    after: int
+    power: float
+
+
+def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
+    """W of standing at a step's end; brakes leave the overhead alone."""
+    scorer = scorers.of(step)
+    if brakes:
+        return scorer.model.constant_power(scorer.robot.n)
+    return float(holding_power(scorer, step.goal[None])[0])
+
+
+def cheapest_rest(job: Job, scorers: Scorers) -> Rest:
+    """The place where waiting costs least, late ones first among equals."""
+    rests = [
+        Rest(k, standing_power(scorers, step, step.brakes or job.brakes))
+        for k, step in enumerate(job.steps)
+        if step.stop
+    ]
+    return min(reversed(rests), key=lambda rest: rest.power)
+
+
+def last_rest(job: Job, scorers: Scorers) -> Rest:
+    """At the end of the cycle, holding."""
+    return Rest(len(job.steps) - 1, standing_power(scorers, job.steps[-1], False))
+
+
+def assembled(
+    job: Job, scorers: Scorers, legs: Sequence[Leg], answers: Sequence[Answer], rest: Rest, left: float
+) -> tuple[Piece, ...]:
+    """All pieces in order, with `left` s of waiting where `rest` says."""
+    by_step = {leg.steps[0]: (leg, answer) for leg, answer in zip(legs, answers, strict=True)}
+    out: list[Piece] = []
+    for k, step in enumerate(job.steps):
+        more = left if k == rest.after and left > SHORTEST_WAIT else 0.0
+        if step.wait is not None:
+            energy = standing_power(scorers, step, step.brakes) * step.wait + rest.power * more
+            standing = _standing(job.robot, step.goal, step.wait + more)
+            out.append(Piece(step.name, (k,), standing, energy, step.payload[0], "wait"))
+            continue
+        if k in by_step:
+            leg, answer = by_step[k]
+            out.append(
+                Piece(
+                    leg.name,
+                    leg.steps,
+                    answer.trajectory,
+                    answer.energy.total,
+                    step.payload[0],
+                    answer.source,
+                    answer.status,
+                )
+            )
+        if more:
+            standing = _standing(job.robot, step.goal, more)
+            out.append(Piece("time left over", (), standing, rest.power * more, step.payload[0], "wait"))
+    return tuple(out)
+
+
+def _standing(robot: Robot, q: np.ndarray, seconds: float) -> Trajectory:
+    rows = np.repeat(q[None], STANDING, axis=0)
+    still = np.zeros_like(rows)
+    return Trajectory(robot.joints, np.linspace(0, seconds, STANDING), rows, still, still)
+
+
+def energy_of(pieces: Sequence[Piece]) -> float:
+    """J of all pieces."""
+    return sum(piece.energy for piece in pieces)
+
+
+def joined(pieces: Sequence[Piece]) -> Trajectory:
+    """The whole cycle as one trajectory."""
+    times, rows, at = [], [], 0.0
+    for k, piece in enumerate(pieces):
+        t = piece.trajectory
+        first = 0 if k == 0 else 1  # the row at which the piece before ended
+        times.append(at + t.time[first:] - t.time[0])
+        rows.append([x[first:] for x in (t.position, t.velocity, t.acceleration)])
+        at += t.duration
+    q, v, a = (np.concatenate(part) for part in zip(*rows, strict=True))
+    return Trajectory(pieces[0].trajectory.joints, np.concatenate(times), q, v, a)

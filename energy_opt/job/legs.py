@@ -1,0 +1,77 @@
+"""A job's steps as legs between rests: steps that are passed without stopping are one motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.job.file import SAME, Step
+from energy_opt.motion.move import Move
+from energy_opt.motion.path import JointPath, straight, through
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A motion from rest to rest: one step, or several that are joined through their ends.
+
+    Attributes:
+        steps: their places in the job.
+        points: (K, n) [rad] the start, what is passed, and the end.
+    """
+
+    steps: tuple[int, ...]
+    names: tuple[str, ...]
+    points: np.ndarray
+    mode: str
+    least: float
+    most: float
+    step: Step
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return " and ".join(self.names)
+
+    @property
+    def moves(self) -> bool:
+        """False where it ends where it begins and passes nothing."""
+        return bool(np.abs(self.points - self.points[0]).max() > SAME)
+
+    @property
+    def path(self) -> JointPath:
+        """The straight line, or the smooth curve through what is passed."""
+        return through(self.points) if len(self.points) > 2 else straight(self.points[0], self.points[-1])
+
+    def move(self, duration: float) -> Move:
+        """The leg as a move of exactly so many seconds."""
+        start, goal = self.points[0], self.points[-1]
+        if self.mode == "retime":
+            return Move(start, goal, "retime", duration, path=self.path if len(self.points) > 2 else None)
+        return Move(start, goal, "reshape", duration, via=tuple(self.points[1:-1]))
+
+
+def legs_of(steps: Sequence[Step]) -> list[Leg]:
+    """The motions of a job in order; a joined leg is reshaped where one of its steps is."""
+    out: list[Leg] = []
+    part: list[int] = []
+    for k, step in enumerate(steps):
+        if step.wait is not None:
+            continue
+        part.append(k)
+        if step.stop:
+            joined = [steps[i] for i in part]
+            out.append(
+                Leg(
+                    tuple(part),
+                    tuple(s.name for s in joined),
+                    np.vstack([joined[0].start, *(s.goal for s in joined)]),
+                    "reshape" if any(s.mode == "reshape" for s in joined) else "retime",
+                    sum(s.least for s in joined),
+                    sum(s.most for s in joined),
+                    step,
+                )
+            )
+            part = []
+    return out

@@ -1,0 +1,100 @@
+"""What `job` writes: job.json, a trajectory for every step, and the cycle as one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt import formats
+from energy_opt.files import write_json
+from energy_opt.job.cycle import Piece, joined
+from energy_opt.job.run import JobResult
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.trajectory import Trajectory
+
+FORMAT = "energy-opt/job-result/1"
+
+
+def document(result: JobResult) -> dict[str, Any]:
+    """job.json: energies in J, times in s from the cycle's begin."""
+    gap = None
+    if result.bound is not None:
+        gap = 100 * (result.energy - result.bound) / max(abs(result.energy), 1e-12)
+    return {
+        "format": FORMAT,
+        "status": "solved" if result.solved else "not_converged",
+        "robot": result.job.robot.name,
+        "joints": list(result.job.robot.joints),
+        "cycle_time": result.job.cycle_time,
+        "energy_total": result.energy,
+        "steps": rows(result),
+        "baselines": [
+            {"name": b.name, "energy_total": b.energy, "valid": b.energy is not None} for b in result.baselines
+        ],
+        "optimality": {
+            "kind": "global" if gap is not None and gap < 0.1 else "local",
+            "lower_bound": result.bound,
+            "gap_percent": gap,
+        },
+        "interrupted": result.interrupted,
+    }
+
+
+def rows(result: JobResult) -> list[dict[str, Any]]:
+    """A row for every step and for time that is left over; their durations add up to the cycle."""
+    out, at = [], 0.0
+    for piece in result.pieces:
+        for part in split(piece, result):
+            row = {
+                "name": part.name,
+                "start": at,
+                "duration": part.trajectory.duration,
+                "energy_total": part.energy,
+                "payload": part.payload,
+                "source": part.source,
+                "status": part.status,
+            }
+            out.append(row)
+            at += part.trajectory.duration
+    return out
+
+
+def split(piece: Piece, result: JobResult) -> list[Piece]:
+    """A motion that does several steps, cut where it passes between them; else the piece itself."""
+    if len(piece.steps) < 2:
+        return [piece]
+    steps, t = [result.job.steps[k] for k in piece.steps], piece.trajectory
+    cuts = [0]
+    for step in steps[:-1]:
+        after = np.abs(t.position[cuts[-1] + 1 : -1] - step.goal).max(axis=1)
+        cuts.append(cuts[-1] + 1 + int(np.argmin(after)))
+    cuts.append(len(t.time) - 1)
+    scorer = result.scorer(steps[0])
+    parts = [_rows(t, a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    energies = np.array([scorer.energy(part).total for part in parts])
+    energies += (piece.energy - energies.sum()) * energies / energies.sum()  # of kinks between rows
+    return [
+        Piece(step.name, (k,), part, float(energy), piece.payload, piece.source, piece.status)
+        for k, step, part, energy in zip(piece.steps, steps, parts, energies, strict=True)
+    ]
+
+
+def _rows(t: Trajectory, first: int, last: int) -> Trajectory:
+    rows = slice(first, last + 1)
+    return Trajectory(t.joints, t.time[rows] - t.time[first], t.position[rows], t.velocity[rows], t.acceleration[rows])
+
+
+def write(result: JobResult, out: Path) -> dict[str, Any]:
+    """Write step_01.csv ..., cycle.csv and job.json, this last; returns the document."""
+    number = 0
+    for piece in result.pieces:
+        scorer: Scorer = result.scorer(result.job.steps[piece.steps[0]] if piece.steps else result.job.steps[0])
+        for part in split(piece, result):
+            number += 1
+            formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
+    formats.write(joined(result.pieces), Path(out) / "cycle.csv")
+    found = document(result)
+    write_json(Path(out) / "job.json", found)
+    return found

@@ -1,0 +1,40 @@
+"""The clearance between bodies as a limit: rows over frozen planes, renewed whenever a round begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.cell.planes import Near, PlaneRows
+from energy_opt.motion.limits.base import Limit
+
+
+@dataclass(frozen=True, eq=False)
+class ClearanceRows(Limit):
+    """Pairs of bodies stay apart at places of a curve.
+
+    What proves a motion is the cell's proof, not these rows: they only lead the solver to where it may succeed.
+
+    Attributes:
+        near: finds planes.
+        u: (K,) places in [0, 1].
+        margin: (K, P) what each pair keeps at each place [m].
+        reach: nearer than this a pair gets a row [m].
+        forced: places and pairs that get a row anyway.
+    """
+
+    name = "clearance"
+    unit = "m"
+    near: Near
+    u: np.ndarray
+    margin: np.ndarray
+    reach: float
+    forced: frozenset[tuple[int, int]] = frozenset()
+
+    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaneRows | None:
+        """Rows over planes between what is near along `curve`."""
+        rows = self.near.rows(self.u, curve(self.u), self.margin, self.reach, self.forced)
+        object.__setattr__(self, "count", len(rows.place))
+        return rows if len(rows.place) else None

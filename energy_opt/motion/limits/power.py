@@ -1,0 +1,57 @@
+"""The arm's electrical power at the meter, without the meter's faults: P <= W. Controllers trip on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Self
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.limits.base import Fixed, Limit, State, Violation, worst_of
+from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.robot import Robot
+
+
+class Power(Limit):
+    """A bound [W]; power that flows back is never too much."""
+
+    name, unit = "power", "W"
+    one_sided = True
+
+    def __init__(self, bound: float) -> None:
+        if not 0 < bound < np.inf:
+            raise BadInput(f"--max-power {bound:g}: expected watts above 0")
+        self.scale = np.array([float(bound)])
+
+    @classmethod
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None) -> Self | None:
+        return None if settings.max_power is None else cls(settings.max_power)
+
+    def where(self, joints: Sequence[str], column: int) -> str:
+        return "the arm"
+
+    def worst(self, x: Dense) -> Violation:
+        value = x.power[:, None]
+        return worst_of(self, x, value, self.scale, value / self.scale - 1)
+
+    def scaled(self, share: float) -> Self:
+        return type(self)(float(self.scale[0]) * share)
+
+    def expression(self, x: State, p: ca.SX) -> ca.SX:
+        return x.power
+
+    def fixed(self, d: PathDynamics) -> Fixed:
+        none = np.zeros(len(d.s))
+        held = self.use(d, none, none)
+
+        def text(k: int, j: int) -> str:
+            return f"standing still takes {held[k, j] * self.scale[0]:.4g} W, the limit is {self.scale[0]:.4g} W"
+
+        return Fixed(held - 1, text, holding=True)
+
+    def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return d.power(a, b)[:, None] / self.scale

@@ -1,0 +1,158 @@
+"""The choice among candidates and baselines: judged alike, the least energy within limits is the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.errors import Infeasible
+from energy_opt.motion.move import Move
+from energy_opt.motion.plan.candidates import Made, mended_timing
+from energy_opt.motion.plan.context import Context, Judged
+from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
+from energy_opt.motion.retime.solve import RetimeSolution
+from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.trajectory import Trajectory
+
+SAME_DURATION = 1e-12  # relative: durations that differ less are one
+
+
+@dataclass(frozen=True)
+class Work:
+    """What was made of a move: candidates by name, the first path's timing and its least energy, and the effort.
+
+    `reshaped` and `retimed` are None where they were not asked for or cannot be.
+    """
+
+    timing: Timing | None
+    solution: RetimeSolution | None
+    reshaped: Made | None
+    retimed: Made | None
+    warm: Sequence[Trajectory]
+
+    @property
+    def candidates(self) -> list[tuple[str, Trajectory]]:
+        """What was found, the form that was asked for first."""
+        made = (("reshape", self.reshaped), ("retime", self.retimed))
+        return [(name, m.trajectory) for name, m in made if m is not None and m.trajectory is not None]
+
+    @property
+    def asked(self) -> Made:
+        """The candidate of the form that was asked for."""
+        return self.reshaped or self.retimed or Made(None)
+
+
+def choose(context: Context, move: Move, work: Work, build_seconds: float, solve_seconds: float) -> Result:
+    """The answer.
+
+    Raises:
+        Infeasible: nothing that answers the move lies within limits.
+    """
+    found, energy_counts = work.candidates, context.settings.objective == "energy"
+    duration = _duration(move, work)
+    baselines = baselines_of(context, move, work.timing, duration)
+    if energy_counts:  # a proxy's answer is what it is; it is not exchanged for a better one
+        found += [(name, judged.trajectory) for name, judged in baselines]
+        found += [("warm", t) for t in work.warm]
+    judged = [(name, context.judge(t)) for name, t in found if answers(move, t)]
+    valid = [(name, j) for name, j in judged if j.certificate.valid]
+    iterations = sum(made.iterations for made in (work.reshaped, work.retimed) if made is not None)
+    if work.retimed is None and work.solution is not None and _may_win(work.solution, valid, energy_counts):
+        mended = mended_timing(context, move, work.solution)
+        iterations += mended.iterations
+        if mended.trajectory is not None and answers(move, mended.trajectory):
+            best = context.judge(mended.trajectory)
+            valid += [("retime", best)] if best.certificate.valid else []
+    if not valid:
+        raise Infeasible(work.asked.message or "no trajectory within limits was found", limit="duration")
+    wanted = None if energy_counts else move.mode
+    name, best = min(valid, key=lambda v: (wanted is not None and v[0] != wanted, v[1].energy.total))
+    if abs(best.trajectory.duration - duration) > 1e-9:
+        baselines = baselines_of(context, move, work.timing, best.trajectory.duration)
+    interrupted = context.stopped()
+    report = SolverReport(
+        context.settings.solver, iterations, build_seconds, solve_seconds, context.workshop.compiled, work.asked.starts
+    )
+    return Result(
+        status="solved" if work.asked.converged and not interrupted else "not_converged",
+        robot=context.robot.name,
+        mode=move.mode,
+        chosen=name,
+        trajectory=best.filled,
+        energy=best.energy,
+        baselines=tuple(_baseline(name, judged) for name, judged in baselines),
+        certificate=best.certificate,
+        optimality=_optimality(move, name, best, work.solution),
+        solver=report,
+        message="interrupted; the best so far" if interrupted else work.asked.message,
+        interrupted=interrupted,
+        warnings=tuple(_warnings(context)),
+    )
+
+
+def _may_win(solution: RetimeSolution, valid: Sequence[tuple[str, Judged]], energy_counts: bool) -> bool:
+    """Is the least energy on the first path, by its own exact quadrature, below all that is there already?"""
+    return not valid or (energy_counts and solution.energy < min(j.energy.total for _, j in valid))
+
+
+def _duration(move: Move, work: Work) -> float:
+    """That of the answer, as far as it is known before judging, s."""
+    if move.duration is not None:
+        return move.duration
+    if work.candidates:
+        return work.candidates[0][1].duration
+    if work.solution is not None:
+        return work.solution.trajectory.duration
+    return work.timing.duration if work.timing is not None else np.inf
+
+
+def answers(move: Move, trajectory: Trajectory) -> bool:
+    """Does a trajectory begin, end and last as asked?"""
+    ends = np.abs(np.stack([trajectory.position[0] - move.start, trajectory.position[-1] - move.goal])).max()
+    speeds = np.abs(trajectory.velocity[[0, -1]] - np.stack(move.end_velocities)).max()
+    if ends > 1e-9 or speeds > 1e-9:
+        return False
+    d = trajectory.duration
+    if move.duration is not None:
+        return bool(abs(d - move.duration) <= 1e-9 * move.duration)
+    return move.max_duration is None or d <= move.max_duration * (1 + 1e-9)
+
+
+def baselines_of(context: Context, move: Move, timing: Timing | None, duration: float) -> list[tuple[str, Judged]]:
+    """What the answer is held against: TOPP-RA's move, the same slowed evenly to `duration` s, and the one given."""
+    out: list[tuple[str, Trajectory]] = []
+    if timing is not None:
+        toppra = timing.trajectory(context.robot.joints)
+        same = abs(duration / timing.duration - 1) <= SAME_DURATION
+        scaled = toppra if same else timing.slowed(duration).trajectory(context.robot.joints)
+        out += [("toppra", toppra), ("scaled", scaled)]
+    if move.input is not None:
+        out.append(("input", move.input))
+    return [(name, context.judge(trajectory)) for name, trajectory in out]
+
+
+def _baseline(name: str, judged: Judged) -> Baseline:
+    certificate = judged.certificate
+    return Baseline(name, judged.filled, judged.energy, certificate.violation, certificate.valid)
+
+
+def _optimality(move: Move, name: str, best: Judged, solution: RetimeSolution | None) -> Optimality:
+    if name != "retime" or move.mode != "retime" or solution is None or solution.lower_bound is None:
+        return Optimality("local")
+    total = best.energy.total
+    gap = 100 * (total - solution.lower_bound) / max(abs(total), 1e-12)
+    return Optimality(solution.kind, solution.lower_bound, gap)
+
+
+def _warnings(context: Context) -> list[str]:
+    out = list(context.robot.warnings)
+    if context.model.assumed:
+        out.append(
+            f"{context.robot.name}: electrical values are assumed (those of the Panda); give --model for its own"
+        )
+    meter = [effect.name for effect in context.model.effects if effect.stage == "meter"]
+    if meter:
+        out.append(f"{', '.join(meter)}: of the meter, not of the arm; left out of all energies")
+    return out

@@ -1,0 +1,151 @@
+"""What every part of a solve is given: robot, model, settings, limits, the judge, what is built, and when to stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.judge.certificate import Certificate, certificate_of
+from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.path import JointPath, straight, through
+from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
+from energy_opt.motion.reshape.search import Reshaper
+from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.toppra import fastest
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.compile import compiled
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A trajectory on the judge's grid, and what is read off it there, each when it is first asked for."""
+
+    dense: Dense
+    scorer: Scorer
+    limits: tuple[Limit, ...]
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """As it was handed in."""
+        return self.dense.trajectory
+
+    @cached_property
+    def filled(self) -> Trajectory:
+        """With effort and power."""
+        return self.dense.filled
+
+    @cached_property
+    def energy(self) -> Energy:
+        """Under the model."""
+        return self.scorer.energy(self.trajectory) if self.dense.factor != DENSER else self.scorer.energy_of(self.dense)
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """Under the limits."""
+        return certificate_of(self.dense, self.limits)
+
+
+class Judge:
+    """Judges trajectories of one move; each is looked at once, however often it is asked for."""
+
+    def __init__(self, scorer: Scorer, limits: tuple[Limit, ...], samples: int | None) -> None:
+        self._scorer, self._limits, self._samples = scorer, limits, samples
+        self._known: dict[int, Judged] = {}
+
+    def __call__(self, trajectory: Trajectory) -> Judged:
+        """The trajectory, judged; on a grid ten times denser than its rows, or of the samples asked for."""
+        known = self._known.get(id(trajectory))
+        if known is None:  # it holds the trajectory, so that no other one gets the same id
+            factor = DENSER
+            if self._samples is not None:
+                factor = max(DENSER, -(-self._samples // (len(trajectory.time) - 1)))
+            known = Judged(self._scorer.dense(trajectory, factor), self._scorer, self._limits)
+            self._known[id(trajectory)] = known
+        return known
+
+
+class Workshop:
+    """What is built once and serves many moves: node functions and reshapers, by all that they depend on."""
+
+    def __init__(self, batch: bool) -> None:
+        self._batch = batch
+        self._nodes: dict[Hashable, NodeFunctions] = {}
+        self._reshapers: dict[Hashable, Reshaper] = {}
+        self.compiled = False
+        self.seconds = 0.0  # spent on building, in all
+
+    def reshaper(
+        self, robot: Robot, model: PowerModel, settings: Settings, limits: Sequence[Limit], objective: str
+    ) -> Reshaper:
+        """The reshaper of a robot, a model's structure, what of the settings it depends on, and limits' structure."""
+        held = tuple(limit.structure for limit in limits)
+        built = model.structure, held, objective, settings.dynamics, settings.compile
+        key = *built, settings.controls, settings.end_acceleration
+        if key not in self._reshapers:
+            begin = time.perf_counter()
+            if built not in self._nodes:
+                nodes = node_functions(model, robot.body, limits, objective, settings.dynamics)
+                functions, self.compiled = compiled(nodes.as_list(), settings.compile, self._batch)
+                self._nodes[built] = NodeFunctions(*functions)
+            free = settings.end_acceleration == "free"
+            self._reshapers[key] = Reshaper(self._nodes[built], robot.n, settings.controls, free)
+            self.seconds += time.perf_counter() - begin
+        return self._reshapers[key]
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a solve is given; it never changes, and nothing in it points back to who made it.
+
+    Attributes:
+        limits: in force for the move, those that only this move has among them.
+        standing: the limits that node functions are built for (those of every move).
+        stopped: asked between solves; True ends the work with the best known so far.
+    """
+
+    robot: Robot
+    model: PowerModel
+    settings: Settings
+    scorer: Scorer
+    limits: tuple[Limit, ...]
+    standing: tuple[Limit, ...]
+    judge: Judge
+    workshop: Workshop
+    stopped: Callable[[], bool]
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """The model's values, as problems take them."""
+        return self.model.values(self.robot.n)
+
+    def reshaper(self, objective: str) -> Reshaper:
+        """What searches curves of least `objective`."""
+        return self.workshop.reshaper(self.robot, self.model, self.settings, self.standing, objective)
+
+    def fastest(self, path: JointPath, limits: Sequence[Limit] | None = None) -> Timing:
+        """TOPP-RA's timing of a path, within the move's limits or others.
+
+        Raises:
+            Infeasible: the path breaks limits at any timing.
+        """
+        held = self.limits if limits is None else limits
+        speeds = path.start_speed, path.end_speed
+        return fastest(self.robot, self.model, path, limits=held, start_speed=speeds[0], end_speed=speeds[1])
+
+
+def path_of(move: Move) -> JointPath:
+    """The path that a move follows, or starts from."""
+    if move.path is not None:
+        return move.path
+    if move.via:
+        return through(np.vstack([move.start, *move.via, move.goal]))
+    return straight(move.start, move.goal)

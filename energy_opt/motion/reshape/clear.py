@@ -1,0 +1,148 @@
+"""Reshaping that keeps clear of the arm's own body and of its cell: rounds of rows over frozen planes, each proven.
+
+A round fixes a plane between every two bodies that are near at places along the curve, lets IPOPT go a little way from
+there, and has the result proven. Where the proof fails, the next round looks there too and keeps more distance; the
+best curve that was proven stays the answer while the search goes on from the last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell, Clearance
+from energy_opt.cell.planes import Near
+from energy_opt.motion.limits.clearance import ClearanceRows
+from energy_opt.motion.reshape.level import Curve, Level, Outcome
+from energy_opt.motion.reshape.search import trajectory_of
+from energy_opt.motion.reshape.task import FEASIBLE, Task, all_rows
+
+PLACES = 60  # along a curve, evenly in time, where pairs are looked at
+ROUNDS, BOLD = 12, 6  # rounds, and those of them in which a failed proof does not make the next step shorter
+REACH = 0.1  # [m] pairs that are nearer get rows
+MARGIN = 0.002  # [m] rows keep this much more than is to be proven
+MORE, MOST = 0.0005, 0.0015  # [m] added to it where a proof failed, and how much of that at most
+RAMP = 0.15  # share of the move over which the margin of an end that stands nearer grows to the full one
+END_SHARE = 0.8  # of what an end has beyond the clearance that is asked for, the margin there
+TRUST, GROWTH, SHRINK = 0.25, 1.5, 0.5  # [rad] that control points may go in a round; after a proven and a failed one
+LEAST = 0.03  # [rad]
+LOOSE, FINE = 1e-3, 1e-5  # IPOPT's tolerance in a round, and in the last one
+ITERATIONS = 40
+DONE = 5e-4  # two proven rounds that win less of the cost than this share end the search
+
+
+@dataclass
+class Cleared:
+    """The best outcome that is proven to keep clear, if any, and the iterations spent."""
+
+    best: Outcome | None = None
+    iterations: int = 0
+
+    def take(self, outcome: Outcome) -> None:
+        """Keep an outcome if it is the cheapest."""
+        if self.best is None or outcome.cost < self.best.cost:
+            self.best = outcome
+
+
+@dataclass
+class _Places:
+    """Where rows are wanted: places u, pairs that are forced near a time, and what pairs keep beyond the usual [m]."""
+
+    u: np.ndarray
+    more: np.ndarray
+    forced: set[tuple[float, int]] = field(default_factory=set)
+
+    def learn(self, proof: Clearance, duration: float) -> None:
+        """Look where a proof failed, and keep more distance there."""
+        assert proof.touches
+        for touch in proof.touches:
+            at = touch.time / duration
+            self.forced.add((at, touch.pair))
+            if np.abs(self.u - at).min() > 0.2 / PLACES:
+                self.u = np.sort(np.append(self.u, at))
+        pairs = np.unique([touch.pair for touch in proof.touches])
+        self.more[pairs] = np.minimum(self.more[pairs] + MORE, MOST)
+
+    @property
+    def must(self) -> frozenset[tuple[int, int]]:
+        """Places and pairs that get a row anyway."""
+        near = ((int(np.argmin(np.abs(self.u - at))) + d, pair) for at, pair in self.forced for d in (-1, 0, 1))
+        return frozenset((k, pair) for k, pair in near if 0 <= k < len(self.u))
+
+
+class ClearSearch:
+    """Searches of one cell; what measures distances is kept from one to the next."""
+
+    def __init__(self, cell: Cell, joints: tuple[str, ...]) -> None:
+        self.cell, self.joints, self._near = cell, joints, Near(cell.bodies)
+
+    def run(self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool]) -> Cleared:
+        """The cheapest proven curve that rounds from `first` come to."""
+        wanted = self.cell.wanted(np.stack([task.ends.start, task.ends.goal]))
+        at_ends = self._at_ends(task, wanted)
+        places = _Places((np.arange(PLACES) + 0.5) / PLACES, np.zeros(len(wanted)))
+        out, curve, trust, quiet = Cleared(), first, TRUST, 0
+
+        def solved(start: Curve, rows: np.ndarray, reach: float, tolerance: float) -> tuple[Outcome, Clearance]:
+            margin = _margins(places.u, wanted + MARGIN + places.more, at_ends)
+            held = ClearanceRows(self._near, places.u, margin, REACH, places.must)
+            outcome = level.solve(
+                start, task.ends, (*task.limits, held), task.parameters, task.durations,
+                tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach,
+                options={"max_iter": ITERATIONS, "mu_init": 1e-2},
+            )  # fmt: skip
+            out.iterations += outcome.iterations
+            proof = self.proof(outcome.curve, wanted)
+            if proof.proven and _broken(level, outcome, task) <= FEASIBLE:
+                out.take(outcome)
+            return outcome, proof
+
+        rows = all_rows(level.shape, task.limits)
+        for turn in range(ROUNDS):
+            before = np.inf if out.best is None else out.best.cost
+            outcome, proof = solved(curve, rows, trust, LOOSE)
+            curve, rows = outcome.curve, outcome.rows
+            if proof.proven:
+                trust *= GROWTH
+                small = abs(before - outcome.cost) < DONE * max(outcome.cost - task.offset * curve.duration, 1e-9)
+                quiet = quiet + 1 if small else 0
+            else:
+                places.learn(proof, curve.duration)
+                trust = trust if turn < BOLD else max(trust * SHRINK, LEAST)
+                quiet = 0
+            if quiet == 2 or stopped():
+                break
+        if out.best is not None and not stopped():
+            solved(out.best.curve, out.best.rows, LEAST, FINE)
+        return out
+
+    def proof(self, curve: Curve, wanted: np.ndarray | None = None) -> Clearance:
+        """Does the trajectory of a curve keep clear?"""
+        t = trajectory_of(curve, self.joints)
+        return self.cell.prove(t.time, t.position, t.velocity, t.acceleration, wanted)
+
+    def _at_ends(self, task: Task, wanted: np.ndarray) -> np.ndarray:
+        """What each pair can keep at the start and at the goal, (2, P) [m]; infinite where it is far there."""
+        out = np.full((2, len(wanted)), np.inf)
+        for side, q in enumerate((task.ends.start, task.ends.goal)):
+            for pair, distance in self.cell.distances(q, 2 * (self.cell.asked + MARGIN + MOST)):
+                out[side, pair] = wanted[pair] + END_SHARE * (distance - wanted[pair])
+        return out
+
+
+def _broken(level: Level, outcome: Outcome, task: Task) -> float:
+    """The worst excess over a limit, planes aside."""
+    _, shares = level.shares(outcome.curve, task.parameters, task.limits)
+    return max(float(share.max()) - 1 for share in shares.values())
+
+
+def _margins(u: np.ndarray, full: np.ndarray, at_ends: np.ndarray) -> np.ndarray:
+    """The margin (K, P) [m] of every pair at places u (K,): the full one, and less near an end that stands nearer."""
+    out = np.repeat(full[None], len(u), axis=0)
+    for held, way in zip(at_ends, (u, 1 - u), strict=True):
+        low = np.flatnonzero(held < full)
+        share = np.clip(way / RAMP, 0, 1)[:, None]
+        out[:, low] = np.minimum(out[:, low], held[low] + share * (full - held)[low])
+    return out

@@ -1,0 +1,128 @@
+"""Starts on the coarse problem, one after the other, until no better optimum is to be expected.
+
+The first is the line that is given, the others are randomly bent lines. The k-th start depends on the seed and on k
+alone, so that more starts go on where fewer ended.
+
+When to stop follows C. G. E. Boender and A. H. G. Rinnooy Kan (Bayesian stopping rules for multistart global
+optimization methods, Mathematical Programming 37, 1987): after N starts that found w different optima, the share of all
+starts that would lead to yet another one is expected to be w (w + 1) / (N (N - 1)). The search ends when that is small
+and the best optimum has been found twice, or when the budget of starts is spent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.motion.limits.base import box_of
+from energy_opt.motion.reshape.level import Curve, Level, Outcome
+from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
+
+UNSEEN = 0.05  # share of starts that would find something new at which the search ends: 7, 12 or 16 starts for 1, 2, 3
+TWICE = 2  # so often must the best have been found
+NEAR = 0.01  # relative: coarse costs that differ less count as one
+SAME = 0.5  # [rad] coarse curves of one cost that differ less everywhere are one optimum
+# Bends in turns: the share of joints that bend, the standard deviation of their amplitudes as a share of half of a
+# joint's range, and how many are drawn, of which the cheapest is the start. Some moves' best optima are found from
+# bends of all joints, others' from bends of a few: of one kind or the other, about every third start finds them.
+BENDS = ((1.0, 0.8, 16), (0.4, 1.1, 4))
+HOPELESS = 20.0  # times a bound: a bend that breaks a limit so far, as it does on a tiny move, is taken back by half
+SMALLEST = 1e-9  # [rad] of a bend
+TOLERANCE, ITERATIONS, ROUNDS = 1e-3, 60, 3  # of a coarse solve: enough to tell optima apart
+
+
+@dataclass(frozen=True)
+class Optima:
+    """Different optima of a coarse problem, in the order found; starts and iterations that they took."""
+
+    found: tuple[Outcome, ...]
+    starts: int
+    iterations: int
+
+
+def search(
+    level: Level, task: Task, lines: Sequence[Line], starts: int, seed: int, stopped: Callable[[], bool]
+) -> Optima:
+    """Solve from the lines and from bends of the first one, `starts` in all, or fewer where that will do."""
+    straight = task.curve(level.shape, lines[0])
+
+    def guesses() -> Iterator[Curve]:
+        yield straight
+        yield from (task.curve(level.shape, line) for line in lines[1:])
+        yield from (_bent(level, straight, task, seed, k) for k in range(starts - len(lines)))
+
+    found: list[Outcome] = []
+    costs: list[float] = []  # of all feasible outcomes
+    used = iterations = 0
+    for outcome in solved(level, task, guesses(), stopped):
+        used, iterations = used + 1, iterations + outcome.iterations
+        if not any(_same(known, outcome, task) for known in found):
+            found.append(outcome)
+        if outcome.broken <= FEASIBLE:
+            costs.append(task.cost(outcome))
+        if _enough(np.sort(costs), used):
+            break
+    return Optima(tuple(found), used, iterations)
+
+
+def _enough(costs: np.ndarray, starts: int) -> bool:
+    """Was the least cost found twice, and is a new one unlikely? `costs` (N,) ascend; infeasible outcomes are one."""
+    if len(costs) < TWICE or costs[TWICE - 1] > costs[0] + NEAR * abs(costs[0]):
+        return False
+    different = 1 + int(np.sum(np.diff(costs) > NEAR * np.abs(costs[:-1]))) + (len(costs) < starts)
+    return different * (different + 1) <= UNSEEN * starts * (starts - 1)
+
+
+def solved(level: Level, task: Task, guesses: Iterable[Curve], stopped: Callable[[], bool]) -> Iterator[Outcome]:
+    """The coarse problem solved from each guess."""
+    for guess in guesses:
+        yield task.solved(level, guess, tolerance=TOLERANCE, barrier=1e-2, iterations=ITERATIONS, rounds=ROUNDS)
+        if stopped():
+            return
+
+
+def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve:
+    """The cheapest of some randomly bent copies of a curve; a broken limit makes a copy dearer.
+
+    Two starts that follow each other bend to opposite sides.
+    """
+    rng, side = np.random.default_rng([seed, k // 2]), 1 - 2 * (k % 2)
+    shape = level.shape
+    lower, upper = box_of(task.limits, shape.joints)
+    share, deviation, drawn = BENDS[k // 2 % len(BENDS)]
+    size = side * deviation * np.clip((upper - lower) / 2, 0, np.pi)
+    u = np.linspace(0, 1, shape.basis.controls)
+
+    def copied(amplitude: np.ndarray) -> tuple[float, float, Curve]:
+        """The bent copy, its cost (dearer by its excess) and by how many times it exceeds a limit."""
+        bend = np.sin(np.pi * u)[:, None] ** 2 * amplitude[0] + np.sin(2 * np.pi * u)[:, None] ** 3 * amplitude[1]
+        points = np.clip(straight.points + bend, lower, upper)
+        points[: shape.pinned] = straight.points[: shape.pinned]
+        points[-shape.pinned :] = straight.points[-shape.pinned :]
+        curve = replace(straight, points=points)
+        cost, shares = level.shares(curve, task.parameters, task.limits)
+        excess = max(0.0, max(float(share.max()) for share in shares.values()) - 1)
+        return (cost - task.offset * curve.duration) * (1 + excess), excess, curve
+
+    best, least = np.zeros((2, shape.joints)), np.inf
+    for _ in range(drawn):
+        amplitude = rng.normal(size=(2, shape.joints)) * [[1.0], [0.5]] * size
+        amplitude *= rng.random(shape.joints) < share
+        score = copied(amplitude)[0]
+        if score < least:
+            best, least = amplitude, score
+    while True:
+        _, excess, curve = copied(best)
+        if excess <= HOPELESS or np.abs(best).max() < SMALLEST:
+            return curve
+        best = best / 2
+
+
+def _same(a: Outcome, b: Outcome, task: Task) -> bool:
+    """Are two coarse outcomes one optimum?"""
+    if (a.broken <= FEASIBLE) != (b.broken <= FEASIBLE):
+        return False
+    near = abs(task.cost(a) - task.cost(b)) <= NEAR * abs(task.cost(a))
+    return bool(near and np.abs(a.curve.points - b.curve.points).max() <= SAME)

@@ -1,0 +1,110 @@
+"""What is asked of a reshaping, first guesses of it, and how its outcomes are ranked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.reshape.layout import Ends, Shape
+from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome, fitted
+from energy_opt.motion.trajectory import Trajectory
+
+FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
+
+
+@dataclass(frozen=True)
+class Line:
+    """A first guess: positions q (M, n) at u (M,) in [0, 1], and a duration [s]."""
+
+    u: np.ndarray
+    q: np.ndarray
+    duration: float
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> Line:
+        """A trajectory's."""
+        t = trajectory.time - trajectory.time[0]
+        return cls(t / t[-1], trajectory.position, trajectory.duration)
+
+
+@dataclass(frozen=True)
+class Task:
+    """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that no path changes."""
+
+    ends: Ends
+    limits: tuple[Limit, ...]
+    parameters: np.ndarray
+    durations: tuple[float, float]
+    offset: float
+
+    @property
+    def fixed(self) -> bool:
+        """Is the duration given?"""
+        return self.durations[0] == self.durations[1]
+
+    @property
+    def vias(self) -> int:
+        """Number of via points."""
+        return len(self.ends.via)
+
+    def lasting(self, duration: float) -> Task:
+        """The same in exactly `duration` s."""
+        return replace(self, durations=(duration, duration))
+
+    def solved(
+        self,
+        level: Level,
+        guess: Curve,
+        *,
+        tolerance: float,
+        barrier: float,
+        rows: np.ndarray | None = None,
+        multipliers: Multipliers | None = None,
+        iterations: int = 150,
+        rounds: int = 10,
+    ) -> Outcome:
+        """The program of a level solved from a guess; `barrier` is the first value of IPOPT's barrier parameter.
+
+        Without `rows`, all limits on velocity and acceleration are held from the beginning.
+        """
+        return level.solve(
+            guess,
+            self.ends,
+            self.limits,
+            self.parameters,
+            self.durations,
+            tolerance=tolerance,
+            rows=all_rows(level.shape, self.limits) if rows is None else rows,
+            offset=self.offset,
+            options={"mu_init": barrier, "max_iter": iterations},
+            rounds=rounds,
+            multipliers=multipliers,
+        )
+
+    def curve(self, shape: Shape, line: Line) -> Curve:
+        """The curve of a shape that is nearest to a line, with the task's ends."""
+        duration = float(np.clip(line.duration, *self.durations))
+        places = np.linspace(0, 1, self.vias + 2)[1:-1]
+        for i, via in enumerate(self.ends.via):  # where the guess passes nearest, in order
+            k = int(np.argmin(np.abs(line.q - via).sum(axis=1)))
+            places[i] = np.clip(line.u[k], 0.02, 0.98)
+        return fitted(shape, line.u, line.q, self.ends, duration, np.sort(places))
+
+    def cost(self, outcome: Outcome) -> float:
+        """What the path can change of an outcome's cost."""
+        return outcome.cost - self.offset * outcome.curve.duration
+
+    def rank(self, outcome: Outcome) -> tuple[bool, float]:
+        """Feasible outcomes first, by cost; infeasible ones by how far they are off."""
+        feasible = outcome.broken <= FEASIBLE
+        return not feasible, self.cost(outcome) if feasible else outcome.broken
+
+
+def all_rows(shape: Shape, limits: Sequence[Limit], orders: Sequence[int] = (1, 2)) -> np.ndarray:
+    """Rows of limits on the derivatives of those orders, at every site; (R, 3) limit, site, joint."""
+    sites = [(k, site) for k, limit in enumerate(limits) if limit.order in orders
+             for site in range(len(shape.sites[limit.order - 1]))]  # fmt: skip
+    return np.array([(k, site, j) for k, site in sites for j in range(shape.joints)])

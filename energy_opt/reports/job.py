@@ -1,0 +1,73 @@
+"""The page of a job: what the cycle takes, where its time goes, and the arm through the whole of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from energy_opt.reports.charts import Chart
+from energy_opt.reports.motion import Motion, Played, Solid, player
+from energy_opt.reports.optimize import motion_charts
+from energy_opt.reports.page import Report
+from energy_opt.robot import Robot
+
+
+def page(
+    document: Mapping[str, Any],
+    cycle: Motion,
+    robot: Robot,
+    bodies: Sequence[Solid] = (),
+    scene: Sequence[Solid] = (),
+) -> Report:
+    """The report of a job.json.
+
+    Args:
+        cycle: the whole cycle as one motion.
+        bodies, scene: what the moving arm is drawn with.
+    """
+    report = Report(f"{document['robot']}: a cycle of {document['cycle_time']:.4g} s")
+    report.headline(headline(document))
+    if document["status"] != "solved":
+        report.warning("Not every step is solved; the table says which.")
+    steps = document["steps"]
+    names = [f"{k}. {row['name']}" for k, row in enumerate(steps, start=1)]
+    report.player(player(robot, [Played("result", cycle)], bodies, scene))
+    durations, energies = (_by(names, steps, key) for key in ("duration", "energy_total"))
+    report.section("Where the cycle goes").charts(
+        Chart("Time of each step", "duration [s]", "", bars={"result": durations}),
+        Chart("Energy of each step", "energy, standby included [J]", "", bars={"result": energies}),
+    )
+    report.table(
+        ["step", "begins [s]", "takes [s]", "energy [J]", "payload [kg]", "from", "status"],
+        [
+            [name, *(row[key] for key in ("start", "duration", "energy_total", "payload", "source", "status"))]
+            for name, row in zip(names, steps, strict=True)
+        ],
+    )
+    report.section("Against plain ways of running it").table(
+        ["", "energy of the cycle [J]"],
+        [
+            ["this plan", document["energy_total"]],
+            *([row["name"].replace("_", " "), row["energy_total"]] for row in document["baselines"]),
+            ["proven lower bound of retiming", document["optimality"]["lower_bound"]],
+        ],
+    )
+    report.section("Motion").charts(*motion_charts(cycle, {}, robot))
+    if document.get("request", {}).get("command"):
+        report.section("The command that made this").code(document["request"]["command"])
+    return report
+
+
+def headline(document: Mapping[str, Any]) -> str:
+    """One sentence: what the cycle takes, beside plain ways of running it."""
+    total = document["energy_total"]
+    text = f"{total:.5g} J a cycle"
+    for row in document["baselines"]:
+        if row["energy_total"] is not None:
+            saved = 100 * (1 - total / row["energy_total"])
+            text += f", {saved:.3g} % less than {row['name'].replace('_', ' ')}"
+    return text + "."
+
+
+def _by(names: Sequence[str], steps: Sequence[Mapping[str, Any]], key: str) -> dict[str, float]:
+    return {name: float(row[key]) for name, row in zip(names, steps, strict=True)}

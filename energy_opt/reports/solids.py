@@ -1,0 +1,55 @@
+"""A cell's bodies as triangles to draw: the hulls that distances are measured between."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from energy_opt.cell.bodies import Body
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.solids import LARGE, Piece
+from energy_opt.reports.motion import Solid
+
+MOST_CORNERS = 300  # of one hull: more are not seen
+ICOSAHEDRON = np.array([[0, s * 0.525731, t * 0.850651] for s in (-1, 1) for t in (-1, 1)])
+BALL = np.vstack([np.roll(ICOSAHEDRON, k, axis=1) for k in range(3)])  # (12, 3) on the unit sphere
+
+
+def drawn(cell: Cell) -> tuple[list[Solid], list[Solid]]:
+    """The arm with what it carries, and what stands around it."""
+    arm: list[Solid] = []
+    scene: list[Solid] = []
+    for k, body in enumerate(cell.bodies.all):
+        (arm if k < cell.links or body.joint >= 0 else scene).extend(_solids(body))
+    return arm, scene
+
+
+def _solids(body: Body) -> list[Solid]:
+    if body.solid.corners is None:  # a half-space: its surface
+        half = LARGE / 5
+        square = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
+        return [_placed(body, square, np.array([[0, 1, 2], [0, 2, 3]]))]
+    return [solid for piece in body.solid.pieces if (solid := _hull(body, piece)) is not None]
+
+
+def _hull(body: Body, piece: Piece) -> Solid | None:
+    points = piece.points
+    if piece.radius > 0:
+        points = (points[:, None] + piece.radius * BALL).reshape(-1, 3)
+    hull = ConvexHull(points, qhull_options="QJ")
+    if len(hull.vertices) > MOST_CORNERS:
+        hull = ConvexHull(points[_spread(points[hull.vertices], hull.vertices)], qhull_options="QJ")
+    corners, faces = np.unique(hull.simplices, return_inverse=True)
+    return _placed(body, hull.points[corners], faces.reshape(-1, 3))
+
+
+def _spread(points: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """The farthest points in directions that are spread evenly over the sphere (Fibonacci's lattice)."""
+    k = np.arange(MOST_CORNERS) + 0.5
+    z, turn = 1 - 2 * k / MOST_CORNERS, np.pi * (1 + np.sqrt(5)) * k
+    directions = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=1)
+    return np.unique(index[np.argmax(points @ directions.T, axis=0)])
+
+
+def _placed(body: Body, points: np.ndarray, faces: np.ndarray) -> Solid:
+    return Solid(body.joint, points @ body.pose[:3, :3].T + body.pose[:3, 3], faces)

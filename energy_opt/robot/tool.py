@@ -1,0 +1,52 @@
+"""A tool: a frame that moves with one of an arm's links: the last joint's, a flange, a point on a gripper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.robot.rigid_body import RigidBody
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A frame fixed to a link.
+
+    Attributes:
+        name: of the frame it stands on.
+        joint: index of the joint that carries it.
+        pose: (4, 4) as nested tuples, in that joint's frame.
+    """
+
+    name: str
+    joint: int
+    pose: tuple[tuple[float, ...], ...]
+
+
+def tool_of(body: RigidBody, words: str | None = None) -> Tool:
+    """The tool that FRAME[,X,Y,Z] describes: a joint's or link's frame, and its origin there [m].
+
+    The last joint's frame by default.
+
+    Raises:
+        BadInput: unknown frame, a frame that does not move, or numbers that are none.
+    """
+    name, *offset = (body.joints[-1] if words is None else words).split(",")
+    frames = {**body.link_frames(), **{joint: (k, np.eye(4)) for k, joint in enumerate(body.joints)}}
+    if name not in frames:
+        raise BadInput(f"--tool {words}: no frame {name!r}; frames are {', '.join(frames)}")
+    joint, pose = frames[name]
+    if joint < 0:
+        raise BadInput(f"--tool {words}: {name} does not move with any joint")
+    try:
+        place = [float(x) for x in offset]
+    except ValueError:
+        place = [np.nan]
+    if len(place) not in (0, 3) or not np.isfinite(place).all():
+        raise BadInput(f"--tool {words}: expected FRAME or FRAME,X,Y,Z with the tool's origin [m] in that frame")
+    pose = pose.copy()
+    if place:
+        pose[:3, 3] += pose[:3, :3] @ place
+    return Tool(name, joint, tuple(tuple(float(x) for x in row) for row in pose))

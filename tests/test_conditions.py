@@ -1,0 +1,123 @@
+"""Limits that are asked for: electrical power and tool speed, retimed and reshaped, by Pinocchio on a dense grid."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from poses import GOAL, START
+
+from energy_opt.cli.main import main
+from energy_opt.effects import CoulombFriction, Regeneration
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.judge.certificate import certify
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.power import Power
+from energy_opt.motion.limits.registry import limits_of
+from energy_opt.motion.limits.tool_speed import ToolSpeed
+from energy_opt.motion.path import straight
+from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot, tool_of
+
+STANDBY, COPPER = 88.04, 0.0036  # of the source paper's model
+MOVE = {"starts": 1, "controls": 16, "compile": "never"}
+TCP = "panda_hand_tcp,0,0,0.02"
+
+
+def peaks(robot: Robot, trajectory: Trajectory, frame: str = "panda_joint7", shift: float = 0.0) -> tuple[float, float]:
+    """Largest power of the source paper's law [W], and largest speed of a frame's origin, shifted along its z [m/s]."""
+    model = pin.buildModelFromUrdf(str(robot.urdf))
+    model = pin.buildReducedModel(model, [model.getJointId(name) for name in robot.locked], pin.neutral(model))
+    data, number = model.createData(), model.getFrameId(frame)
+    time = np.linspace(trajectory.time[0], trajectory.time[-1], 4001)
+    power, speed = [], []
+    for q, v, a, _ in zip(*trajectory.sample(time), strict=True):
+        tau = pin.rnea(model, data, q, v, a)
+        power.append(STANDBY + tau @ v + COPPER * tau @ tau)
+        pin.forwardKinematics(model, data, q, v)
+        twist = pin.getFrameVelocity(model, data, number, pin.ReferenceFrame.LOCAL)
+        speed.append(np.linalg.norm(twist.linear + np.cross(twist.angular, [0, 0, shift])))
+    return max(power), max(speed)
+
+
+@pytest.fixture(scope="module")
+def plain(panda: Robot, model: PowerModel) -> Trajectory:
+    return Planner(panda, model, Settings(**MOVE)).solve(Move(START, GOAL, "retime", duration=1.6)).trajectory
+
+
+def test_the_certificate_finds_peaks_where_pinocchio_has_them(
+    panda: Robot, model: PowerModel, plain: Trajectory
+) -> None:
+    limits = Power(90.0), ToolSpeed(panda.body, tool_of(panda.body, TCP), 0.5)
+    found = certify(plain, Scorer(panda, model), limits, samples=4000)
+    power, speed = peaks(panda, plain, "panda_hand_tcp", 0.02)
+    assert found.peak_power == pytest.approx(power, rel=1e-5)
+    assert found.max_violation["power"] == pytest.approx(power / 90.0 - 1, rel=1e-4)
+    assert found.max_violation["tool_speed"] == pytest.approx(speed / 0.5 - 1, rel=1e-4)
+    half = certify(plain, Scorer(panda, model), [limit.scaled(0.5) for limit in limits], samples=4000)
+    assert half.max_violation["tool_speed"] == pytest.approx(2 * speed / 0.5 - 1, rel=1e-4)
+
+
+def test_use_along_a_path_is_the_law_of_the_motion(panda: Robot, model: PowerModel) -> None:
+    law = model.replaced(CoulombFriction(tau_c=1.0)).replaced(Regeneration(efficiency=0.3))
+    d = PathDynamics(panda, law, straight(START, GOAL), np.linspace(0.05, 0.95, 7))
+    rng = np.random.default_rng(2)
+    a, b = rng.normal(size=7), rng.uniform(0.05, 0.8, 7)
+    tool = tool_of(panda.body, TCP)
+    v, acceleration = d.q1 * np.sqrt(b)[:, None], d.q1 * a[:, None] + d.q2 * b[:, None]
+    _, power, _ = Scorer(panda, law).drive(d.q, v, acceleration, np.zeros(7))
+    assert Power(70.0).use(d, a, b)[:, 0] == pytest.approx(power / 70.0, rel=1e-12)
+    speed = np.linalg.norm(panda.body.frame_motion(tool.joint, np.array(tool.pose), d.q, v, acceleration)[1], axis=1)
+    limit = ToolSpeed(panda.body, tool, 0.4)
+    line = limit.linear(d, 1.0)
+    assert line.of_speed and (line.rb[:, 0] * b) == pytest.approx((speed / 0.4) ** 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("mode", ["retime", "reshape"])
+def test_a_solved_move_holds_power_and_tool_speed(
+    panda: Robot, model: PowerModel, mode: str, plain: Trajectory
+) -> None:
+    asked = {"max_power": 101.0, "tool_speed": 0.85, "tool": TCP}
+    move = Move(START, GOAL, mode, duration=1.8)
+    result = Planner(panda, model, Settings(**MOVE, **asked)).solve(move)
+    power, speed = peaks(panda, result.trajectory, "panda_hand_tcp", 0.02)
+    assert result.status == "solved"
+    assert power <= 101.0 * (1 + 1e-6) and speed <= 0.85 * (1 + 1e-6)
+    assert max(power / 101.0, speed / 0.85) > 0.99  # something binds
+    document = result.document()
+    assert document["peak_power"] == pytest.approx(power, rel=1e-4)
+    assert set(document["certificate"]["max_violation"]) >= {"position", "effort", "power", "tool_speed"}
+    free = Planner(panda, model, Settings(**MOVE)).solve(move)
+    assert max(peaks(panda, free.trajectory, "panda_hand_tcp", 0.02) / np.array([101.0, 0.85])) > 1.02
+    assert free.energy.total < result.energy.total
+
+
+def test_tool_speed_keeps_retiming_convex(panda: Robot, model: PowerModel) -> None:
+    result = Planner(panda, model, Settings(tool_speed=0.7)).solve(Move(START, GOAL, "retime", duration=1.8))
+    assert result.status == "solved" and result.optimality.kind == "global"
+    assert peaks(panda, result.trajectory)[1] <= 0.7 * (1 + 1e-6)
+
+
+def test_what_cannot_be_is_said(panda: Robot, model: PowerModel) -> None:
+    with pytest.raises(Infeasible, match=r"standing still takes .* the limit is 80 W") as caught:
+        Planner(panda, model, Settings(max_power=80.0)).solve(Move(START, GOAL, duration=2.0))
+    assert caught.value.limit == "power"
+    for wrong in ({"max_power": -1.0}, {"tool_speed": 0.0}, {"tool_speed": 1.0, "tool": "nothing"}):
+        with pytest.raises(BadInput):
+            Planner(panda, model, Settings(**wrong))
+    assert [limit.name for limit in limits_of(panda, Settings(max_power=1e3, tool_speed=2.0))][-2:] == [
+        "power",
+        "tool_speed",
+    ]
+
+
+def test_options(tmp_path, capsys) -> None:
+    words = ["optimize", "--robot", "panda", "--start", "0,-0.785,0,-2.356,0,1.571,0.785", "--goal"]
+    words += ["0.2,-0.6,0.1,-2.2,0,1.6,0.7", "--mode", "retime", "--out", str(tmp_path), "--json", "--quiet"]
+    assert main([*words, "--max-power", "50"]) == 3
+    capsys.readouterr()
+    assert main([*words, "--max-power", "150", "--tool-speed", "0.2", "--tool", "panda_hand"]) == 0
+    found = capsys.readouterr().out
+    assert '"tool_speed": ' in found and '"peak_power": ' in found
+    assert main([*words, "--tool-speed", "0.2", "--tool", "hand"]) == 2

@@ -1,0 +1,315 @@
+"""What is written for controllers: samples at a rate, programs for UR arms (run here), positions for libfranka."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from poses import GOAL, START
+
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.formats import franka, output, read_trajectory, urscript, write
+from energy_opt.formats.resample import RATES, at_rate, resampled
+from energy_opt.motion.judge.certificate import certify
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.profiles import Chain
+from energy_opt.profiles.movej import blend_radii, leading, tool_point
+from energy_opt.robot import Robot
+
+UR_START, UR_GOAL = np.array([0.0, -1.5, 1.2, -1.0, 0.3, 0.0]), np.array([0.8, -1.0, 0.7, -1.4, -0.2, 0.3])
+
+
+def swing(joints: tuple[str, ...], start: np.ndarray, goal: np.ndarray, seconds: float, rows: int = 401) -> Trajectory:
+    """The polynomial of degree seven from rest to rest, acceleration and jerk zero at both ends."""
+    x = np.linspace(0, 1, rows)[:, None]
+    shape = x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
+    slope = 140 * x**3 * (1 - x) ** 3
+    bend = 420 * x**2 * (1 - x) ** 2 * (1 - 2 * x)
+    d = goal - start
+    return Trajectory(joints, x[:, 0] * seconds, start + shape * d, slope * d / seconds, bend * d / seconds**2)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.2, 6.0), st.floats(3.0, 2000.0))
+def test_samples_rise_from_zero_to_exactly_the_end(duration: float, rate: float) -> None:
+    curve = swing(("a",), np.zeros(1), np.ones(1), duration, 60)
+    out = resampled(replace(curve, time=curve.time + 3.0), rate)
+    assert out.time[0] == 0 and out.time[-1] == pytest.approx(duration, rel=1e-15) and (np.diff(out.time) > 0).all()
+    np.testing.assert_array_equal(out.position[-1], [1.0])
+    inner = np.arange(len(out.time) - 1) / rate
+    np.testing.assert_array_equal(out.time[:-1], inner)
+    assert np.diff(out.time)[-1] <= 1.02 / rate
+    assert out.position[:-1] == pytest.approx(curve.sample(inner)[0], abs=1e-12)
+
+
+@pytest.fixture(scope="module")
+def bend(panda: Robot, model: PowerModel) -> tuple[Trajectory, Scorer]:
+    """A move at nine tenths of its velocity limit, with a wiggle that coarse samples miss."""
+    curve = swing(panda.joints, START, GOAL, 2.5)
+    t, w = curve.time[:, None], 2 * np.pi * 14 / 2.5
+    window = np.sin(np.pi * t / 2.5) ** 4
+    change = 2 * np.sin(np.pi * t / 2.5) ** 3 * np.cos(np.pi * t / 2.5) * 2 * np.pi / 2.5
+    q = curve.position + 0.003 * window * np.sin(w * t)
+    v = curve.velocity + 0.003 * (window * w * np.cos(w * t) + change * np.sin(w * t))
+    a = np.gradient(v, curve.time, axis=0)
+    return Trajectory(panda.joints, curve.time, q, v, a), Scorer(panda, model)
+
+
+def test_a_rate_that_is_too_low_is_refused_with_one_that_does(bend: tuple[Trajectory, Scorer]) -> None:
+    curve, scorer = bend
+    limits = scorer.robot.limits
+    tight = limits.replace(acceleration=np.abs(curve.sample(curve.denser(10))[2]).max(axis=0) * 1.002)
+
+    def judge(trajectory: Trajectory) -> Any:
+        return certify(trajectory, scorer, joint_limits(tight))
+
+    assert judge(curve).valid
+    with pytest.raises(BadInput, match=r"10: with quintics between so few points .* Hz would do") as caught:
+        at_rate(curve, 10, judge)
+    rate = float(re.search(r"; ([\d.]+) Hz would do", str(caught.value))[1])  # type: ignore[index]
+    assert rate in RATES and at_rate(curve, rate, judge).time[1] == 1 / rate
+    lower = max(r for r in RATES if 10 <= r < rate)
+    assert not judge(resampled(curve, lower)).valid
+    impossible = limits.replace(velocity=np.abs(curve.velocity).max(axis=0) * 0.999)
+    with pytest.raises(BadInput, match="no rate up to 4000 Hz holds it"):
+        at_rate(curve, 100, lambda trajectory: certify(trajectory, scorer, joint_limits(impossible)))
+    for rate in (0, -1, np.inf, 1e9):
+        with pytest.raises(BadInput, match="expected samples per second"):
+            resampled(curve, rate)
+
+
+def test_all_formats_at_a_rate(tmp_path: Path, bend: tuple[Trajectory, Scorer], panda: Robot) -> None:
+    """Each read back: the same rows; with effort of the model at these rows; under the prefix."""
+    curve, scorer = bend
+
+    def judge(trajectory: Trajectory) -> Any:
+        return certify(trajectory, scorer, joint_limits(panda.limits))
+
+    names = ["csv", "yaml", "json", "mcap", "follow-joint-trajectory", "csv"]
+    lines = output.write(curve, scorer, judge, output.wanted(names), tmp_path, 200.0, "left_")
+    assert len(lines) == 5 and all("200 Hz, quintic between points" in line for line in lines)
+    expected = resampled(curve, 200.0)
+    torque = scorer.filled(expected).effort
+    files = ["trajectory_200hz.csv", "trajectory.yaml", "trajectory.json", "trajectory.mcap", "trajectory.goal.yaml"]
+    for name in files:
+        again = read_trajectory(tmp_path / name, panda.joints, "left_")
+        np.testing.assert_array_equal(again.position, expected.position)
+        np.testing.assert_array_equal(again.acceleration, expected.acceleration)
+        np.testing.assert_array_equal(again.effort, torque)
+        np.testing.assert_allclose(again.time, expected.time, rtol=0, atol=0 if "csv" in name else 0.51e-9)
+    with pytest.raises(BadInput, match=r"'jsn'; known are csv, yaml, .*did you mean 'json'"):
+        output.wanted(["jsn"])
+    write(expected, tmp_path / "x.goal.yaml")
+    assert "goal_time_tolerance" in (tmp_path / "x.goal.yaml").read_text()
+    with pytest.raises(BadInput, match="no format has this ending"):
+        write(expected, tmp_path / "x.docx")
+
+
+class Controller:
+    """Runs a URScript program: the language is Python's but for `local`, `end`, `halt`, and lists that are copied."""
+
+    def __init__(self, at: np.ndarray, step: float = 0.002) -> None:
+        self.at, self.step = at, step
+        self.sent: list[tuple[float, np.ndarray]] = []
+        self.moves: list[dict[str, Any]] = []
+
+    def run(self, text: str, **changed: str) -> None:
+        for name, value in changed.items():
+            text = re.sub(rf"local {name} = .*", f"local {name} = {value}", text)
+        text = re.sub(r"^ *end$", "", text, flags=re.M).replace("local q = q0", "q = list(q0)").replace("local ", "")
+        text = text.replace("halt", "raise StopIteration")
+        scope: dict[str, Any] = {
+            "get_actual_joint_positions": self.at.tolist, "get_steptime": lambda: self.step, "norm": abs,
+            "servoj": self._servoj, "stopj": lambda a: None, "popup": lambda *words: None,
+            "movej": lambda q, **how: self.moves.append({"q": q, **how}),
+        }  # fmt: skip
+        exec(text, scope)
+        scope[re.search(r"def (\w+)\(\)", text)[1]]()  # type: ignore[index]
+
+    def _servoj(self, q: list[float], a: float, v: float, t: float, lookahead: float, gain: float) -> None:
+        assert 0.03 <= lookahead <= 0.2 and 100 <= gain <= 2000
+        self.sent.append((t, np.array(q)))
+
+
+@pytest.mark.parametrize(("pace", "step"), [(1.0, 0.002), (0.3, 0.002), (1.0, 0.008)])
+def test_the_ur_program_follows_the_trajectory(tmp_path: Path, ur5: Robot, pace: float, step: float) -> None:
+    curve = swing(ur5.joints, UR_START, UR_GOAL, 1.2357)
+    urscript.write(resampled(curve, 50), tmp_path / "m.script")
+    arm = Controller(UR_START, step)
+    arm.run((tmp_path / "m.script").read_text(), speed=repr(pace))
+    sent = np.array([q for _, q in arm.sent])
+    time = np.arange(1, len(sent)) * step * pace
+    assert time[-1] <= curve.duration < time[-1] + step * pace
+    np.testing.assert_allclose(sent[:-1], resampled(curve, 50).sample(time)[0], atol=5e-9)
+    np.testing.assert_allclose(sent[-1], UR_GOAL, atol=1e-9)
+    with pytest.raises(StopIteration):
+        Controller(UR_START + [0, 0, 0, 0.02, 0, 0], step).run((tmp_path / "m.script").read_text())
+
+
+def test_the_ur_program_streams_at_500_hz(tmp_path: Path, ur5: Robot) -> None:
+    curve = resampled(swing(ur5.joints, UR_START, UR_GOAL, 0.9), 500)
+    urscript.write(curve, tmp_path / "m.script")
+    text = (tmp_path / "m.script").read_text()
+    assert "quintic" not in text
+    arm = Controller(UR_START)
+    arm.run(text)
+    np.testing.assert_allclose([q for _, q in arm.sent], curve.position[1:], atol=1e-9)
+    assert all(t == pytest.approx(0.002) for t, _ in arm.sent)
+    with pytest.raises(BadInput, match="arms of six joints; this one has 2"):
+        urscript.write(replace(curve, joints=("a", "b")), tmp_path / "n.script")
+
+
+def test_positions_for_libfranka_hold_its_checks(tmp_path: Path, panda: Robot) -> None:
+    """The differences of the file's own numbers, from rest before it to rest after it."""
+    curve = franka.prepared(swing(panda.joints, START, GOAL, 1.5004), panda.limits)
+    franka.write(curve, tmp_path / "t.franka.csv")
+    rows = np.loadtxt(tmp_path / "t.franka.csv", delimiter=",", skiprows=1)
+    assert rows[:, 0] == pytest.approx(np.arange(1502) / 1000, abs=1e-12)
+    np.testing.assert_allclose(rows[[0, -1], 1:], [START, GOAL], atol=1e-15)
+    q = np.vstack([START, START, START, rows[:, 1:], GOAL, GOAL, GOAL])
+    limits = panda.limits
+    for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
+        assert (np.abs(np.diff(q, order, axis=0)) * 1000**order <= bound * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda t: t.slowed(0.6), r"velocity of panda_joint\d from step to step is .* libfranka would abort it"),
+        (lambda t: replace(t, position=t.position + 1e-4 * (t.time > 0.7)[:, None]), "acceleration of panda_joint"),
+        (lambda t: Trajectory(t.joints, t.time[:201], *(x[200:] for x in (t.position, t.velocity, t.acceleration))),
+         "at 0.000 s.*does not begin and end at rest"),
+        (lambda t: replace(t, joints=t.joints[:6]), "seven joints"),
+    ],
+)  # fmt: skip
+def test_what_libfranka_would_abort(panda: Robot, change: Any, says: str) -> None:
+    with pytest.raises(BadInput, match=says):
+        franka.prepared(change(swing(panda.joints, START, GOAL, 1.5)), panda.limits)
+
+
+def test_moves_as_ur_takes_them(ur5: Robot) -> None:
+    chain = Chain(
+        np.array([UR_START, UR_START + [0.5, 0.6, -0.3, 0, 0, 0], UR_GOAL]),
+        np.array([1.0, 0.9]), np.array([0.4, 0.5, 0.3]), np.full(3, 0.002),
+    )  # fmt: skip
+    speed, acceleration = leading(chain)
+    assert speed == pytest.approx([0.6, np.abs(chain.corners[2] - chain.corners[1]).max() / 0.9])
+    assert acceleration == pytest.approx([0.6 / 0.398, speed[1] / 0.298])
+    model = pin.buildModelFromUrdf(str(ur5.urdf))
+    data = model.createData()
+    for q in chain.corners:
+        pin.forwardKinematics(model, data, q)
+        assert tool_point(ur5.body, q) == pytest.approx(data.oMi[model.njoints - 1].translation, abs=1e-12)
+    middle = chain.ramps[0] / 2 + 1.0
+    curve = chain.trajectory(ur5.joints)
+    at = tool_point(ur5.body, chain.corners[1])
+    ends = [tool_point(ur5.body, curve.sample(np.array([middle + x]))[0][0]) for x in (-0.25, 0.25)]
+    assert blend_radii(chain, ur5.body) == pytest.approx([min(np.linalg.norm(x - at) for x in ends)])
+
+
+def test_optimize_as_moves(tmp_path: Path) -> None:
+    """The files, the share kept, and the script's own numbers; a judged trajectory of the blended moves."""
+    start, goal = (",".join(map(str, q)) for q in (UR_START, UR_GOAL))
+    words = ["optimize", "--robot", "ur5", "--start", start, "--goal", goal,
+             "--duration", "1.2", "--starts", "1", "--controls", "16", "--compile", "never", "--quiet"]  # fmt: skip
+    assert main([*words, "--out", str(tmp_path), "--as", "moves", "--vias", "1", "--write", "urscript"]) == 0
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["chosen"] == "moves" and result["moves"]["kind"] == "trapezoid" and result["moves"]["vias"] == 1
+    assert 30 < result["moves"]["kept_percent"] <= 100 and result["energy"]["loss"] == result["moves"]["loss"]
+    assert max(result["certificate"]["max_violation"].values()) <= 1e-6
+    moves = yaml.safe_load((tmp_path / "moves.yaml").read_text())
+    arm = Controller(UR_START)
+    arm.run((tmp_path / "moves.script").read_text())
+    assert (tmp_path / "trajectory.script").read_text() == (tmp_path / "moves.script").read_text()
+    assert len(arm.moves) == len(moves["moves"]) == 2 and arm.moves[-1]["r"] == 0
+    for ours, theirs in zip(moves["moves"], arm.moves, strict=True):
+        assert theirs["q"] == pytest.approx(ours["to"], abs=1e-9)
+        assert theirs["v"] == pytest.approx(max(map(abs, ours["velocity"])), abs=1e-6)
+        assert theirs["a"] == pytest.approx(ours["leading_acceleration"], abs=1e-6)
+    # the ramps of moves.yaml, integrated, are the motion
+    ramps = moves["ramps"]
+    velocity = np.cumsum([np.array(r["acceleration"]) * (r["duration"] - r["rise"]) for r in ramps], axis=0)
+    assert velocity[0] == pytest.approx(moves["moves"][0]["velocity"]) and np.abs(velocity[-1]).max() < 1e-9
+    ways = [
+        np.array(r["acceleration"]) * (r["duration"] - r["rise"]) * (1.2 - r["start"] - r["duration"] / 2)
+        for r in ramps
+    ]
+    assert np.array(moves["start"]) + sum(ways) == pytest.approx(UR_GOAL, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--write", "doc"], "--write 'doc'; known are csv"),
+        (["--rate", "100"], "--rate 100: of which files"),
+        (["--write", "csv", "--rate", "-5"], "--rate -5: expected samples per second"),
+        (["--vias", "2"], "--vias are those of --as moves"),
+    ],
+)
+def test_options_that_do_not_fit(capsys: pytest.CaptureFixture[str], words: list[str], says: str) -> None:
+    assert main(["optimize", "--robot", "ur5", "--start", "0,0,0,0,0,0", "--goal", "0,0,0,0,0,1", *words]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_plan_of_moveit_py_is_retimed_by_one_command(tmp_path: Path, panda: Robot) -> None:
+    """`get_robot_trajectory_msg()` of a planned path as YAML: joints in MoveIt's order, no accelerations given."""
+    order = [*reversed(panda.joints)]
+    rows = swing(panda.joints, START, GOAL, 4.0, 15)
+    points = [
+        {"positions": [float(q[panda.joints.index(name)]) for name in order],
+         "velocities": [float(v[panda.joints.index(name)]) for name in order], "accelerations": [], "effort": [],
+         "time_from_start": {"sec": int(t), "nanosec": round((t % 1) * 1e9)}}
+        for t, q, v in zip(rows.time.tolist(), rows.position, rows.velocity, strict=True)
+    ]  # fmt: skip
+    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "world"}
+    message = {
+        "joint_trajectory": {"header": header, "joint_names": order, "points": points},
+        "multi_dof_joint_trajectory": {"header": header, "joint_names": [], "points": []},
+    }
+    (tmp_path / "plan.yaml").write_text(yaml.safe_dump(message) + "---\n")
+    words = ["optimize", "--robot", "panda", "--path", str(tmp_path / "plan.yaml"), "--mode", "retime", "--quiet"]
+    assert main([*words, "--duration", "4", "--out", str(tmp_path / "out"), "--compile", "never"]) == 0
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["status"] == "solved"
+    named = {b["name"]: b["energy"]["total"] for b in result["baselines"]}
+    assert result["energy"]["total"] <= min(named["input"], named["scaled"]) + 1e-6
+    ends = read_trajectory(tmp_path / "out" / "trajectory.yaml", panda.joints).position[[0, -1]]
+    np.testing.assert_allclose(ends, [START, GOAL], atol=1e-9)
+
+
+def test_the_ros_2_example_slows_what_we_write(tmp_path: Path, ur5: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its own functions, with nothing of ROS behind the imports."""
+    import runpy
+    import sys
+    from types import ModuleType
+
+    for name in ("rclpy", "rclpy.action", "rclpy.wait_for_message", "control_msgs", "control_msgs.action",
+                 "rosidl_runtime_py", "rosidl_runtime_py.set_message", "sensor_msgs", "sensor_msgs.msg"):  # fmt: skip
+        module = ModuleType(name)
+        for thing in ("ActionClient", "wait_for_message", "FollowJointTrajectory", "set_message_fields", "JointState"):
+            setattr(module, thing, None)
+        monkeypatch.setitem(sys.modules, name, module)
+    example = runpy.run_path(str(Path(__file__).parents[1] / "docs" / "examples" / "ros2_follow.py"))
+    curve = resampled(swing(ur5.joints, UR_START, UR_GOAL, 1.0), 20)
+    write(curve, tmp_path / "t.goal.yaml")
+    goal = example["slowed"](yaml.safe_load((tmp_path / "t.goal.yaml").read_text()), 0.25)
+    (tmp_path / "slow.yaml").write_text(yaml.safe_dump(goal))
+    slow = read_trajectory(tmp_path / "slow.yaml", ur5.joints)
+    assert slow.duration == pytest.approx(4.0) and slow.position == pytest.approx(curve.position)
+    time = np.linspace(0, 1, 50)
+    assert slow.sample(4 * time)[0] == pytest.approx(curve.sample(time)[0], abs=1e-9)
+    state = type("State", (), {"name": ["extra", *ur5.joints], "position": [9.0, *(UR_START + 0.01)]})
+    assert example["distance"](goal, state) == pytest.approx(0.01)

@@ -1,0 +1,187 @@
+"""Jobs: how time is shared, what is written, what is refused, and that a killed job goes on."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.formats import read_trajectory
+from energy_opt.job import check_job, load_job, run_job
+from energy_opt.job.allocate import Front, Solved, allocate
+from energy_opt.job.example import EXAMPLE
+from energy_opt.motion.path import straight
+from energy_opt.motion.retime.solve import retime
+from energy_opt.power import source_method_2
+from energy_opt.robot import Robot
+
+RETIMED = EXAMPLE.replace('mode = "reshape" ', 'mode = "retime"  ')
+
+
+def _written(folder: Path, text: str) -> Path:
+    path = folder / "job.toml"
+    path.write_text(text)
+    return path
+
+
+def _front(k: float, holding: float, shortest: float) -> Front:
+    """E(T) = h T + k / (3 T^3) + 0.1 k^(1/2) / T^5: not quite the model that prices are found on."""
+
+    def at_price(price: float) -> Solved:
+        t = np.linspace(shortest, 60 * shortest, 100_001)
+        cost = holding * t + k / (3 * t**3) + 0.1 * np.sqrt(k) / t**5 - price * t
+        best = int(np.argmin(cost))
+        return Solved(float(t[best]), float(cost[best] + price * t[best]), float(cost[best]))
+
+    return Front(shortest, 60 * shortest, holding, at_price)
+
+
+@pytest.mark.parametrize("time", [4.0, 6.0, 30.0])
+def test_shares_equal_those_of_a_fine_grid(time: float) -> None:
+    fronts = [_front(40.0, 95.0, 0.6), _front(300.0, 92.0, 1.1), _front(8.0, 99.0, 0.4)]
+    shares = allocate(fronts, time, 90.0)
+    assert shares.durations.sum() + shares.left == pytest.approx(time, rel=1e-12)
+
+    def energy(t: np.ndarray) -> float:
+        k, h = np.array([40.0, 300.0, 8.0]), np.array([f.holding for f in fronts])
+        return float(np.sum(h * t + k / (3 * t**3) + 0.1 * np.sqrt(k) / t**5) + 90.0 * (time - t.sum()))
+
+    grid = [np.linspace(f.shortest, min(4.0, time), 36) for f in fronts]
+    best = min(energy(np.array(t)) for t in itertools.product(*grid) if sum(t) <= time)
+    assert energy(shares.durations) <= best * (1 + 1e-4)
+    assert shares.bound is not None and shares.bound <= energy(shares.durations) <= shares.bound * (1 + 1e-3)
+
+
+def test_a_retimed_job_is_as_good_as_a_grid_of_durations(panda: Robot, tmp_path: Path) -> None:
+    text = """
+format = "energy-opt/job/1"
+robot = "panda"
+cycle_time = 2.2
+mode = "retime"
+[poses]
+a = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
+b = [1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4]
+[[step]]
+to = "b"
+payload = 2.0
+[[step]]
+to = "a"
+payload = 0.0
+"""
+    job = load_job(_written(tmp_path, text), lambda name: panda)
+    result = run_job(job, source_method_2())
+    scorers = [result.scorer(step) for step in job.steps]
+
+    def energy(k: int, duration: float) -> float:
+        step = job.steps[k]
+        found = retime(panda, scorers[k].model, straight(step.start, step.goal), duration=duration)
+        return scorers[k].energy(found.trajectory).total
+
+    best = min(energy(0, t) + energy(1, 2.2 - t) for t in np.linspace(0.95, 1.25, 7))
+    assert result.energy <= best * 1.001
+    assert result.bound is not None and result.bound <= result.energy <= result.bound * 1.001
+    for baseline in result.baselines:
+        assert baseline.energy is None or result.energy <= baseline.energy
+
+
+def test_the_example_on_the_command_line(panda: Robot, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["job", str(_written(tmp_path, RETIMED)), "--out", str(out), "--quiet"]) == 0
+    found = json.loads((out / "job.json").read_text())
+    steps = found["steps"]
+    assert sum(row["duration"] for row in steps) == pytest.approx(found["cycle_time"], abs=1e-9)
+    assert sum(row["energy_total"] for row in steps) == pytest.approx(found["energy_total"], rel=1e-9)
+    assert {row["name"] for row in found["baselines"]} == {"fastest_then_wait", "evenly_slowed"}
+    assert all(found["energy_total"] <= row["energy_total"] for row in found["baselines"])
+    assert [row["payload"] for row in steps if row["name"] in ("grip", "look", "back")] == [0.0, 2.0, 0.0]
+    at = None
+    for k, row in enumerate(steps, start=1):
+        part = read_trajectory(out / f"step_{k:02d}.csv", panda.joints)
+        assert part.duration == pytest.approx(row["duration"], abs=1e-9)
+        assert at is None or np.abs(part.position[0] - at).max() < 1e-9
+        at = part.position[-1]
+    whole = read_trajectory(out / "cycle.csv", panda.joints)
+    assert np.abs(whole.position[0] - whole.position[-1]).max() < 1e-9
+    assert whole.duration == pytest.approx(found["cycle_time"], abs=1e-9)
+    motion = read_trajectory(out / "step_02.csv", panda.joints)  # passed into without stopping
+    assert np.abs(motion.velocity[0]).max() > 0.05
+    assert (out / "report.html").stat().st_size < 6e6
+
+
+def test_brakes_wait_without_holding_losses(panda: Robot, tmp_path: Path) -> None:
+    held, braked = (
+        run_job(
+            load_job(_written(tmp_path, RETIMED.replace("brakes = true", word)), lambda _: panda), source_method_2()
+        )
+        for word in ("brakes = false", "brakes = true")
+    )
+    looks = [next(p for p in result.pieces if p.name == "look") for result in (held, braked)]
+    assert looks[1].energy == pytest.approx(88.04 * looks[1].trajectory.duration, rel=1e-9)
+    assert looks[0].energy / looks[0].trajectory.duration > 88.1
+
+
+FAULTS = [
+    ('to = "tray"', 'to = "trai"', r"step 6 \(to the tray\).*'trai'; did you mean 'tray'"),
+    ("wait = 0.3", "wait = -1", r"step 7 \(release\): wait"),
+    ('to = "home"\n', 'to = "tray"\n', r"step 8 \(back\).*does not return.*panda_joint1"),
+    ("cycle_time = 5.5", 'cycle_time = "5.5"', "cycle_time"),
+    ("cycle_time = 5.5", "cycle_tim = 5.5", "unknown key 'cycle_tim'; did you mean 'cycle_time'"),
+    ("payload = 2.0", "payload = -2.0", r"step 4 \(to the camera\): payload"),
+    ("max_duration = 4.0", "max_duration = 4.0\nmin_duration = 5.0", r"step 6 \(to the tray\): min_duration"),
+    ("part = [0.9,", "part = [9.0,", "panda_joint1 = 9 is outside"),
+    ("stop = false", "stop = 0", "stop = 0; expected true or false"),
+    ('to = "part"\n', 'to = "part"\nwait = 1.0\n', "either `to` or `wait`"),
+    ("payload = 2.0", 'payload = 2.0\nscene = "../x.yaml"', "outside"),
+    ('format = "energy-opt/job/1"', 'format = "energy-opt/job/9"', "energy-opt/job/1"),
+]
+
+
+@pytest.mark.parametrize(("before", "after", "said"), FAULTS)
+def test_faults_are_named_with_their_step(before: str, after: str, said: str, panda: Robot, tmp_path: Path) -> None:
+    assert before in EXAMPLE
+    path = _written(tmp_path, EXAMPLE.replace(before, after, 1))
+    with pytest.raises(BadInput, match=said):
+        load_job(path, lambda name: panda)
+    assert check_job(path, lambda name: panda)
+
+
+def test_a_cycle_that_is_too_short_says_what_would_do(panda: Robot, tmp_path: Path) -> None:
+    text = RETIMED.replace("cycle_time = 5.5", "cycle_time = 2.0")
+    with pytest.raises(Infeasible, match="the longest is") as caught:
+        run_job(load_job(_written(tmp_path, text), lambda _: panda), source_method_2())
+    shortest = caught.value.shortest_duration
+    assert shortest is not None
+    text = RETIMED.replace("cycle_time = 5.5", f"cycle_time = {shortest + 1e-6}")
+    assert run_job(load_job(_written(tmp_path, text), lambda _: panda), source_method_2()).pieces
+
+
+def test_a_payload_that_a_limit_cannot_hold_names_the_step(panda: Robot, tmp_path: Path) -> None:
+    text = RETIMED.replace("payload = 2.0", "payload = 60.0")
+    with pytest.raises(Infeasible, match="to the camera"):
+        run_job(load_job(_written(tmp_path, text), lambda _: panda), source_method_2())
+
+
+def test_a_killed_job_goes_on_and_ends_the_same(panda: Robot, tmp_path: Path) -> None:
+    path, whole, killed = _written(tmp_path, RETIMED), tmp_path / "whole", tmp_path / "killed"
+    assert main(["job", str(path), "--out", str(whole), "--quiet"]) == 0
+    words = [sys.executable, "-m", "energy_opt", "job", str(path), "--out", str(killed), "--quiet"]
+    process = subprocess.Popen(words)
+    for _ in range(600):
+        if list((killed / ".answers").glob("*.csv")) or process.poll() is not None:
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert main([*words[3:], "--resume"]) == 0
+    first, second = (json.loads((out / "job.json").read_text()) for out in (whole, killed))
+    assert second["energy_total"] == pytest.approx(first["energy_total"], rel=1e-9)
+    assert not (killed / ".answers").exists()

@@ -1,0 +1,50 @@
+"""Models by name: friction as it is published, evaluated from the publication's own formula; no regeneration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import energy_opt as eo
+from energy_opt.bench import load_suite
+from energy_opt.power import drive_function
+from energy_opt.power.named import careful, model_of
+
+# Gaz et al. 2019: delta_1 [N m], delta_2 [s/rad], delta_3 [rad/s]
+A = np.array([5.4615e-1, 8.7224e-1, 6.4068e-1, 1.2794, 8.3904e-1, 3.0301e-1, 5.6489e-1])
+K = np.array([5.1181, 9.0657, 1.0136e1, 5.5903, 8.3469, 1.7133e1, 1.0336e1])
+C = np.array([3.9533e-2, 2.5882e-2, -4.6070e-2, 3.6194e-2, 2.6226e-2, -2.1047e-2, 3.5526e-3])
+
+
+def test_careful_is_published_friction_and_no_regeneration():
+    model = careful("panda")
+    function, names = drive_function(model, 7)
+    rng = np.random.default_rng(0)
+    for v in rng.uniform(-2, 2, (5, 7)):
+        tau = rng.uniform(-30, 30, 7)
+        tau_m, power, _ = (np.array(x).ravel() for x in function(0 * v, v, 0 * v, tau, 0.0, model.values(7)))
+        friction = A / (1 + np.exp(-K * (v + C))) - A / (1 + np.exp(-K * C))
+        np.testing.assert_allclose(tau_m, tau + friction, rtol=1e-10)
+        drive = tau_m @ v + 0.0036 * tau_m @ tau_m
+        assert power[0] == pytest.approx(88.04 + max(drive, 0.0), rel=1e-12)
+    still = function(0 * v, 0 * v, 0 * v, tau, 0.0, model.values(7))[0]
+    np.testing.assert_allclose(np.array(still).ravel(), tau, atol=1e-15)
+    assert "sigmoid_friction" in names and careful("ur5").get("sigmoid_friction") is None and careful("ur5").assumed
+
+
+def test_names_are_taken_everywhere(tmp_path):
+    assert model_of("careful", "ur5") == careful("ur5")
+    assert model_of("source_method_1", "panda") == eo.source_model("panda", 1)
+    (tmp_path / "s.toml").write_text(
+        'format = "energy-opt/suite/1"\nname = "s"\nrobots = ["panda", "ur5"]\nrandom = { count = 1 }\n'
+        'models = ["careful", "source-method-2"]\n'
+    )
+    effects = [[e.name for e in task.power().effects] for task in load_suite(tmp_path / "s.toml").tasks]
+    assert [("sigmoid_friction" in names) for names in effects] == [True, False, False, False]
+
+
+def test_a_move_under_published_friction_is_planned(panda):
+    ends = {"start": [0, -0.785, 0, -2.356, 0, 1.571, 0.785], "goal": [1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4]}
+    result = eo.optimize(panda, "careful", **ends, duration=2.5, starts=1, controls=16, compile="never")
+    assert result.status == "solved" and result.certificate.valid
+    assert result.energy.by_effect["sigmoid_friction"] > 0 and result.saving["loss_percent"] > 5

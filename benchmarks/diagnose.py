@@ -34,10 +34,11 @@ from energy_opt.effects import ALL_EFFECTS, Effect
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
 from energy_opt.reports.page import Report
+from energy_opt.virtual_arm.arms import SIZES
 from energy_opt.virtual_arm.sets import MadeSet, fresh_motions, make_set
 from energy_opt.virtual_arm.specials import SPECIALS
 
-NAMES = [e.name for e in ALL_EFFECTS if e.sought and e.name not in ("standby", "copper_loss")]
+NAMES = [e.name for e in ALL_EFFECTS if e in SIZES]  # those that the virtual arm can have
 FEW = 300
 LONG_RUNS = 20  # of about 6 s at 125 Hz: the set that must not take longer than 20 s
 LONG = [("payload", "viscous_friction"), ("coulomb_friction",), ("armature", "meter_delay"), ()]

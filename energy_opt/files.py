@@ -138,7 +138,7 @@ def read_json(path: Path) -> Any:
         document = json.loads(read_text(path, LARGEST_DOCUMENT))
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: not valid JSON: {_reason(error)}") from None
-    level = [document]
+    level = [document] if isinstance(document, (dict, list)) else []
     for _ in range(DEEPEST):
         level = [x for item in level for x in (item.values() if isinstance(item, dict) else item)]
         level = [x for x in level if isinstance(x, (dict, list))]

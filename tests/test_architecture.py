@@ -100,6 +100,30 @@ def test_dependencies_point_one_way() -> None:
             del graph[name]
 
 
+def dotted(module: Path) -> str:
+    """A file's name as it is imported."""
+    return ".".join(("energy_opt", *module.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__")
+
+
+def without_what_leads_nowhere(graph: dict[str, set[str]]) -> dict[str, set[str]]:
+    """A graph less all nodes from which no circle can be reached."""
+    while free := [name for name, used in graph.items() if not used & set(graph)]:
+        for name in free:
+            del graph[name]
+    return graph
+
+
+def test_modules_form_no_circles() -> None:
+    """Inside packages either; imports for types alone, and inside functions, count."""
+    names = {dotted(module): module for module in MODULES}
+    graph = {name: {x for x in imports(module) if x in names} - {name, "energy_opt"} for name, module in names.items()}
+    for name, used in graph.items():  # `from package import module` is no use of the package's own names
+        for package in [x for x in used if any(other.startswith(x + ".") for other in used)]:
+            if name.startswith(package + "."):
+                used.discard(package)
+    assert not without_what_leads_nowhere(graph)
+
+
 ROOMS = ("plan", "retime", "reshape", "timing", "judge", "limits")  # of motion; each may use what stands behind it
 
 
@@ -116,6 +140,40 @@ def test_rooms_of_motion_point_one_way() -> None:
     for k, room in enumerate(ROOMS):
         assert rooms[room] <= set(ROOMS[k + 1 :]), room
     assert not rooms["limits"] and not rooms["retime"] & {"reshape"}
+
+
+def privates(module: Path) -> tuple[set[str], dict[str, int]]:
+    """Private names that a module makes, and those that it takes of something else, with the line."""
+    made = {node.name for node in nodes(module) if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+    taken: dict[str, int] = {}
+    for node in nodes(module):
+        if isinstance(node, ast.Attribute):
+            if isinstance(node.ctx, ast.Store):
+                made.add(node.attr)
+            elif not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")):
+                taken[node.attr] = node.lineno
+        elif isinstance(node, (ast.AnnAssign, ast.Assign)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            made |= {target.id for target in targets if isinstance(target, ast.Name)}
+        elif isinstance(node, ast.ImportFrom):
+            taken |= {alias.name: node.lineno for alias in node.names}
+
+    def hidden(name: str) -> bool:
+        return name.startswith("_") and not name.startswith("__")
+
+    return {name for name in made if hidden(name)}, {name: line for name, line in taken.items() if hidden(name)}
+
+
+def test_no_module_touches_what_is_private_to_another() -> None:
+    found = {module: privates(module) for module in MODULES}
+    ours = set().union(*(made for made, _ in found.values()))
+    touched = [
+        f"{module.relative_to(ROOT)}:{line}: {name}"
+        for module, (made, taken) in found.items()
+        for name, line in taken.items()
+        if name in ours - made
+    ]
+    assert not touched, "\n".join(touched)
 
 
 def test_modules_stay_small() -> None:

@@ -41,7 +41,7 @@ def test_the_payload_s_box_stands_about_its_centre_of_mass() -> None:
         (["--floor", "nan"], "not a height"),
         (["--clearance", "0"], "above 0"),
         (["--planner", "rrt"], "auto, none, ompl"),
-        (["--payload-size", "1,1,1"], "belongs to --payload"),
+        (["--payload-size", "1,1,1"], "belongs to payload"),
         (["--payload", "1", "--payload-size", "1,0,1"], "above 0"),
     ],
 )

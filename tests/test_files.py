@@ -130,6 +130,11 @@ def test_files_that_would_not_end_are_refused(tmp_path: Path, name: str, text: s
     assert "\n" not in str(caught.value)
 
 
+def test_a_json_document_may_be_a_number(tmp_path: Path) -> None:
+    (tmp_path / "x.json").write_text("1.5")
+    assert read_json(tmp_path / "x.json") == 1.5
+
+
 def test_aliases_of_reasonable_size_are_read(tmp_path: Path) -> None:
     """As libraries dump lists that several points share."""
     (tmp_path / "x.yaml").write_text("- &id001 [0.0, 0.0]\n- *id001\n- *id001\n")

@@ -221,3 +221,31 @@ def test_files_of_unknown_kind(tmp_path: Path) -> None:
     (tmp_path / "t.xyz").write_text("1 2 3")
     with pytest.raises(BadInput, match=r"known are \.csv, \.yaml, \.yml, \.json"):
         read(tmp_path / "t.xyz")
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".json", ".csv"])
+def test_noise_is_read_or_refused_in_one_line(tmp_path: Path, suffix: str) -> None:
+    """Bytes of a good file changed, cut out or doubled: rows, or one line that names the file."""
+    rng, file = np.random.default_rng(1), tmp_path / f"noisy{suffix}"
+    if suffix == ".csv":
+        table.write(wave(5), file)
+    else:
+        writer = messages.write_yaml if suffix == ".yaml" else messages.write_json_file
+        writer(wave(5), file)
+    good, refused = file.read_bytes(), 0
+    for _ in range(60):
+        noisy = bytearray(good)
+        at = int(rng.integers(len(noisy)))
+        if rng.random() < 0.5:
+            noisy[at] = int(rng.integers(256))
+        elif rng.random() < 0.5:
+            del noisy[at : at + int(rng.integers(1, 40))]
+        else:
+            noisy[at:at] = noisy[at : at + int(rng.integers(1, 40))]
+        file.write_bytes(noisy)
+        try:
+            read_trajectory(file, JOINTS)
+        except BadInput as error:
+            refused += 1
+            assert str(file) in str(error) and "\n" not in str(error)
+    assert refused > 10

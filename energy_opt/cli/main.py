@@ -6,9 +6,10 @@ import argparse
 import importlib
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from energy_opt import __version__
 from energy_opt.cli.examples import EXAMPLES, example
@@ -65,19 +66,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             return _run(words)
         except EnergyOptError as error:
-            if "--json" in words:
-                from energy_opt.files import to_json
-
-                sys.stdout.write(to_json(error.document()))
-            for line in str(error).splitlines():
-                print(f"energy-opt: {line}", file=sys.stderr)
-            return error.exit_code
+            if "-v" in words:
+                traceback.print_exc()
+            return _failed(error.document(), words, error.exit_code)
         except KeyboardInterrupt:
-            print("energy-opt: interrupted", file=sys.stderr)
-            return 130
+            return _failed({"status": "interrupted", "message": "interrupted"}, words, 130)
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
+
+
+def _failed(document: dict[str, Any], words: Sequence[str], code: int) -> int:
+    """Say what went wrong: a line on stderr, and with --json the document on stdout."""
+    if "--json" in words:
+        from energy_opt.files import to_json
+
+        sys.stdout.write(to_json(document))
+    for line in document["message"].splitlines():
+        print(f"energy-opt: {line}", file=sys.stderr)
+    return code
 
 
 def _run(words: list[str]) -> int:
@@ -89,6 +96,8 @@ def _run(words: list[str]) -> int:
         raise BadInput(f"no verb {verb!r}{near(verb, VERBS)}; verbs are {', '.join(VERBS)}")
     args, unknown = parser.parse_known_args(words)
     if args.verb is None:
+        if words:
+            raise BadInput(f"no verb; verbs are {', '.join(VERBS)}")
         parser.print_help(sys.stderr)
         return 2
     if unknown:
@@ -133,5 +142,6 @@ def parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
         if verb in words:  # only the verb that is run is imported
             _module(verb).add_arguments(sub)
         sub.add_argument("--effects", action="append", default=[], metavar="FILE.py", help="effects of your own")
+        sub.add_argument("-v", dest="verbose", action="store_true", help="where it fails, also where in the program")
         verbs[verb] = sub
     return parser, verbs

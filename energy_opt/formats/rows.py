@@ -12,6 +12,8 @@ from energy_opt.errors import BadInput
 from energy_opt.motion.path import JointPath, of_trajectory, through
 from energy_opt.motion.trajectory import Trajectory
 
+LARGEST = 1e9  # rad or m, and per second, ...: what no joint does
+SHORTEST = 1e-10  # [s] between two rows: messages count nanoseconds
 KINDS = ("position", "velocity", "acceleration", "effort")
 
 
@@ -38,6 +40,19 @@ class Rows:
     effort: np.ndarray | None = None
     planned: bool = False
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for kind in KINDS:
+            block = getattr(self, kind)
+            if block is not None and block.size and np.abs(block).max() > LARGEST:
+                raise BadInput(f"{self.where}: {kind} {np.abs(block).max():g}; expected at most {LARGEST:g}")
+        if self.time is not None and len(self.time) > 1:
+            shortest = float(np.diff(self.time).min())
+            if np.abs(self.time).max() > 10 * LARGEST or shortest < SHORTEST:
+                raise BadInput(
+                    f"{self.where}: times up to {np.abs(self.time).max():g} s, {shortest:g} s apart; expected steps of "
+                    f"{SHORTEST:g} s or more"
+                )
 
     def of(self, joints: Sequence[str], prefix: str = "") -> Rows:
         """The same rows for the robot's `joints`, in their order; in the file their names begin with `prefix`.

@@ -68,7 +68,7 @@ def _retimed(context: Context, move: Move, timing: Timing, limits: tuple[Limit, 
 def mended_timing(context: Context, move: Move, first: RetimeSolution) -> Made:
     """The least energy on the first path within limits by the judge: `first`, solved again where it breaks one."""
     solution, limits, iterations = first, context.limits, first.iterations
-    for _ in range(2):
+    for _ in range(MENDS):
         certificate = context.judge(solution.trajectory).certificate
         if certificate.valid:
             break

@@ -17,8 +17,8 @@ from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.motion.reshape.search import Reshaper
+from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.timing.law import Timing
-from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
@@ -132,14 +132,14 @@ class Context:
         return self.workshop.reshaper(self.robot, self.model, self.settings, self.standing, objective)
 
     def fastest(self, path: JointPath, limits: Sequence[Limit] | None = None) -> Timing:
-        """TOPP-RA's timing of a path, within the move's limits or others.
+        """The fastest timing of a path, within the move's limits or others: TOPP-RA's, where it knows all of them.
 
         Raises:
             Infeasible: the path breaks limits at any timing.
         """
         held = self.limits if limits is None else limits
         speeds = path.start_speed, path.end_speed
-        return fastest(self.robot, self.model, path, limits=held, start_speed=speeds[0], end_speed=speeds[1])
+        return minimum_time(self.robot, self.model, path, held, *speeds)
 
 
 def path_of(move: Move) -> JointPath:

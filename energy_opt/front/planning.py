@@ -25,7 +25,9 @@ from energy_opt.front.given import (
     robot_from,
 )
 from energy_opt.front.request import request_of_move
+from energy_opt.front.rivals import compared, rivals_from
 from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
@@ -65,8 +67,9 @@ def move_for(
 
 def optimize(
     robot: AnyRobot,
-    model: AnyModel = None,
+    model: AnyModel | Sequence[AnyModel] = None,
     *,
+    robust: str | None = None,
     start: Positions | None = None,
     goal: Positions | None = None,
     mode: str = "reshape",
@@ -83,7 +86,9 @@ def optimize(
 
     Args:
         robot: a robot, a name (`known_robots()`) or a URDF file.
-        model: a power model, a model file, or "source-method-1" or "source-method-2" (the default).
+        model: a power model, a model file, or "source-method-1", "source-method-2" or "careful"; or several, of which
+            the first is the one that results are stated under. By default the last two named.
+        robust: "mean" (the default of several models) or "worst" of the energies under all models.
         start: joint positions (n,) [rad] in any sequence, or by joint names.
         goal: the same, for the end.
         mode: "reshape" is free to change the path, "retime" keeps it.
@@ -101,12 +106,21 @@ def optimize(
         Infeasible: no motion holds the limits; says which, where and what would work.
     """
     arm = robot_from(robot, limits)
-    power = with_payload(model_from(model, arm), payload)
+    several: list[AnyModel] = []
+    if isinstance(model, (str, PathLike, PowerModel)):
+        several = [model]
+    elif model is not None:
+        several = list(model)
+    rivals, kind = rivals_from(several, robust, arm, payload)
+    power = rivals[0].model
     of_move, settings = sorted_out(more)
     named = {"mode": mode, "duration": duration, "max_duration": max_duration}
     move = move_for(arm, start, goal, path, via, **named, **of_move)
     request = request_of_move(arm, power, move, settings.seed, path=path, limits=limits)
-    return answer_of(Planner(arm, power, settings, stopped=stopped).solve(move), arm, request)
+    planner: Planner | RobustPlanner = Planner(arm, power, settings, stopped=stopped)
+    if kind is not None:
+        planner = RobustPlanner(arm, rivals, kind, settings, stopped=stopped)
+    return answer_of(compared(planner.solve(move), rivals, arm), arm, request)
 
 
 def with_payload(model: PowerModel, payload: AnyPayload | None) -> PowerModel:

@@ -80,6 +80,7 @@ class Result:
         chosen: where the trajectory comes from: "reshape", "retime", or the name of a baseline that nothing surpassed.
         trajectory: with effort and power.
         moves: what is known of the standard moves that it consists of; None for a free trajectory.
+        models: what each of several models makes of it: name, total and loss [J], share of the loss saved [%].
     """
 
     status: str
@@ -96,6 +97,7 @@ class Result:
     interrupted: bool = False
     warnings: tuple[str, ...] = field(default=())
     moves: Mapping[str, object] | None = None
+    models: tuple[Mapping[str, object], ...] = ()
 
     def baseline(self, name: str) -> Baseline | None:
         """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
@@ -193,6 +195,7 @@ class Result:
                 "starts": self.solver.starts,
             },
             "chosen": self.chosen,
+            "models": [dict(row) for row in self.models],
             "message": self.message,
             "warnings": list(self.warnings),
             **({} if self.moves is None else {"moves": self.moves}),

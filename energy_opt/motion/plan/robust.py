@@ -125,11 +125,10 @@ class RobustPlanner:
     def _stated(self, answer: _Answer) -> Result:
         """The result with the first model's energies, and a row for every model."""
         result, scorer = answer.result, self._scorers[0]
-        rows = []
-        for k, (rival, energy) in enumerate(zip(self.rivals, answer.energies, strict=True)):
-            share = None if answer.slowed is None else _share_saved(energy, answer.slowed[k])
-            row = {"name": rival.name, "total": energy.total, "loss": energy.loss, "saving_loss_percent": share}
-            rows.append(row)
+        rows = [
+            row_of(rival.name, energy, None if answer.slowed is None else answer.slowed[k])
+            for k, (rival, energy) in enumerate(zip(self.rivals, answer.energies, strict=True))
+        ]
         optimality = Optimality(result.optimality.kind, None, result.optimality.gap_percent)
         return replace(
             result,
@@ -144,14 +143,25 @@ class RobustPlanner:
         )
 
 
-def _share_saved(energy: Energy, slowed: Energy) -> float | None:
-    """Of the evenly slowed move's loss, %; None where it has none."""
-    return 100 * (slowed.loss - energy.loss) / slowed.loss if slowed.loss > SAME * abs(slowed.total) else None
+def row_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, object]:
+    """What a model makes of a move, beside the evenly slowed one: a row of `Result.models`."""
+    share, joules = None, None
+    if slowed is not None:
+        joules = slowed.total - energy.total
+        share = 100 * (slowed.loss - energy.loss) / slowed.loss if slowed.loss > SAME * abs(slowed.total) else None
+    return {
+        "name": name,
+        "total": energy.total,
+        "loss": energy.loss,
+        "saving_loss_percent": share,
+        "saving_joules": joules,
+    }
 
 
 def _slowed(result: Result) -> Result:
     """The evenly slowed move in the result's place: no other is cheaper under every model."""
     slowed = result.baseline("scaled")
+    assert slowed is not None  # it is what the move was found dearer than
     return replace(
         result,
         trajectory=slowed.trajectory,

@@ -156,6 +156,8 @@ def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
         say(args, f"warning: {args.model[0]}: a model of {model.robot}, used for {robot.name}")
     if args.payload is not None:
         model = model.replaced(payload_from(args.payload))
+    if getattr(args, "base", None) is not None:  # gravity is the scene's -z
+        model = model.standing(*cell_of(args).base[3:5])
     model.check(robot.n)
     return model
 

@@ -87,6 +87,8 @@ def table(result: Result, out: Path) -> str:
         f"worst limit: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, {worst['value']:.6g} of "
         f"{worst['bound']:.6g} ({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"
     )
+    if result.certificate.clearance is not None:
+        lines.append(f"clearance: {result.certificate.clearance}")
     if result.optimality.lower_bound is not None:
         lines.append(
             f"{result.optimality.kind} optimum of the timing: of this path's timings on {INTERVALS} intervals, "

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, near
 from energy_opt.front.answer import Answer, answer_of
 from energy_opt.front.given import (
@@ -79,6 +81,8 @@ def optimize(
     via: Sequence[Positions] = (),
     payload: AnyPayload | None = None,
     limits: str | PathLike[str] | None = None,
+    scene: str | PathLike[str] | None = None,
+    cell: CellRequest | None = None,
     stopped: Callable[[], bool] = lambda: False,
     **more: Any,
 ) -> Answer:
@@ -98,6 +102,8 @@ def optimize(
         via: points (n,) [rad] to pass on the way (reshape).
         payload: mass [kg], or (mass, x, y, z) [kg, m] in the last joint's frame.
         limits: a joint_limits.yaml in MoveIt's format.
+        scene: a file of what stands around the arm.
+        cell: more of what the arm keeps clear of, and how; by default it keeps clear of itself and of the scene.
         stopped: asked between solves; True ends the work with the best known so far.
         more: fields of `Settings` (starts, seed, compile, objective, ...) and further fields of `Move`.
 
@@ -116,11 +122,17 @@ def optimize(
     of_move, settings = sorted_out(more)
     named = {"mode": mode, "duration": duration, "max_duration": max_duration}
     move = move_for(arm, start, goal, path, via, **named, **of_move)
-    request = request_of_move(arm, power, move, settings.seed, path=path, limits=limits)
-    planner: Planner | RobustPlanner = Planner(arm, power, settings, stopped=stopped)
+    asked = cell or CellRequest()
+    if scene is not None:
+        asked = replace(asked, scene=Path(scene))
+    request = request_of_move(
+        arm, power, move, settings.seed, path=path, limits=limits, scene=asked.scene, cell=asked.document()
+    )
+    known = {"cell": load_cell(arm, asked), "stopped": stopped}
+    planner: Planner | RobustPlanner = Planner(arm, power, settings, **known)
     if kind is not None:
-        planner = RobustPlanner(arm, rivals, kind, settings, stopped=stopped)
-    return answer_of(compared(planner.solve(move), rivals, arm), arm, request)
+        planner = RobustPlanner(arm, rivals, kind, settings, **known)
+    return answer_of(compared(planner.solve(move), rivals, arm), arm, request, known["cell"])
 
 
 def with_payload(model: PowerModel, payload: AnyPayload | None) -> PowerModel:

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.move import Move, Settings
@@ -64,7 +65,7 @@ class RobustPlanner:
     Args:
         rivals: at least one; the first one's payload, and its torque within effort limits, are those that count.
         kind: "mean" or "worst" of the energies.
-        settings, batch, stopped: as for `Planner`.
+        settings, batch, cell, stopped: as for `Planner`.
     """
 
     def __init__(
@@ -75,13 +76,14 @@ class RobustPlanner:
         settings: Settings | None = None,
         *,
         batch: bool = False,
+        cell: Cell | None = None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         if kind not in ROUNDS:
             raise BadInput(f"--robust {kind!r}; expected mean or worst")
         self.robot, self.rivals, self.kind = robot, tuple(rivals), kind
         self._mixture = Mixture.of([rival.model for rival in rivals])
-        self._planner = Planner(robot, self._mixture, settings, batch=batch, stopped=stopped)
+        self._planner = Planner(robot, self._mixture, settings, batch=batch, cell=cell, stopped=stopped)
         self._scorers = [Scorer(robot, model) for model in self._mixture.members]
         self._stopped = stopped
 

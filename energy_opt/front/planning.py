@@ -128,7 +128,7 @@ def optimize(
     request = request_of_move(
         arm, power, move, settings.seed, path=path, limits=limits, scene=asked.scene, cell=asked.document()
     )
-    known = {"cell": load_cell(arm, asked), "stopped": stopped}
+    known: dict[str, Any] = {"cell": load_cell(arm, asked), "stopped": stopped}
     planner: Planner | RobustPlanner = Planner(arm, power, settings, **known)
     if kind is not None:
         planner = RobustPlanner(arm, rivals, kind, settings, **known)

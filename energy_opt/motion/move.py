@@ -106,6 +106,7 @@ class Settings:
         max_power: bound of the arm's electrical power [W]; None for none.
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
+        ways: how many free ways are looked for, and started from, where the straight line is not free.
     """
 
     starts: int = 24
@@ -120,6 +121,7 @@ class Settings:
     max_power: float | None = None
     tool_speed: float | None = None
     tool: str | None = None
+    ways: int = 2
 
     def __post_init__(self) -> None:
         if self.starts < 1:

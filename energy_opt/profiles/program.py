@@ -72,12 +72,8 @@ class Program:
         durations: tuple[float, float],
         near: Chain | None = None,
     ) -> None:
-        self.shape, self._ends, self._parameters, self.scale = (
-            shape,
-            ends,
-            np.concatenate([parameters, values_of(limits)]),
-            1.0,
-        )
+        self.shape, self._ends, self.scale = shape, ends, 1.0
+        self._parameters = np.concatenate([parameters, values_of(limits)])
         n, k = shape.joints, shape.vias
         symbols = ChainSymbols(ends, k)
         x, ramps, rises = symbols.x, symbols.ramps, symbols.rises

@@ -266,6 +266,7 @@ def test_numeric_rows_have_exact_derivatives_and_are_held(panda: Robot, model: P
     assert program.cost(answer.x) > free.cost(loose.x)
 
 
+@pytest.mark.slow
 def test_moves_that_touch_are_led_around(solved: tuple[Planner, Move, Result], tmp_path: Path) -> None:
     """With one via point the hand would pass through a link; kept clear, and proven so, it costs a little more."""
     planner, move, reference = solved

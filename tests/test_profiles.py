@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -181,6 +182,7 @@ def test_moves_keep_much_of_the_saving(solved: tuple[Planner, Move, Result]) -> 
     assert one.ramps[0] == pytest.approx(one.ramps[1]) and one.rises[0] == pytest.approx(one.rises[1])
     document = as_result(reference, found[1]).document()
     assert document["chosen"] == "moves" and document["status"] == reference.status
+    assert as_result(replace(reference, models=({"name": "x"},)), found[1]).models == ()
 
 
 def test_too_short_for_standard_moves(solved: tuple[Planner, Move, Result]) -> None:

@@ -262,4 +262,5 @@ def as_result(reference: Result, moves: StandardMoves) -> Result:
         certificate=moves.certificate,
         optimality=replace(reference.optimality, kind="local", lower_bound=None, gap_percent=None),
         moves=moves.document(),
+        models=(),  # of the free trajectory; what models make of these moves is asked anew
     )

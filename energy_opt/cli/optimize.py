@@ -10,9 +10,9 @@ from energy_opt.cli.common import (
     add_common,
     add_move,
     cell_of,
-    load_model_of,
     load_robot_of,
     move_of,
+    rivals_of,
     say,
     settings_of,
 )
@@ -27,6 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--duration", type=float, metavar="T", help="exactly this long [s]")
     group.add_argument("--max-duration", type=float, metavar="T", help="at most this long [s]")
     add_cell(parser)
+    parser.add_argument_group("several models").add_argument(
+        "--robust",
+        metavar="KIND",
+        help="mean or worst energy over several --model, or one's draws and rivals (without --model: mean)",
+    )
     add_controllers(parser)
 
 
@@ -39,11 +44,14 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.front.answer import answer_of
     from energy_opt.front.output import table
     from energy_opt.front.request import guard, request_of_move
+    from energy_opt.front.rivals import compared
     from energy_opt.motion import Planner
+    from energy_opt.motion.plan.robust import RobustPlanner
 
     check_controllers(args)
     robot = load_robot_of(args)
-    model = load_model_of(args, robot)
+    rivals, kind = rivals_of(args, robot)
+    model = rivals[0].model
     move = move_of(args, robot, args.duration, args.max_duration)
     asked = cell_of(args)
     named = {"path": args.path, "limits": args.limits, "scene": args.scene, "cell": asked.document()}
@@ -51,10 +59,13 @@ def run(args: argparse.Namespace) -> int:
     request = request_of_move(robot, model, move, args.seed, **named, standard=standard, command=args.command)
     guard(args.out / "result.json", request, args.force)
     with stop_on_interrupt() as stopped:
-        planner = Planner(robot, model, settings_of(args), cell=load_cell(robot, asked), stopped=stopped)
+        cell, settings = load_cell(robot, asked), settings_of(args)
+        planner = Planner(robot, model, settings, cell=cell, stopped=stopped)
+        robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, cell=cell, stopped=stopped)
         try:
-            found, moves = moves_of(args, planner, move, planner.solve(move))
-            result = answer_of(found, robot, request)
+            solved = planner.solve(move) if robust is None else robust.solve(move)
+            found, moves = moves_of(args, planner, move, solved)
+            result = answer_of(compared(found, rivals, robot), robot, request, cell)
         except Infeasible as error:
             error.about = {
                 "robot": robot.name,

@@ -175,7 +175,7 @@ sys.exit(command())
 """
 
 
-@pytest.mark.parametrize("library", ["argparse", "numpy", "casadi", "pinocchio", "toppra"])
+@pytest.mark.parametrize("library", ["argparse", "numpy", "casadi", "pinocchio"])
 def test_an_interrupt_is_quiet_while_libraries_load(library: str, tmp_path: Path) -> None:
     words = [sys.executable, "-c", INTERRUPTED, *MOVE, *ENDS, "--out", str(tmp_path), library]
     run = subprocess.run(words, capture_output=True, text=True, check=False)

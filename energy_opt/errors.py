@@ -74,7 +74,7 @@ class Infeasible(EnergyOptError):
 
     Attributes:
         joint: the joint whose limit cannot be held, or None where no single joint is to blame.
-        limit: "position", "velocity", "acceleration", "jerk", "effort" or "duration".
+        limit: the name of a limit ("velocity", "power", ...) or "duration".
         time: where along the move, s (None where no timing exists yet).
         position: path position in [0, 1] (None where it has no meaning).
         excess: by how much, as a fraction of the bound.

@@ -11,6 +11,9 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import AllowedPairs, Scene, SceneObject, Shape
 from energy_opt.cli.common import add_cell, cell_of
 from energy_opt.errors import BadInput
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
 
 
 def asked(*words: str) -> CellRequest:
@@ -18,6 +21,23 @@ def asked(*words: str) -> CellRequest:
     parser.add_argument("--payload")
     add_cell(parser)
     return cell_of(parser.parse_args(words))
+
+
+def test_gravity_is_the_scene_s_down(ur5: Robot, model: PowerModel) -> None:
+    """Upside down, the torque of holding still turns round; turned about the vertical it stays."""
+    q = np.array([[0.2, -1.0, 1.2, -0.4, 0.3, 0.0]])
+    still = np.zeros_like(q)
+    down = np.array([0.0, 0.0, -9.81])
+
+    def held(*base: float) -> np.ndarray:
+        return Scorer(ur5, model.standing(*base[3:5])).drive(q, still, still, np.zeros(1))[0]
+
+    assert np.allclose(held(0, 0, 0, np.pi, 0, 0.3), -held(0, 0, 0, 0, 0, 1.0))
+    assert np.allclose(held(0, 0, 0, 2 * np.pi, 0, 0), ur5.body.torque(q, still, still))
+    turned = asked("--base", "0,0,0,0.4,-0.7,0.9").base_pose[:3, :3].T @ down
+    assert np.allclose(held(0, 0, 0, 0.4, -0.7, 0.9), ur5.body.torque(q, still, still, gravity=turned))
+    with pytest.raises(BadInput, match="give one of them"):
+        model.standing(0.1, 0).standing(0.2, 0)
 
 
 def test_without_options_the_body_alone_is_kept_clear() -> None:

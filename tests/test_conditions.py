@@ -16,6 +16,7 @@ from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.limits.tool_speed import ToolSpeed
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, tool_of
@@ -91,6 +92,18 @@ def test_a_solved_move_holds_power_and_tool_speed(
     free = Planner(panda, model, Settings(**MOVE)).solve(move)
     assert max(peaks(panda, free.trajectory, "panda_hand_tcp", 0.02) / np.array([101.0, 0.85])) > 1.02
     assert free.energy.total < result.energy.total
+
+
+def test_the_fastest_under_a_power_limit_is_nearly_time_optimal(panda: Robot, model: PowerModel) -> None:
+    path, limits = straight(START, GOAL), limits_of(panda, Settings(max_power=100.0))
+    found = fastest(panda, model, path, limits=limits)
+    power, _ = peaks(panda, found.trajectory(panda.joints))
+    assert 99.0 < power <= 100.0 * (1 + 1e-6)
+    plain = fastest(panda, model, path)
+    factor = 1.0
+    while peaks(panda, plain.slowed(factor * plain.duration).trajectory(panda.joints))[0] > 100.0:
+        factor *= 1.3
+    assert found.duration < 0.7 * factor * plain.duration  # slowing evenly takes far longer
 
 
 def test_tool_speed_keeps_retiming_convex(panda: Robot, model: PowerModel) -> None:

@@ -12,12 +12,14 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cell.scene_files import read_scene
-from energy_opt.errors import Infeasible
-from energy_opt.motion.move import Move
-from energy_opt.motion.path import straight
-from energy_opt.motion.plan.first_path import check_path, first_path
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion.judge.clearance import clearance_along
+from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.path import JointPath, straight
+from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.ways import ompl
 from energy_opt.motion.ways.room import Room, steps
+from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
 MBM = Path(__file__).parents[2] / "shared" / "data" / "mbm"
@@ -37,34 +39,46 @@ def cell(panda: Robot) -> Cell:
     return Cell(panda, CellRequest(), Scene((post(0.42, 0.3),)))
 
 
-def test_a_way_around_a_post_is_free_and_the_straight_line_is_not(cell: Cell) -> None:
-    with pytest.raises(Infeasible, match=r"the given path: panda_\w+ .*post.* % of its way") as caught:
-        check_path(cell, straight(HOME, OVER))
+def planner(cell: Cell, model: PowerModel, ways: int = 2) -> Planner:
+    return Planner(cell.robot, model, Settings(ways=ways), cell=cell)
+
+
+def free(cell: Cell, path: JointPath) -> bool:
+    """By the proof, and by exact distances at poses far denser than the path's own."""
+    dense = path(np.linspace(0, 1, 300))
+    return clearance_along(cell, path).proven and not any(cell.distances(q, 0.001) for q in dense)
+
+
+def test_a_way_around_a_post_is_free_and_the_straight_line_is_not(cell: Cell, model: PowerModel) -> None:
+    with pytest.raises(Infeasible, match=r"the given path is not free: .*post") as caught:
+        planner(cell, model).first_path(Move(HOME, OVER, "retime", path=straight(HOME, OVER)))
     assert caught.value.limit == "clearance" and 0 < (caught.value.position or 0) < 1
-    move, source, others = first_path(cell, Move(HOME, OVER), count=2)
-    assert source.source == "own" and move.path is not None and others
-    for path in (move.path, *others):
-        check_path(cell, path)
-        assert not any(cell.distances(q, 0.001) for q in path(np.linspace(0, 1, 500)))
-    again, _, _ = first_path(cell, Move(HOME, OVER), count=2)
+    move, source, others = planner(cell, model).first_path(Move(HOME, OVER, duration=4.0))
+    assert source.source == "own" and move.path is not None and others and move.duration == 4.0
+    assert all(free(cell, path) for path in (move.path, *others))
+    again, _, _ = planner(cell, model).first_path(Move(HOME, OVER))
     assert again.path is not None and np.array_equal(again.path.coefficients, move.path.coefficients)
 
 
-def test_a_given_path_is_kept_and_other_ways_come_beside_it(cell: Cell) -> None:
-    given = Move(HOME, OVER, path=straight(HOME, OVER))
-    move, source, others = first_path(cell, given, count=2)
-    assert move is given and source.source == "given" and len(others) >= 1
-    assert first_path(cell, given)[2] == []
+def test_one_search_serves_a_move_at_several_durations(
+    cell: Cell, model: PowerModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    p = planner(cell, model, 1)
+    shortest = p.minimum_time(Move(HOME, OVER))
+    monkeypatch.setattr("energy_opt.motion.plan.planner.first_path", None)
+    assert p.minimum_time(Move(HOME, OVER, duration=9.0)) == shortest
 
 
-def test_an_end_that_touches_is_named_with_pair_and_depth(panda: Robot) -> None:
+def test_an_end_that_touches_is_named_with_pair_and_depth(panda: Robot, model: PowerModel) -> None:
     blocked = Cell(panda, CellRequest(), Scene((post(0.31, 0.0),)))
     with pytest.raises(Infeasible, match=r"start: .*post.*mm deep") as caught:
-        first_path(blocked, Move(HOME, OVER))
+        planner(blocked, model).solve(Move(HOME, OVER))
     assert caught.value.exit_code == 3 and caught.value.position == 0.0 and (caught.value.excess or 0) > 0.001
 
 
-def test_without_a_way_it_says_what_would_help(panda: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_way_it_says_what_would_help(
+    panda: Robot, model: PowerModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A wall from floor to ceiling between the two poses, all around the base but for the arm's own column."""
     walls, side = [], np.array([0.6, 0, 0, 0, 0, 0, 0])
     for k, turn in enumerate((0.6, 0.6 + np.pi)):
@@ -72,14 +86,12 @@ def test_without_a_way_it_says_what_would_help(panda: Robot, monkeypatch: pytest
         pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
         pose[:3, 3] = pose[:3, :3] @ [0.75, 0, 0]
         walls.append(SceneObject(f"wall {k}", (Shape("box", (1.2, 0.02, 6.0)),), pose))
-    for planner, installed, says in [
-        ("none", True, "planner auto"),
-        ("auto", False, r"pip install 'energy-opt\[plan\]'"),
-    ]:
-        monkeypatch.setattr(ompl, "installed", lambda there=installed: there)
-        shut = Cell(panda, CellRequest(planner=planner), Scene(tuple(walls)))  # type: ignore[arg-type]
-        with pytest.raises(Infeasible, match=says):
-            first_path(shut, Move(HOME - side, OVER + side))
+    monkeypatch.setattr(ompl, "installed", lambda: False)
+    shut = Cell(panda, CellRequest(), Scene(tuple(walls)))
+    with pytest.raises(Infeasible, match=r"pip install 'energy-opt\[plan\]'"):
+        planner(shut, model).first_path(Move(HOME - side, OVER + side, "retime"))
+    with pytest.raises(BadInput, match="OMPL is not installed"):
+        planner(Cell(panda, CellRequest(planner="ompl"), shut.scene), model).first_path(Move(HOME - side, OVER + side))
 
 
 def test_quick_poses_and_exact_distances_agree(cell: Cell) -> None:
@@ -99,10 +111,9 @@ def test_steps_shorten_towards_the_base(panda: Robot) -> None:
 
 @pytest.mark.skipif(not MBM.is_dir(), reason="the problems' data are not beside the checkout")
 @pytest.mark.parametrize("name", ["panda_table_pick_0070", "panda_bookshelf_tall_0070", "ur5_box_0033"])
-def test_real_problems_are_solved_from_start_and_goal(name: str, panda: Robot, ur5: Robot) -> None:
+def test_real_problems_are_solved_from_start_and_goal(name: str, panda: Robot, ur5: Robot, model: PowerModel) -> None:
     problem = next(p for p in json.loads((MBM / "problems.json").read_text())["problems"] if p["id"] == name)
     file = MBM / "scenes" / f"{name}.yaml"
     cell = Cell({"panda": panda, "ur5": ur5}[problem["robot"]], CellRequest(scene=file), read_scene(file))
-    move, source, _ = first_path(cell, Move(np.array(problem["start"]), np.array(problem["goal"])))
-    assert source.source in ("own", "ompl") and move.path is not None
-    check_path(cell, move.path)
+    move, source, _ = planner(cell, model, 1).first_path(Move(np.array(problem["start"]), np.array(problem["goal"])))
+    assert source.source in ("own", "ompl") and move.path is not None and free(cell, move.path)

@@ -122,7 +122,7 @@ def test_moves_compare():
 def test_a_payload_is_added_to_a_planner_without_building_it_again(panda, monkeypatch):
     built = []
     monkeypatch.setattr(
-        "energy_opt.motion.plan.planner.node_functions", lambda *a: built.append(a) or node_functions(*a)
+        "energy_opt.motion.plan.context.node_functions", lambda *a: built.append(a) or node_functions(*a)
     )
     model = eo.source_model(panda)
     planner = eo.Planner(panda, model, eo.Settings(**QUICK))

@@ -19,7 +19,18 @@ from energy_opt.cli.main import main
 from energy_opt.folders import try_folder, written_whole
 
 START, GOAL = "0,0,0,-1.5,0,1.5,0", "0.3,0.2,0.1,-1.2,0.1,1.7,0.2"
-MOVE = ["optimize", "--robot", "panda", "--mode", "retime", "--compile", "never", "--quiet"]
+MOVE = [
+    "optimize",
+    "--model",
+    "source-method-2",
+    "--robot",
+    "panda",
+    "--mode",
+    "retime",
+    "--compile",
+    "never",
+    "--quiet",
+]
 ENDS = ["--start", START, "--goal", GOAL]
 COMMAND = [sys.executable, "-m", "energy_opt"]
 
@@ -70,7 +81,7 @@ def test_extremes_are_one_line(words: list[str], says: str, tmp_path: Path, caps
     assert time.process_time() - begin < 5 and not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("words", [["--rest", "nan"], ["--static", "inf"], ["--noise", "nan"], ["--repeat", "1000000"]])
+@pytest.mark.parametrize("words", [["--rest", "nan"], ["--static", "inf"], ["--repeat", "1000000"]])
 def test_simulate_refuses_what_is_no_number_or_without_end(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -135,7 +146,7 @@ def test_out_is_tried_before_the_work_and_left_as_it_was(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").touch()
     for name in ("file", "file/below", "x" * 300, "\0"):
-        with pytest.raises(eo.BadInput, match="out .*cannot be written"):
+        with pytest.raises(eo.BadInput, match="cannot be written"):
             try_folder(tmp_path / name)
 
 

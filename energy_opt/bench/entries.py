@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from energy_opt.bench.faults import Faults, Files
+from energy_opt.bench.surroundings import KEYS, Surroundings, read_surroundings
 from energy_opt.bench.task import MODES, OBJECTIVES, Duration, RobotSource
 from energy_opt.errors import BadInput
-from energy_opt.files import inside, read_text
+from energy_opt.files import read_text
 from energy_opt.power import PowerModel, load_model
 from energy_opt.power.named import NAMED, is_named, named_model
 from energy_opt.robot import Robot, known_robots
@@ -23,29 +25,8 @@ LISTS = {
     "models": ["source_method_2"],
     "objectives": ["energy"],
 }
-NAMES = (*LISTS, "moves", "random", "limits", "lock", "settings")
-_MOVE = ("name", "start", "goal", "via", "durations")
-
-
-@dataclass
-class Faults:
-    """Faults found so far; `within` gives a view that names where it stands."""
-
-    lines: list[str] = field(default_factory=list)
-    where: str = ""
-
-    def add(self, key: str, text: str) -> None:
-        """Note a fault once."""
-        line = f"{self.where}{key}: {text}"
-        if line not in self.lines:
-            self.lines.append(line)
-
-    def within(self, where: str) -> Faults:
-        """The same list with `where` put before every key."""
-        return Faults(self.lines, self.where + where)
-
-    def __bool__(self) -> bool:
-        return bool(self.lines)
+NAMES = (*LISTS, "moves", "random", "limits", "lock", "settings", *KEYS)
+_MOVE = ("name", "start", "goal", "via", "path", "durations")
 
 
 @dataclass(frozen=True)
@@ -64,19 +45,7 @@ class Group:
     models: list[tuple[str, PowerModel]]
     objectives: list[str]
     settings: tuple[tuple[str, Any], ...]
-
-
-@dataclass(frozen=True)
-class Files:
-    """Where a suite's files may lie: in its folder, or anywhere where that was allowed or an option named the file."""
-
-    folder: Path
-    allow_outside: bool = False
-    options: frozenset[str] = frozenset()
-
-    def path(self, name: str, key: str) -> Path:
-        """The path of a file that the entry `key` names."""
-        return inside(self.folder, name, self.allow_outside or key in self.options)
+    surroundings: Surroundings
 
 
 def read_group(table: Mapping[str, Any], files: Files, faults: Faults) -> Group:
@@ -99,6 +68,7 @@ def read_group(table: Mapping[str, Any], files: Files, faults: Faults) -> Group:
         models=[m for item in values["models"] if (m := _model(item, files, faults))],
         objectives=_words(values["objectives"], "objectives", OBJECTIVES, faults),
         settings=_settings(table.get("settings", {}), faults),
+        surroundings=read_surroundings(table, files, faults),
     )
 
 
@@ -141,7 +111,8 @@ def _robot(
         if name in known_robots():
             source = RobotSource(name, None, text, lock)
         elif isinstance(name, str) and files.path(name, "robots").is_file():
-            source = RobotSource(Path(name).stem, read_text(files.path(name, "robots")), text, lock)
+            file = files.path(name, "robots")
+            source = RobotSource(file.stem, read_text(file), text, lock, str(file.resolve()))
         else:
             raise BadInput(f"{name!r} is neither a file beside the suite nor one of {', '.join(known_robots())}")
         return source, source.load()
@@ -201,8 +172,8 @@ def _moves(rows: Any, faults: Faults) -> list[tuple[str, Mapping[str, Any], list
             if key not in _MOVE:
                 faults.add(f"{where}.{key}", f"unknown key; a move has {', '.join(_MOVE)}")
         for key in ("start", "goal"):
-            if key not in row:
-                faults.add(f"{where}.{key}", "missing")
+            if (key in row) == ("path" in row):
+                faults.add(f"{where}.{key}", "a move has start and goal, or a path" if key in row else "missing")
         if not isinstance(row.get("via", []), list):
             faults.add(f"{where}.via", "is not a list of points")
         timings = _timings(_as_list(row["durations"]), f"{where}.durations", faults) if "durations" in row else []

@@ -8,18 +8,22 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.bench.faults import Files
 from energy_opt.errors import BadInput, near
+from energy_opt.files import read_text
+from energy_opt.formats import read_path
 from energy_opt.robot import Limits, Robot
 
 
 @dataclass(frozen=True)
 class NamedMove:
-    """Start and goal (n,) [rad] under a name, with points to pass between."""
+    """Start and goal (n,) [rad] under a name, with points to pass between, or a path: ending and text of its file."""
 
     name: str
     start: tuple[float, ...]
     goal: tuple[float, ...]
     via: tuple[tuple[float, ...], ...] = ()
+    path: tuple[str, str] = ("", "")
 
 
 def joint_ranges(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
@@ -66,3 +70,16 @@ def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
         if isinstance(item, bool) or not isinstance(item, (int, float)) or not np.isfinite(item):
             raise BadInput(f"{name} = {item!r} is not a finite number")
     return tuple(float(item) for item in value)
+
+
+def given_path(name: str, file: Any, joints: Sequence[str], files: Files) -> NamedMove:
+    """A move along the path in a file beside the suite.
+
+    Raises:
+        BadInput: no such file, or none that holds waypoints or a trajectory of these joints.
+    """
+    if not isinstance(file, str) or not files.path(file, "moves").is_file():
+        raise BadInput(f"path {file!r} is not a file beside the suite")
+    path = files.path(file, "moves")
+    found = read_path(path, joints)
+    return NamedMove(name, tuple(found.start.tolist()), tuple(found.goal.tolist()), (), (path.suffix, read_text(path)))

@@ -33,8 +33,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.bench.entries import NAMES, Faults, Files, Group, read_group
-from energy_opt.bench.moves import NamedMove, joint_values, random_moves
+from energy_opt.bench.entries import NAMES, Group, read_group
+from energy_opt.bench.faults import Faults, Files
+from energy_opt.bench.moves import NamedMove, given_path, joint_values, random_moves
 from energy_opt.bench.task import Duration, Task
 from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput
@@ -114,8 +115,9 @@ def _read(path: Path, overrides: Mapping[str, Any], seed: int | None, allow_outs
     tasks: list[Task] = []
     for where, table in tables:
         table = _seeded({**table, **overrides}, seed)
-        group = read_group(table, Files(path.parent, allow_outside, frozenset(overrides)), faults.within(where))
-        tasks += _product(str(name), group, len(tasks), faults.within(where))
+        files = Files(path.parent, allow_outside, frozenset(overrides))
+        group = read_group(table, files, faults.within(where))
+        tasks += _product(str(name), group, len(tasks), files, faults.within(where))
     if not faults and not tasks:
         faults.add("moves", "none; give [[moves]] with start and goal, or random = { count, seed, range }")
     for label, count in Counter(task.label for task in tasks).items():
@@ -148,7 +150,7 @@ def _unknown(table: Mapping[str, Any], where: str, faults: Faults) -> None:
             faults.add(f"{where}{key}", f"unknown key; {hint}")
 
 
-def _product(suite: str, group: Group, at: int, faults: Faults) -> Iterator[Task]:
+def _product(suite: str, group: Group, at: int, files: Files, faults: Faults) -> Iterator[Task]:
     """All rows of a group, in the order robot, move, mode, duration, payload, model, objective."""
     for source, robot in group.robots:
         named = [(name, named_model(name, robot.name) if is_named(name) else model) for name, model in group.models]
@@ -158,7 +160,7 @@ def _product(suite: str, group: Group, at: int, faults: Faults) -> Iterator[Task
             except BadInput as error:
                 faults.add(f"models {name} on {robot.name}", str(error))
         models = [(name, to_json(model.to_document())) for name, model in named]
-        for move, timings in _moves(group, robot, faults):
+        for move, timings in _moves(group, robot, files, faults):
             for mode in group.modes:
                 for timing in timings:
                     for payload in group.payloads:
@@ -180,15 +182,20 @@ def _product(suite: str, group: Group, at: int, faults: Faults) -> Iterator[Task
                                     objective,
                                     group.settings,
                                     loaded_sources(),
+                                    group.surroundings,
+                                    move.path,
                                 )
                                 at += 1
 
 
-def _moves(group: Group, robot: Robot, faults: Faults) -> Iterator[tuple[NamedMove, list[Duration]]]:
+def _moves(group: Group, robot: Robot, files: Files, faults: Faults) -> Iterator[tuple[NamedMove, list[Duration]]]:
     """Given moves first, then random ones."""
     for number, (name, table, timings) in enumerate(group.moves, start=1):
         where = f"moves {number} ({name}) on {robot.name}"
         try:
+            if "path" in table:
+                yield given_path(name, table["path"], robot.joints, files), timings or group.timings
+                continue
             start, goal = (joint_values(table[end], robot.joints) for end in ("start", "goal"))
             via = tuple(joint_values(point, robot.joints) for point in table.get("via", []))
         except BadInput as error:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import atexit
 import dataclasses
 import hashlib
 import json
 import re
+import shutil
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+from energy_opt.bench.surroundings import Surroundings
 from energy_opt.effects import Payload, load_source
 from energy_opt.errors import BadInput
-from energy_opt.files import plain
+from energy_opt.files import plain, read_text
 from energy_opt.power import PowerModel
 from energy_opt.power.model import model_from_document
 from energy_opt.robot import Robot, load_robot
@@ -71,20 +75,30 @@ class RobotSource:
     urdf: str | None = None
     limits: str | None = None
     lock: tuple[tuple[str, float], ...] = ()
+    file: str | None = field(default=None, compare=False)  # where the URDF was read; decides nothing
 
     def load(self) -> Robot:
-        """The robot itself."""
+        """The robot itself; from its own file where that is still the same, so that meshes beside it are found."""
+        here = self.file is not None and Path(self.file).is_file() and read_text(Path(self.file)) == self.urdf
         with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
-            urdf, limits = Path(folder) / f"{self.name}.urdf", Path(folder) / "joint_limits.yaml"
+            limits = Path(folder) / "joint_limits.yaml"
+            name = self.name
             if self.urdf is not None:
-                urdf.write_text(self.urdf, encoding="utf-8")
+                urdf = Path(str(self.file)) if here else _lasting(self.urdf, self.name)
+                name = str(urdf)
             if self.limits is not None:
                 limits.write_text(self.limits, encoding="utf-8")
-            return load_robot(
-                self.name if self.urdf is None else str(urdf),
-                limits=None if self.limits is None else limits,
-                lock=dict(self.lock),
-            )
+            return load_robot(name, limits=None if self.limits is None else limits, lock=dict(self.lock))
+
+
+@cache
+def _lasting(urdf: str, name: str) -> Path:
+    """A URDF's text as a file that lasts as long as this process: a robot's body is read when it is first needed."""
+    folder = tempfile.mkdtemp(prefix="energy-opt-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    path = Path(folder) / f"{name}.urdf"
+    path.write_text(urdf, encoding="utf-8")
+    return path
 
 
 @dataclass(frozen=True)
@@ -97,6 +111,7 @@ class Task:
         payload: mass [kg] and com (3) [m], empty for the model's own.
         model: the model's name in the suite; effects: its content, as in a model file.
         settings: settings of the solver beside the defaults.
+        surroundings: the arm's body and its cell; path: ending and text of the file of a given path, or empty.
         own_effects: text and place of the files of effects that the model may use.
         compile: "always" or "never", decided for the whole suite, so that a resumed batch computes the same.
     """
@@ -116,6 +131,8 @@ class Task:
     objective: str
     settings: tuple[tuple[str, Any], ...] = ()
     own_effects: tuple[tuple[str, str], ...] = ()
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    path: tuple[str, str] = ("", "")
     compile: str = "never"
 
     @property
@@ -133,7 +150,7 @@ class Task:
     def key(self) -> str:
         """A digest of all that decides the result (neither its place in the suite nor what makes it fast)."""
         content = dataclasses.asdict(self)
-        del content["index"], content["compile"]
+        del content["index"], content["compile"], content["robot"]["file"]
         content["own_effects"] = [text for text, _ in self.own_effects]
         if not self.own_effects:
             del content["own_effects"]
@@ -152,4 +169,5 @@ class Task:
         model = model_from_document(json.loads(self.effects), self.model)
         if self.payload:
             model = model.replaced(Payload(mass=self.payload[0], com=list(self.payload[1:])))
-        return model
+        base = self.surroundings.request.base
+        return model.standing(*base[3:5]) if any(base) else model

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import threading
 from collections import OrderedDict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +16,15 @@ from energy_opt.bench.task import Task
 from energy_opt.errors import EnergyOptError, Infeasible
 
 if TYPE_CHECKING:
+    from energy_opt.cell.cell import Cell
     from energy_opt.motion import Move, Planner
+    from energy_opt.motion.path import JointPath
+    from energy_opt.robot import Robot
 
 KEPT = 4  # built problems that a worker holds; tasks come grouped by problem, so this is plenty
 
 _planners: OrderedDict[tuple[Any, ...], Planner] = OrderedDict()
+_cells: OrderedDict[tuple[Any, ...], Cell] = OrderedDict()
 _one_at_a_time = threading.Lock()  # a cluster's worker may have several threads; a built problem serves one move
 
 
@@ -49,15 +55,46 @@ def _planner(task: Task) -> Planner:
         _planners[key] = Planner(task.robot.load(), model, settings)
     _planners.move_to_end(key)
     _planners[key].set_model(model)
+    _planners[key].set_cell(_cell(task, _planners[key].robot))
     return _planners[key]
 
 
-def _move(task: Task, duration: float | None) -> Move:
+def _cell(task: Task, robot: Robot) -> Cell | None:
+    """The arm's body in its cell, built once for tasks that share it."""
+    around = task.surroundings
+    if not around.request.checks and not around.scene:
+        return None
+    key = (task.robot, around, task.payload if around.request.payload_size else ())
+    if key not in _cells:
+        while len(_cells) >= KEPT:
+            _cells.popitem(last=False)
+        _cells[key] = around.cell(robot, task.payload)
+    _cells.move_to_end(key)
+    return _cells[key]
+
+
+def _given_path(task: Task, robot: Robot) -> JointPath | None:
+    """The path that a suite gives with a move."""
+    from energy_opt.formats import read_path
+
+    ending, text = task.path
+    if not text:
+        return None
+    with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
+        file = Path(folder) / f"path{ending}"
+        file.write_text(text, encoding="utf-8")
+        return read_path(file, robot.joints)
+
+
+def _move(task: Task, robot: Robot, duration: float | None) -> Move:
     """The move; a retimed one follows a path through its via points, a reshaped one passes them as it likes."""
     from energy_opt.motion import Move
     from energy_opt.motion.path import through
 
     start, goal = np.array(task.start), np.array(task.goal)
+    given = _given_path(task, robot)
+    if given is not None:
+        return Move(given.start, given.goal, task.mode, duration, path=given)
     via = tuple(np.array(point) for point in task.via)
     if task.mode == "retime" and via:
         return Move(start, goal, task.mode, duration, path=through(np.vstack([start, *via, goal])))
@@ -67,11 +104,11 @@ def _move(task: Task, duration: float | None) -> Move:
 def _row(task: Task) -> dict[str, Any]:
     planner = _planner(task)
     row = identity(task)
-    row["minimum_time"] = fastest = planner.minimum_time(_move(task, None))
+    row["minimum_time"] = fastest = planner.minimum_time(_move(task, planner.robot, None))
     duration = task.timing.seconds
     if task.timing.multiple is not None:
         duration = task.timing.multiple * fastest
-    return filled(row, planner.solve(_move(task, duration)).document())
+    return filled(row, planner.solve(_move(task, planner.robot, duration)).document())
 
 
 def resident_memory() -> int | None:

@@ -10,12 +10,11 @@ import numpy as np
 from energy_opt.cell import solids
 from energy_opt.cell.bodies import Bodies, Body, Scenery
 from energy_opt.cell.curve import MotionCurve
-from energy_opt.cell.inside import one_inside_the_other
 from energy_opt.cell.pairs import Kept, OwnPairs, kept_apart, own_pairs
 from energy_opt.cell.proof import Proof, Touch, inside_at, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest, pose_of
 from energy_opt.cell.scene import TOOL, PlacedShape, Scene, Shape
-from energy_opt.cell.solids import GJK_ERROR, Ruler, Solid
+from energy_opt.cell.solids import GJK_ERROR, Solid
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics
@@ -167,27 +166,6 @@ class Cell:
             if distance < reach:
                 out.append((p, distance))
         return out
-
-    def clear(self, q: np.ndarray, room: np.ndarray) -> bool:
-        """Whether every pair is apart by `room` (P,) [m] at q (n,), as far as hulls and pieces tell."""
-        scene = Scenery(self.bodies, q[None])
-        pair = np.arange(len(self.bodies.pairs))
-        floor, _, _ = scene.apart(np.zeros_like(pair), pair)
-        near = np.flatnonzero(floor < room)
-        for p in near[np.argsort(floor[near])].tolist():
-            ruler = self.bodies.ruler(p)
-            a, b = self.bodies.pairs[p].tolist()
-            at, bt = scene.placed(0, a), scene.placed(0, b)
-            if ruler.near(at, bt) < room[p] and (ruler.convex or not self._apart(ruler, at, bt, float(room[p]))):
-                return False
-        return True
-
-    @staticmethod
-    def _apart(ruler: Ruler, at: object, bt: object, room: float) -> bool:
-        """Whether finer shapes than hulls are apart; a body inside of another is not."""
-        if ruler.cut and ruler.mid(at, bt) >= room:
-            return True
-        return ruler.exact(at, bt) >= room and not one_inside_the_other(ruler, at, bt)
 
     def touching(self, q: np.ndarray) -> Contact | None:
         """The pair that overlaps deepest at q (n,); None where nothing touches."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -64,6 +64,16 @@ class CellRequest:
     def checks(self) -> bool:
         """Whether there is anything to keep clear of."""
         return self.self_collision or self.scene is not None or self.floor is not None
+
+    def document(self) -> dict[str, object]:
+        """What differs from the usual, as a result's request has it."""
+        usual = CellRequest()
+        return {
+            f.name: str(value) if isinstance(value, Path) else [str(v) if isinstance(v, Path) else v for v in value]
+            if isinstance(value, tuple) else value
+            for f in fields(self)
+            if (value := getattr(self, f.name)) != getattr(usual, f.name)
+        }  # fmt: skip
 
     @property
     def base_pose(self) -> np.ndarray:

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from energy_opt.cell.request import CellRequest
-    from energy_opt.effects import Effect
+    from energy_opt.effects import Payload
     from energy_opt.motion import Move, Settings
+    from energy_opt.motion.plan.robust import Kind, Rival
     from energy_opt.power import PowerModel
     from energy_opt.robot import Robot
 
@@ -36,11 +37,22 @@ def add_common(parser: argparse.ArgumentParser, out: str) -> None:
     group.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m] (none)"
     )
-    group.add_argument("--model", metavar="MODEL", help="power model: a file or a name (default: source-method-2)")
+    add_model(group)
     group.add_argument(
         "--dynamics", default="auto", metavar="SOURCE", help="auto (default), compact, templates or pinocchio"
     )
     add_output(parser, out)
+
+
+def add_model(group: argparse._ArgumentGroup) -> None:
+    """The power model."""
+    group.add_argument(
+        "--model",
+        action="append",
+        default=[],
+        metavar="MODEL",
+        help="power model: a file, or source-method-1, source-method-2, careful (default: source-method-2)",
+    )
 
 
 def add_output(parser: argparse.ArgumentParser, out: str) -> None:
@@ -69,6 +81,10 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("conditions")
     group.add_argument("--max-power", type=float, metavar="W", help="bound of the arm's electrical power [W]")
     group.add_argument("--tool-speed", type=float, metavar="V", help="bound of the speed of the tool's origin [m/s]")
+    group.add_argument("--tool-acceleration", type=float, metavar="A", help="bound of its acceleration [m/s^2]")
+    group.add_argument(
+        "--keep", action="append", default=[], metavar="WHAT", help="upright[:DEG], orientation[:DEG] or line[:MM]"
+    )
     group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
@@ -134,19 +150,35 @@ def load_robot_of(args: argparse.Namespace) -> Robot:
 
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
-    """The model that --model and --payload describe; the source paper's Method 2 by default."""
+    """The one model that --model and --payload describe; the source paper's Method 2 by default."""
     from energy_opt.front.given import model_from
 
-    model = model_from(args.model, robot)
+    if len(args.model) > 1:
+        raise BadInput(f"--model stands there {len(args.model)} times; this verb plans with one")
+    model = model_from(args.model[0] if args.model else None, robot)
     if model.robot not in ("", robot.name):
-        say(args, f"warning: {args.model}: a model of {model.robot}, used for {robot.name}")
+        say(args, f"warning: {args.model[0]}: a model of {model.robot}, used for {robot.name}")
     if args.payload is not None:
         model = model.replaced(payload_from(args.payload))
+    if getattr(args, "base", None) is not None:  # gravity is the scene's -z
+        model = model.standing(*cell_of(args).base[3:5])
     model.check(robot.n)
     return model
 
 
-def payload_from(word: str) -> Effect:
+def rivals_of(args: argparse.Namespace, robot: Robot) -> tuple[list[Rival], Kind | None]:
+    """The models that --model, --robust and --payload describe; the first is the one that results are stated under."""
+    from energy_opt.front.rivals import rivals_from
+
+    payload = None if args.payload is None else payload_from(args.payload)
+    rivals, kind = rivals_from(args.model, args.robust, robot, payload)
+    for rival in rivals:
+        if rival.model.robot not in ("", robot.name):
+            say(args, f"warning: {rival.name}: a model of {rival.model.robot}, used for {robot.name}")
+    return rivals, kind
+
+
+def payload_from(word: str) -> Payload:
     """A payload from MASS or MASS,CX,CY,CZ."""
     from energy_opt.effects import Payload
 
@@ -301,4 +333,6 @@ def settings_of(args: argparse.Namespace) -> Settings:
         tool_speed=args.tool_speed,
         tool=args.tool,
         allow_large=getattr(args, "allow_large", False),
+        tool_acceleration=args.tool_acceleration,
+        keep=tuple(args.keep),
     )

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from energy_opt.cli.common import add_output, add_prefix, load_model_of, say
+from energy_opt.cli.common import add_model, add_output, add_prefix, load_model_of, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--robot", metavar="NAME_OR_URDF", help="in place of the job's own")
     group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
-    group.add_argument("--model", metavar="MODEL", help="power model: a file or a name (default: source-method-2)")
+    add_model(group)
     add_prefix(group)
     group = parser.add_argument_group("solving")
     group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping")

@@ -5,7 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 
-from energy_opt.cli.common import add_common, add_move, load_model_of, load_robot_of, move_of, say, settings_of
+from energy_opt.cli.common import (
+    add_cell,
+    add_common,
+    add_move,
+    cell_of,
+    load_robot_of,
+    move_of,
+    rivals_of,
+    say,
+    settings_of,
+)
 from energy_opt.cli.controllers import add_controllers, check_controllers, moves_of, write_controllers
 
 
@@ -16,11 +26,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("duration (default: free)")
     group.add_argument("--duration", type=float, metavar="T", help="exactly this long [s]")
     group.add_argument("--max-duration", type=float, metavar="T", help="at most this long [s]")
+    add_cell(parser)
+    parser.add_argument_group("several models").add_argument(
+        "--robust",
+        metavar="KIND",
+        help="mean or worst energy over several --model, or one's draws and rivals (without --model: mean)",
+    )
     add_controllers(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
+    from energy_opt.cell.load import load_cell
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.errors import Infeasible
     from energy_opt.files import to_json, write_json
@@ -28,21 +45,28 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.front.answer import answer_of
     from energy_opt.front.output import table
     from energy_opt.front.request import guard, request_of_move
+    from energy_opt.front.rivals import compared
     from energy_opt.motion import Planner
+    from energy_opt.motion.plan.robust import RobustPlanner
 
     check_controllers(args)
     robot = load_robot_of(args)
-    model = load_model_of(args, robot)
+    rivals, kind = rivals_of(args, robot)
+    model = rivals[0].model
     move = move_of(args, robot, args.duration, args.max_duration)
-    named = {"path": args.path, "limits": args.limits, "scene": getattr(args, "scene", None)}
+    asked = cell_of(args)
+    named = {"path": args.path, "limits": args.limits, "scene": args.scene, "cell": asked.document()}
     standard = None if args.as_ is None else {"as": args.as_, "vias": args.vias or 0}
     request = request_of_move(robot, model, move, args.seed, **named, standard=standard, command=args.command)
     guard(args.out / "result.json", request, args.force)
     with stop_on_interrupt() as stopped:
-        planner = Planner(robot, model, settings_of(args), stopped=stopped)
+        cell, settings = load_cell(robot, asked), settings_of(args)
+        planner = Planner(robot, model, settings, cell=cell, stopped=stopped)
+        robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, cell=cell, stopped=stopped)
         try:
-            found, moves = moves_of(args, planner, move, planner.solve(move))
-            result = answer_of(found, robot, request)
+            solved = planner.solve(move) if robust is None else robust.solve(move)
+            found, moves = moves_of(args, planner, move, solved)
+            result = answer_of(compared(found, rivals, robot), robot, request, cell)
         except Infeasible as error:
             error.about = {
                 "robot": robot.name,

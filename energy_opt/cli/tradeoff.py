@@ -6,7 +6,17 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_common, add_move, load_model_of, load_robot_of, move_of, say, settings_of
+from energy_opt.cli.common import (
+    add_cell,
+    add_common,
+    add_move,
+    cell_of,
+    load_model_of,
+    load_robot_of,
+    move_of,
+    say,
+    settings_of,
+)
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
@@ -20,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     add_common(parser, "energy_opt_tradeoff")
     add_move(parser)
+    add_cell(parser)
     group = parser.add_argument_group("durations")
     group.add_argument("--durations", metavar="FIRST:LAST:COUNT", help="where [s] (default: 20, chosen by the program)")
     group.add_argument("--duration", type=float, metavar="T", help="only this duration [s]")
@@ -30,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
+    from energy_opt.cell.load import load_cell
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.files import to_json
     from energy_opt.front.request import guard, request_of_move
@@ -62,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"\r{front.solves}/{expected} solves", end=end, file=sys.stderr, flush=True)
 
     with stop_on_interrupt() as stopped:
-        planner = Planner(robot, model, settings_of(args), stopped=stopped)
+        planner = Planner(robot, model, settings_of(args), cell=load_cell(robot, cell_of(args)), stopped=stopped)
         front = trace(
             planner,
             move,

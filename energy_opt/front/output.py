@@ -66,6 +66,15 @@ def _energies(result: Result) -> tuple[list[str], list[list[object]]]:
     return header, rows
 
 
+def _under(row: Mapping[str, Any]) -> str:
+    """What one of several models makes of the move, as a line."""
+    joules, share = row["saving_joules"], row["saving_loss_percent"]
+    if joules is None:
+        return f"  under {row['name']}: {row['total']:.3f} J"
+    of_loss = "" if share is None else f", {share:.2f} % of the loss"
+    return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}"
+
+
 def table(result: Result, out: Path) -> str:
     """The short table for the terminal."""
     header, rows = _energies(result)
@@ -75,10 +84,13 @@ def table(result: Result, out: Path) -> str:
         lines.append(f"{name:<22}{cells}")
     worst = result.certificate.worst
     lines.append(result.saved)
+    lines += [_under(row) for row in result.models if len(result.models) > 1]
     lines.append(
         f"worst limit: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, {worst['value']:.6g} of "
         f"{worst['bound']:.6g} ({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"
     )
+    if result.certificate.clearance is not None:
+        lines.append(f"clearance: {result.certificate.clearance}")
     if result.optimality.lower_bound is not None:
         lines.append(
             f"{result.optimality.kind} optimum of the timing: of this path's timings on {INTERVALS} intervals, "

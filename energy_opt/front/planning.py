@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, near
 from energy_opt.front.answer import Answer, answer_of
 from energy_opt.front.given import (
@@ -25,7 +27,9 @@ from energy_opt.front.given import (
     robot_from,
 )
 from energy_opt.front.request import request_of_move
+from energy_opt.front.rivals import compared, rivals_from
 from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
@@ -65,8 +69,9 @@ def move_for(
 
 def optimize(
     robot: AnyRobot,
-    model: AnyModel = None,
+    model: AnyModel | Sequence[AnyModel] = None,
     *,
+    robust: str | None = None,
     start: Positions | None = None,
     goal: Positions | None = None,
     mode: str = "reshape",
@@ -76,6 +81,8 @@ def optimize(
     via: Sequence[Positions] = (),
     payload: AnyPayload | None = None,
     limits: str | PathLike[str] | None = None,
+    scene: str | PathLike[str] | None = None,
+    cell: CellRequest | None = None,
     stopped: Callable[[], bool] = lambda: False,
     **more: Any,
 ) -> Answer:
@@ -83,7 +90,9 @@ def optimize(
 
     Args:
         robot: a robot, a name (`known_robots()`) or a URDF file.
-        model: a power model, a model file, or "source-method-1" or "source-method-2" (the default).
+        model: a power model, a model file, or "source-method-1", "source-method-2" or "careful"; or several, of which
+            the first is the one that results are stated under. By default the last two named.
+        robust: "mean" (the default of several models) or "worst" of the energies under all models.
         start: joint positions (n,) [rad] in any sequence, or by joint names.
         goal: the same, for the end.
         mode: "reshape" is free to change the path, "retime" keeps it.
@@ -93,6 +102,8 @@ def optimize(
         via: points (n,) [rad] to pass on the way (reshape).
         payload: mass [kg], or (mass, x, y, z) [kg, m] in the last joint's frame.
         limits: a joint_limits.yaml in MoveIt's format.
+        scene: a file of what stands around the arm.
+        cell: more of what the arm keeps clear of, and how; by default it keeps clear of itself and of the scene.
         stopped: asked between solves; True ends the work with the best known so far.
         more: fields of `Settings` (starts, seed, compile, objective, ...) and further fields of `Move`.
 
@@ -101,12 +112,27 @@ def optimize(
         Infeasible: no motion holds the limits; says which, where and what would work.
     """
     arm = robot_from(robot, limits)
-    power = with_payload(model_from(model, arm), payload)
+    several: list[AnyModel] = []
+    if isinstance(model, (str, PathLike, PowerModel)):
+        several = [model]
+    elif model is not None:
+        several = list(model)
+    rivals, kind = rivals_from(several, robust, arm, payload)
+    power = rivals[0].model
     of_move, settings = sorted_out(more)
     named = {"mode": mode, "duration": duration, "max_duration": max_duration}
     move = move_for(arm, start, goal, path, via, **named, **of_move)
-    request = request_of_move(arm, power, move, settings.seed, path=path, limits=limits)
-    return answer_of(Planner(arm, power, settings, stopped=stopped).solve(move), arm, request)
+    asked = cell or CellRequest()
+    if scene is not None:
+        asked = replace(asked, scene=Path(scene))
+    request = request_of_move(
+        arm, power, move, settings.seed, path=path, limits=limits, scene=asked.scene, cell=asked.document()
+    )
+    known: dict[str, Any] = {"cell": load_cell(arm, asked), "stopped": stopped}
+    planner: Planner | RobustPlanner = Planner(arm, power, settings, **known)
+    if kind is not None:
+        planner = RobustPlanner(arm, rivals, kind, settings, **known)
+    return answer_of(compared(planner.solve(move), rivals, arm), arm, request, known["cell"])
 
 
 def with_payload(model: PowerModel, payload: AnyPayload | None) -> PowerModel:

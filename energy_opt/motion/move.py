@@ -100,6 +100,9 @@ def _same(a: object, b: object) -> bool:
     return bool(a == b)
 
 
+KEPT = ("upright", "orientation", "line")  # what `Settings.keep` can name
+
+
 @dataclass(frozen=True)
 class Settings:
     """How to solve.
@@ -119,6 +122,9 @@ class Settings:
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
         allow_large: more starts, samples and control points than a careful user would ask for.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
+        tool_acceleration: bound of the acceleration of the tool's origin [m/s^2]; None for none.
+        keep: of "upright[:DEG]", "orientation[:DEG]" and "line[:MM]", what the tool keeps.
+        ways: how many free ways are looked for, and started from, where the straight line is not free.
     """
 
     starts: int = 24
@@ -134,16 +140,23 @@ class Settings:
     tool_speed: float | None = None
     tool: str | None = None
     allow_large: bool = False
+    tool_acceleration: float | None = None
+    keep: tuple[str, ...] = ()
+    ways: int = 2
 
     def __post_init__(self) -> None:
         for name, least, most in COUNTS:
-            value, bound = getattr(self, name), None if self.allow_large and name != "seed" else most
-            if value is not None and not least <= value <= (value if bound is None else bound):
-                option, hint = name.replace("_", "-"), "" if name == "seed" or value < least else ", or --allow-large"
-                raise BadInput(f"--{option} {value:.12g}; expected {least} to {most}{hint}")
+            value = getattr(self, name)
+            larger = self.allow_large and name != "seed"
+            if value is not None and (value < least or (value > most and not larger)):
+                hint = ", or --allow-large" if value > most and name != "seed" else ""
+                raise BadInput(f"--{name.replace('_', '-')} {value:.12g}; expected {least} to {most}{hint}")
         if self.objective not in OBJECTIVES:
             raise BadInput(f"objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
         if self.solver != "ipopt":
             raise BadInput(f"--solver {self.solver!r}; expected ipopt")
         if self.end_acceleration not in ("zero", "free"):
             raise BadInput(f"--end-acceleration {self.end_acceleration!r}; expected zero or free")
+        for word in self.keep:
+            if word.partition(":")[0] not in KEPT:
+                raise BadInput(f"--keep {word}: expected one of {', '.join(KEPT)}, with :NUMBER or without")

@@ -56,6 +56,18 @@ class Optimality:
 
 
 @dataclass(frozen=True)
+class FirstPath:
+    """Where the path comes from that a move starts from: "straight", "given", "own" or "ompl"; and what it took [s]."""
+
+    source: str
+    seconds: float = 0.0
+
+    def document(self) -> dict[str, object]:
+        """As it stands in result.json."""
+        return {"source": self.source, "seconds": self.seconds}
+
+
+@dataclass(frozen=True)
 class SolverReport:
     """Which solver, how much work; `starts` are those of a reshaping."""
 
@@ -79,7 +91,9 @@ class Result:
             feasible one that is known, and `message` says why.
         chosen: where the trajectory comes from: "reshape", "retime", or the name of a baseline that nothing surpassed.
         trajectory: with effort and power.
+        first_path: where the path that it starts from comes from.
         moves: what is known of the standard moves that it consists of; None for a free trajectory.
+        models: what each of several models makes of it: name, total and loss [J], share of the loss saved [%].
     """
 
     status: str
@@ -96,6 +110,8 @@ class Result:
     interrupted: bool = False
     warnings: tuple[str, ...] = field(default=())
     moves: Mapping[str, object] | None = None
+    models: tuple[Mapping[str, object], ...] = ()
+    first_path: FirstPath | None = None
 
     def baseline(self, name: str) -> Baseline | None:
         """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
@@ -182,6 +198,7 @@ class Result:
             "baselines": [b.document() for b in self.baselines],
             "saving": self.saving,
             "certificate": self.certificate.document(),
+            "first_path": None if self.first_path is None else self.first_path.document(),
             "peak_power": self.certificate.peak_power,
             "optimality": self.optimality.document(),
             "solver": {
@@ -193,6 +210,7 @@ class Result:
                 "starts": self.solver.starts,
             },
             "chosen": self.chosen,
+            "models": [dict(row) for row in self.models],
             "message": self.message,
             "warnings": list(self.warnings),
             **({} if self.moves is None else {"moves": self.moves}),

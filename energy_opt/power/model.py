@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -11,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import EXACT, CopperLoss, Effect, PowerEffect, Standby, SupplyEffect, effect_class
+from energy_opt.effects import EXACT, BaseTilt, CopperLoss, Effect, PowerEffect, Standby, SupplyEffect, effect_class
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml, write_toml
 
@@ -82,6 +83,23 @@ class PowerModel:
     def __repr__(self) -> str:
         return f"PowerModel({self.robot!r}: {' + '.join(map(repr, self.effects)) or 'mechanical power alone'})"
 
+    def standing(self, roll: float, pitch: float) -> PowerModel:
+        """The model on a base turned by `roll` about x, then `pitch` about y [rad] against gravity.
+
+        Raises:
+            BadInput: the model says itself how its base is tilted, and otherwise.
+        """
+        turned = BaseTilt(roll=math.remainder(roll, 2 * math.pi), pitch=math.remainder(pitch, 2 * math.pi))
+        own = self.get(turned.name)
+        if own is None:
+            return self if max(map(abs, turned.full(1))) == 0 else self.replaced(turned)
+        if not np.allclose(own.full(1), turned.full(1), atol=1e-9):
+            raise BadInput(
+                f"the model's base_tilt is {', '.join(f'{x:g}' for x in own.full(1))} rad, --base says "
+                f"{', '.join(f'{x:g}' for x in turned.full(1))}; give one of them"
+            )
+        return self
+
     def without(self, name: str) -> PowerModel:
         """The model less the effect of that name."""
         return PowerModel(self.robot, tuple(e for e in self.effects if e.name != name), self.assumed)
@@ -135,6 +153,11 @@ class PowerModel:
     def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
         """What the power is a weighted sum of: weight, model and its part of `p`; the model itself, here."""
         return [(1.0, self, p)]
+
+    @property
+    def weighted(self) -> tuple[tuple[float, PowerModel], ...]:
+        """The models that this one is the weighted mean of: itself."""
+        return ((1.0, self),)
 
     def check(self, joints: int) -> None:
         """Raise BadInput where a per-joint list does not have one value for each of the robot's joints."""

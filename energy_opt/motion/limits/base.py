@@ -162,6 +162,7 @@ class Limit:
         scale: (m,) what symbolic rows are divided by, so that they lie in [-1, 1]; inf: no bound. Empty: no such rows.
         one_sided: symbolic rows have no lower bound.
         squared: `linear` and `use` are of the limited value's square.
+        local: `tangent` is of use only about a timing that is inside the limit.
         values: numbers that `expression` takes as its p.
         via: (vias, n) points to pass, in order.
     """
@@ -171,6 +172,7 @@ class Limit:
     order: ClassVar[int] = 0
     one_sided: ClassVar[bool] = False
     squared: ClassVar[bool] = False
+    local: ClassVar[bool] = False
     bound: np.ndarray = NOTHING
     scale: np.ndarray = NOTHING
     values: np.ndarray = NOTHING

@@ -10,10 +10,13 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.motion.dense import Dense
-from energy_opt.motion.limits.base import Fixed, Limit, State, Violation, worst_of
+from energy_opt.motion.limits.base import Fixed, Limit, Linear, State, Violation, worst_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.robot import Robot
+
+STEP = 1e-5  # relative, of differences
+ONE_SIDED = 20.0  # bounds: power that flows back is not held to less than so many of them
 
 
 class Power(Limit):
@@ -21,6 +24,7 @@ class Power(Limit):
 
     name, unit = "power", "W"
     one_sided = True
+    local = True
 
     def __init__(self, bound: float) -> None:
         if not 0.001 <= bound <= 1e09:
@@ -52,6 +56,16 @@ class Power(Limit):
             return f"standing still takes {held[k, j] * self.scale[0]:.4g} W, the limit is {self.scale[0]:.4g} W"
 
         return Fixed(held - 1, text, holding=True)
+
+    def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear:
+        step_a, step_b = STEP * (1.0 + np.abs(a)), STEP * np.maximum(b, 1e-3)
+        b = np.maximum(b, 2 * step_b)
+        by_a = (d.power(a + step_a, b) - d.power(a - step_a, b)) / (2 * step_a)
+        by_b = (d.power(a, b + step_b) - d.power(a, b - step_b)) / (2 * step_b)
+        rest = d.power(a, b) - by_a * a - by_b * b
+        # P <= W as |P + (r - 1) W| <= r W: what flows back stays out of sight
+        share = ONE_SIDED * self.scale
+        return Linear(*(x[:, None] / share for x in (by_a, by_b, rest + (ONE_SIDED - 1) * self.scale)))
 
     def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return d.power(a, b)[:, None] / self.scale

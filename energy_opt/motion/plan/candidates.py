@@ -99,8 +99,8 @@ def _retimed(context: Context, move: Move, timing: Timing, limits: tuple[Limit, 
 def mended_timing(context: Context, move: Move, first: RetimeSolution) -> Made:
     """The least energy on the first path within limits by the judge: `first`, solved again where it breaks one."""
     solution, limits, iterations = first, context.limits, first.iterations
-    for _ in range(2):
-        certificate = context.judge(solution.trajectory).certificate
+    for _ in range(MENDS):
+        certificate = context.judge(solution.trajectory).within
         if certificate.valid:
             break
         limits = certificate.tightened(limits)
@@ -109,7 +109,7 @@ def mended_timing(context: Context, move: Move, first: RetimeSolution) -> Made:
         except Infeasible:
             break
         iterations += solution.iterations
-    certificate = context.judge(solution.trajectory).certificate
+    certificate = context.judge(solution.trajectory).within
     if certificate.valid:
         return Made(solution.trajectory, iterations, solution.converged, solution.message)
     return Made(solution.trajectory, iterations, False, broken("retimed", certificate))
@@ -196,7 +196,7 @@ def reshaped(
         if trajectory.duration > move.duration * (1 + 1e-9):
             raise _too_short(move, trajectory.duration, certificate)
         trajectory = trajectory_of(replace(best.curve, duration=move.duration), context.robot.joints)
-        certificate = context.judge(trajectory).certificate
+        certificate = context.judge(trajectory).within
     if not certificate.valid:
         return Made(None, spent, False, broken("reshaped", certificate), starts)
     message = "" if best.converged else f"IPOPT stopped with {best.status}"
@@ -210,7 +210,7 @@ def mended(
     limits, spent = task.limits, 0
     for mend in range(MENDS + 1):
         trajectory = trajectory_of(best.curve, context.robot.joints)
-        certificate = context.judge(trajectory).certificate
+        certificate = context.judge(trajectory).within
         if certificate.valid or mend == MENDS or context.stopped():
             break
         limits = certificate.tightened(limits)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.errors import Infeasible
+from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import Made, mended_timing
 from energy_opt.motion.plan.context import Context, Judged
@@ -16,6 +17,7 @@ from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
+HAIR = 1e-3  # of a bound
 SAME_DURATION = 1e-12  # relative: durations that differ less are one
 
 
@@ -124,13 +126,22 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
     """What the answer is held against: TOPP-RA's move, the same slowed evenly to `duration` s, and the one given."""
     out: list[tuple[str, Trajectory]] = []
     if timing is not None:
-        toppra = timing.trajectory(context.robot.joints)
+        toppra = _held(context, move, timing)
         same = abs(duration / timing.duration - 1) <= SAME_DURATION
         scaled = toppra if same else timing.slowed(duration).trajectory(context.robot.joints)
         out += [("toppra", toppra), ("scaled", scaled)]
     if move.input is not None:
         out.append(("input", move.input))
     return [(name, context.judge(trajectory)) for name, trajectory in out]
+
+
+def _held(context: Context, move: Move, timing: Timing) -> Trajectory:
+    """The fastest timing's trajectory, slowed by the hair that it breaks a limit by between the program's points."""
+    trajectory = timing.trajectory(context.robot.joints)
+    excess = context.judge(trajectory).certificate.violation
+    if not ALLOWED < excess < HAIR or np.any(move.end_velocities):
+        return trajectory
+    return timing.slowed(timing.duration * (1 + 2 * excess)).trajectory(context.robot.joints)
 
 
 def _baseline(name: str, judged: Judged) -> Baseline:

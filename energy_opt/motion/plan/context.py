@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.certificate import Certificate, certificate_of
+from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.motion.reshape.search import Reshaper
+from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.timing.law import Timing
-from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
@@ -32,6 +34,7 @@ class Judged:
     dense: Dense
     scorer: Scorer
     limits: tuple[Limit, ...]
+    cell: Cell | None
 
     @property
     def trajectory(self) -> Trajectory:
@@ -49,16 +52,26 @@ class Judged:
         return self.scorer.energy(self.trajectory) if self.dense.factor != DENSER else self.scorer.energy_of(self.dense)
 
     @cached_property
-    def certificate(self) -> Certificate:
-        """Under the limits."""
+    def within(self) -> Certificate:
+        """Under the limits; what the arm may touch is not asked."""
         return certificate_of(self.dense, self.limits)
+
+    @cached_property
+    def clearance(self) -> Clearance | None:
+        """From all that must not be touched; None where nothing is to be kept clear of."""
+        return None if self.cell is None else clearance_of(self.cell, self.trajectory)
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """Under the limits, with the proof that nothing is touched."""
+        return replace(self.within, clearance=self.clearance)
 
 
 class Judge:
     """Judges trajectories of one move; each is looked at once, however often it is asked for."""
 
-    def __init__(self, scorer: Scorer, limits: tuple[Limit, ...], samples: int | None) -> None:
-        self._scorer, self._limits, self._samples = scorer, limits, samples
+    def __init__(self, scorer: Scorer, limits: tuple[Limit, ...], samples: int | None, cell: Cell | None) -> None:
+        self._scorer, self._limits, self._samples, self._cell = scorer, limits, samples, cell
         self._known: dict[int, Judged] = {}
 
     def __call__(self, trajectory: Trajectory) -> Judged:
@@ -68,7 +81,7 @@ class Judge:
             factor = DENSER
             if self._samples is not None:
                 factor = max(DENSER, -(-self._samples // (len(trajectory.time) - 1)))
-            known = Judged(self._scorer.dense(trajectory, factor), self._scorer, self._limits)
+            known = Judged(self._scorer.dense(trajectory, factor), self._scorer, self._limits, self._cell)
             self._known[id(trajectory)] = known
         return known
 
@@ -110,6 +123,8 @@ class Context:
         limits: in force for the move, those that only this move has among them.
         standing: the limits that node functions are built for (those of every move).
         stopped: asked between solves; True ends the work with the best known so far.
+        cell: what is to be kept clear of; None for nothing.
+        ways: further free paths to start from, besides the move's own.
     """
 
     robot: Robot
@@ -121,6 +136,8 @@ class Context:
     judge: Judge
     workshop: Workshop
     stopped: Callable[[], bool]
+    cell: Cell | None = None
+    ways: tuple[JointPath, ...] = ()
 
     @cached_property
     def values(self) -> np.ndarray:
@@ -132,14 +149,14 @@ class Context:
         return self.workshop.reshaper(self.robot, self.model, self.settings, self.standing, objective)
 
     def fastest(self, path: JointPath, limits: Sequence[Limit] | None = None) -> Timing:
-        """TOPP-RA's timing of a path, within the move's limits or others.
+        """The fastest timing of a path, within the move's limits or others: TOPP-RA's, where it knows all of them.
 
         Raises:
             Infeasible: the path breaks limits at any timing.
         """
         held = self.limits if limits is None else limits
         speeds = path.start_speed, path.end_speed
-        return fastest(self.robot, self.model, path, limits=held, start_speed=speeds[0], end_speed=speeds[1])
+        return minimum_time(self.robot, self.model, path, held, *speeds)
 
 
 def path_of(move: Move) -> JointPath:

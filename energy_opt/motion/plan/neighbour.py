@@ -25,7 +25,9 @@ from energy_opt.motion.plan.candidates import (
     reference_time,
     task_of,
 )
+from energy_opt.motion.plan.clear import mended_clear
 from energy_opt.motion.plan.context import Context, path_of
+from energy_opt.motion.reshape.clear import ClearSearch
 from energy_opt.motion.reshape.level import Outcome
 from energy_opt.motion.reshape.search import Kept, Reshaper
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
@@ -33,6 +35,7 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
+CARRIED = 6  # rounds from a neighbour that keeps clear
 PLACES = np.linspace(0, 1, 33)  # where curves are compared
 
 
@@ -81,6 +84,8 @@ class Neighbours:
         task = task_of(self._context, move, reference, duration)
         carried = self._carried(task, neighbour)
         found = [carried, self._from_starts(task, carried)]
+        if self._context.cell is not None and not any(found):
+            found.append(self._cleared(task, neighbour))
         best = min((x for x in found if x is not None), key=lambda x: x.energy.total, default=None)
         return best if best is not None else self._retimed(duration)
 
@@ -91,6 +96,23 @@ class Neighbours:
             start = replace(neighbour.outcome, curve=replace(neighbour.outcome.curve, duration=task.durations[0]))
             outcome = self._reshaper.step(start, task)
         return self._judged(outcome, task)
+
+    def _cleared(self, task: Task, neighbour: Optimum) -> Optimum | None:
+        """From a neighbour that keeps clear, on to what does so at this duration."""
+        context = self._context
+        assert context.cell is not None
+        search, level = ClearSearch(context.cell, context.robot.joints), self._reshaper.fine(task.vias)
+        curve = task.curve(level.shape, Line.of(neighbour.trajectory))
+        if neighbour.outcome is not None and neighbour.outcome.curve.shape is level.shape:
+            curve = replace(neighbour.outcome.curve, duration=task.durations[0])
+        found = search.run(level, task, curve, context.stopped, rounds=CARRIED)
+        if found.best is None:
+            return None
+        made = mended_clear(context, search, task, found.best)
+        if made.trajectory is None or made.outcome is None:
+            return None
+        judged = context.judge(made.trajectory)
+        return Optimum(made.trajectory, judged.energy, True, made.outcome) if judged.certificate.valid else None
 
     def _from_starts(self, task: Task, carried: Optimum | None) -> Optimum | None:
         """What the move's own search finds; None where that is the optimum which the neighbour's led to already."""
@@ -115,7 +137,8 @@ class Neighbours:
         best, trajectory, certificate, _ = mended(self._context, self._reshaper, outcome, task)
         if not certificate.valid:
             return None
-        return Optimum(trajectory, self._context.judge(trajectory).energy, best.converged, best)
+        judged = self._context.judge(trajectory)
+        return Optimum(trajectory, judged.energy, best.converged, best) if judged.certificate.valid else None
 
     def _retimed(self, duration: float) -> Optimum | None:
         context, shortest = self._context, self._timing

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
 from energy_opt.dynamics import torque_function
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.motion.judge.certificate import Certificate, certify
+from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.check import check_pose
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.candidates import (
     Made,
     least_energy_timing,
@@ -26,8 +29,10 @@ from energy_opt.motion.plan.candidates import (
     unseen,
 )
 from energy_opt.motion.plan.choice import Work, choose
+from energy_opt.motion.plan.clear import kept_clear
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
-from energy_opt.motion.result import Result
+from energy_opt.motion.plan.ways import check_free, first_path
+from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
@@ -43,6 +48,7 @@ class Planner:
 
     Args:
         batch: many moves are coming, so that compiling at once pays.
+        cell: the arm's body and what stands around it, to be kept clear of; None for nothing.
         stopped: asked between solves; True ends the work with the best known so far.
     """
 
@@ -53,9 +59,11 @@ class Planner:
         settings: Settings | None = None,
         *,
         batch: bool = False,
+        cell: Cell | None = None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
+        self.set_cell(cell)
         self._workshop, self._stopped = Workshop(batch), stopped
         self._structure = _but_payload(model)
         self.set_model(model)
@@ -77,6 +85,12 @@ class Planner:
         self.model = model
         self.scorer = Scorer(self.robot, model)
 
+    def set_cell(self, cell: Cell | None) -> None:
+        """Another body and cell to keep clear of; nothing is built again."""
+        self.cell = cell if cell is not None and cell.checks else None
+        self._cell_warnings = [] if cell is None else cell.warnings
+        self._first: tuple[Move, FirstPath, tuple[JointPath, ...], Move] | None = None  # of the move that it ends with
+
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""
         return self.scorer.energy(trajectory)
@@ -87,11 +101,27 @@ class Planner:
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """How far any trajectory stays inside the limits, those of the move it is for among them."""
-        return certify(trajectory, self.scorer, self.limits(move), self.settings.verify_samples)
+        return Judge(self.scorer, self.limits(move), self.settings.verify_samples, self.cell)(trajectory).certificate
 
     def minimum_time(self, move: Move) -> float:
-        """The shortest duration of the move's path within all limits, by TOPP-RA, s."""
+        """The shortest duration of the move's first path within all limits, by TOPP-RA, s."""
+        move, _, _ = self.first_path(move)
         return self.context(move).fastest(path_of(move)).duration
+
+    def first_path(self, move: Move) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
+        """The move with the path that it starts from, where this comes from, and further free paths.
+
+        A move that is asked about at several durations has it looked for once.
+
+        Raises:
+            Infeasible: a move that keeps its path would touch something, or no way around was found.
+        """
+        timeless = replace(move, duration=None, max_duration=None)
+        if self._first is None or self._first[-1] != timeless:
+            found = first_path(self.robot, self.cell, self.settings, self.limits(timeless), timeless)
+            self._first = *found, timeless
+        begun, first, ways, _ = self._first
+        return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
         """The move with the least energy that is found, or by another objective if the settings say so.
@@ -105,11 +135,13 @@ class Planner:
         """
         self._check_ends(move)
         self._check_objective(move)
-        context = self.context(move)
         built, begin = self._workshop.seconds, time.perf_counter()
+        move, first, ways = self.first_path(move)
+        context = replace(self.context(move), ways=ways)
         work = _made(context, move, warm)
         build = self._workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
-        return choose(context, move, work, build, time.perf_counter() - begin - build)
+        result = choose(context, move, work, build, time.perf_counter() - begin - build)
+        return replace(result, first_path=first, warnings=(*result.warnings, *self._cell_warnings))
 
     def context(self, move: Move) -> Context:
         """What the parts of a solve are given: the planner as it is now, with a judge for this move."""
@@ -121,9 +153,10 @@ class Planner:
             scorer=self.scorer,
             limits=limits,
             standing=self.limits(),
-            judge=Judge(self.scorer, limits, self.settings.verify_samples),
+            judge=Judge(self.scorer, limits, self.settings.verify_samples, self.cell),
             workshop=self._workshop,
             stopped=self._stopped,
+            cell=self.cell,
         )
 
     def _check_objective(self, move: Move) -> None:
@@ -143,6 +176,8 @@ class Planner:
                 raise BadInput(f"--{what}: {np.size(q)} positions; {self.robot.name} has {self.robot.n} joints")
         for what, q, resting in poses:
             check_pose(limits, self.robot, self.model, q, what, resting)
+            if self.cell is not None:
+                check_free(self.cell, q, what)
 
 
 def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
@@ -169,7 +204,10 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
     solution = None
     if timing is not None and (wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves):
         solution = least_energy_timing(context, move, timing)
-    curve = None if stands_still(move) else reshaped(context, move, timing, solution, warm)
+    curve = None
+    if not stands_still(move):
+        curve = reshaped(context, move, timing, solution, warm)
+        curve = kept_clear(context, move, timing, solution, curve, warm)
     return Work(timing, solution, curve, None, warm)
 
 

@@ -47,22 +47,26 @@ class Cleared:
 
 
 @dataclass
-class _Places:
+class Places:
     """Where rows are wanted: places u, pairs that are forced near a time, and what pairs keep beyond the usual [m]."""
 
     u: np.ndarray
     more: np.ndarray
     forced: set[tuple[float, int]] = field(default_factory=set)
 
+    @classmethod
+    def evenly(cls, pairs: int) -> Places:
+        """The usual places, of a cell with that many pairs of bodies."""
+        return cls((np.arange(PLACES) + 0.5) / PLACES, np.zeros(pairs))
+
     def learn(self, proof: Clearance, duration: float) -> None:
         """Look where a proof failed, and keep more distance there."""
-        assert proof.touches
         for touch in proof.touches:
             at = touch.time / duration
             self.forced.add((at, touch.pair))
             if np.abs(self.u - at).min() > 0.2 / PLACES:
                 self.u = np.sort(np.append(self.u, at))
-        pairs = np.unique([touch.pair for touch in proof.touches])
+        pairs = np.unique(np.array([touch.pair for touch in proof.touches], dtype=int))
         self.more[pairs] = np.minimum(self.more[pairs] + MORE, MOST)
 
     @property
@@ -72,77 +76,94 @@ class _Places:
         return frozenset((k, pair) for k, pair in near if 0 <= k < len(self.u))
 
 
+class Margins:
+    """What pairs of bodies keep along a move between two poses `ends` (2, n)."""
+
+    def __init__(self, cell: Cell, ends: np.ndarray) -> None:
+        self.wanted = cell.wanted(ends)  # (P,) to be proven, m
+        self._at_ends = np.full((2, len(self.wanted)), np.inf)  # what each pair can keep there, m
+        for held, q in zip(self._at_ends, ends, strict=True):
+            for pair, distance in cell.distances(q, 2 * (cell.asked + MARGIN + MOST)):
+                held[pair] = self.wanted[pair] + END_SHARE * (distance - self.wanted[pair])
+
+    def at(self, places: Places) -> np.ndarray:
+        """The margin (K, P) [m] of every pair: the full one, and less near an end that stands nearer."""
+        full = self.wanted + MARGIN + places.more
+        out = np.repeat(full[None], len(places.u), axis=0)
+        for held, way in zip(self._at_ends, (places.u, 1 - places.u), strict=True):
+            low = np.flatnonzero(held < full)
+            share = np.clip(way / RAMP, 0, 1)[:, None]
+            out[:, low] = np.minimum(out[:, low], held[low] + share * (full - held)[low])
+        return out
+
+
 class ClearSearch:
     """Searches of one cell; what measures distances is kept from one to the next."""
 
     def __init__(self, cell: Cell, joints: tuple[str, ...]) -> None:
-        self.cell, self.joints, self._near = cell, joints, Near(cell.bodies)
+        self.cell, self.joints, self.near = cell, joints, Near(cell.bodies)
 
-    def run(self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool]) -> Cleared:
-        """The cheapest proven curve that rounds from `first` come to."""
-        wanted = self.cell.wanted(np.stack([task.ends.start, task.ends.goal]))
-        at_ends = self._at_ends(task, wanted)
-        places = _Places((np.arange(PLACES) + 0.5) / PLACES, np.zeros(len(wanted)))
-        out, curve, trust, quiet = Cleared(), first, TRUST, 0
-
-        def solved(start: Curve, rows: np.ndarray, reach: float, tolerance: float) -> tuple[Outcome, Clearance]:
-            margin = _margins(places.u, wanted + MARGIN + places.more, at_ends)
-            held = ClearanceRows(self._near, places.u, margin, REACH, places.must)
-            outcome = level.solve(
-                start, task.ends, (*task.limits, held), task.parameters, task.durations,
-                tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach,
-                options={"max_iter": ITERATIONS, "mu_init": 1e-2},
-            )  # fmt: skip
-            out.iterations += outcome.iterations
-            proof = self.proof(outcome.curve, wanted)
-            if proof.proven and _broken(level, outcome, task) <= FEASIBLE:
-                out.take(outcome)
-            return outcome, proof
-
-        rows = all_rows(level.shape, task.limits)
-        for turn in range(ROUNDS):
-            before = np.inf if out.best is None else out.best.cost
-            outcome, proof = solved(curve, rows, trust, LOOSE)
+    def run(self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool], rounds: int = ROUNDS) -> Cleared:
+        """The cheapest proven curve that at most so many rounds from `first` come to."""
+        work = _Rounds(self, level, task)
+        found, curve, rows, trust, quiet = work.found, first, all_rows(level.shape, task.limits), TRUST, 0
+        for turn in range(rounds):
+            before = np.inf if found.best is None else found.best.cost
+            outcome, proof = work.one(curve, rows, trust, LOOSE)
             curve, rows = outcome.curve, outcome.rows
             if proof.proven:
                 trust *= GROWTH
                 small = abs(before - outcome.cost) < DONE * max(outcome.cost - task.offset * curve.duration, 1e-9)
                 quiet = quiet + 1 if small else 0
             else:
-                places.learn(proof, curve.duration)
+                work.places.learn(proof, curve.duration)
                 trust = trust if turn < BOLD else max(trust * SHRINK, LEAST)
                 quiet = 0
             if quiet == 2 or stopped():
                 break
-        if out.best is not None and not stopped():
-            solved(out.best.curve, out.best.rows, LEAST, FINE)
-        return out
+        if found.best is not None and not stopped():
+            work.one(found.best.curve, found.best.rows, LEAST, FINE)
+        return found
 
-    def proof(self, curve: Curve, wanted: np.ndarray | None = None) -> Clearance:
+    def polished(self, level: Level, task: Task, outcome: Outcome) -> Cleared:
+        """A proven outcome solved again nearby, under limits that have changed a little."""
+        rounds = _Rounds(self, level, task)
+        rounds.one(outcome.curve, outcome.rows, LEAST, FINE)
+        return rounds.found
+
+    def proof(self, curve: Curve, wanted: np.ndarray) -> Clearance:
         """Does the trajectory of a curve keep clear?"""
         t = trajectory_of(curve, self.joints)
         return self.cell.prove(t.time, t.position, t.velocity, t.acceleration, wanted)
 
-    def _at_ends(self, task: Task, wanted: np.ndarray) -> np.ndarray:
-        """What each pair can keep at the start and at the goal, (2, P) [m]; infinite where it is far there."""
-        out = np.full((2, len(wanted)), np.inf)
-        for side, q in enumerate((task.ends.start, task.ends.goal)):
-            for pair, distance in self.cell.distances(q, 2 * (self.cell.asked + MARGIN + MOST)):
-                out[side, pair] = wanted[pair] + END_SHARE * (distance - wanted[pair])
-        return out
+
+class _Rounds:
+    """Rounds of one task: what pairs keep, where they are looked at, and the best that was found."""
+
+    def __init__(self, search: ClearSearch, level: Level, task: Task) -> None:
+        self._search, self._level, self._task = search, level, task
+        self._kept = Margins(search.cell, np.stack([task.ends.start, task.ends.goal]))
+        self._wanted = self._kept.wanted
+        self.places = Places.evenly(len(self._wanted))
+        self.found = Cleared()
+
+    def one(self, start: Curve, rows: np.ndarray, reach: float, tolerance: float) -> tuple[Outcome, Clearance]:
+        """Solve from `start`, at most `reach` away from it, and have it proven."""
+        places, task = self.places, self._task
+        held = ClearanceRows(self._search.near, places.u, self._kept.at(places), REACH, places.must)
+        outcome = self._level.solve(
+            start, task.ends, (*task.limits, held), task.parameters, task.durations,
+            tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach,
+            options={"max_iter": ITERATIONS, "mu_init": 1e-2},
+        )  # fmt: skip
+        self.found.iterations += outcome.iterations
+        proof = self._search.proof(outcome.curve, self._wanted)
+        if proof.proven and _broken(self._level, outcome, task) <= FEASIBLE:
+            self.found.take(outcome)
+        return outcome, proof
 
 
 def _broken(level: Level, outcome: Outcome, task: Task) -> float:
     """The worst excess over a limit, planes aside."""
     _, shares = level.shares(outcome.curve, task.parameters, task.limits)
     return max(float(share.max()) - 1 for share in shares.values())
-
-
-def _margins(u: np.ndarray, full: np.ndarray, at_ends: np.ndarray) -> np.ndarray:
-    """The margin (K, P) [m] of every pair at places u (K,): the full one, and less near an end that stands nearer."""
-    out = np.repeat(full[None], len(u), axis=0)
-    for held, way in zip(at_ends, (u, 1 - u), strict=True):
-        low = np.flatnonzero(held < full)
-        share = np.clip(way / RAMP, 0, 1)[:, None]
-        out[:, low] = np.minimum(out[:, low], held[low] + share * (full - held)[low])
-    return out

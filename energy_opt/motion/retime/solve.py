@@ -26,6 +26,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath
+from energy_opt.motion.retime.fastest import FLOOR, quickest
 from energy_opt.motion.retime.program import Retiming, Solved, standing_power
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.timing.toppra import INTERVALS, fastest
@@ -37,7 +38,6 @@ LONGEST = 50.0  # a free duration ends at this many times the shortest one
 GLOBAL_GAP = 0.25  # [%] an answer with a bound closer than this is called the global optimum
 USELESS = 1.0  # share of the energy: a bound farther away than this says nothing and is not reported
 USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
-FLOOR = 1e-6  # least b, as a share of the start's largest
 PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
 CORRECTIONS = 4  # of a duration that the grid does not resolve
 HELD = 3e-7  # of a bound beyond the tighter one that the program is held to
@@ -141,13 +141,12 @@ def retime(
 
 
 def _shorter(work: Retiming, shortest: Timing, wanted: float) -> Timing:
-    """A timing that takes less than TOPP-RA's: the program itself, minimised for time.
+    """A timing that takes less than TOPP-RA's.
 
     Raises:
         Infeasible: there is none that takes only `wanted` seconds.
     """
-    found = work.optimise(shortest, price=-1.0, longest=2 * shortest.duration, floor=FLOOR, energy=False)
-    best = found.timing if found.solved and found.timing.duration < shortest.duration else shortest
+    best = quickest(work, shortest)
     if best.duration <= wanted:
         return best
     worst = work.limits.worst(best.control * (best.duration / wanted) ** 2)

@@ -15,22 +15,22 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.limits.along import Tightening, Use, used
+from energy_opt.motion.limits.along import Tightening
 from energy_opt.motion.limits.base import Limit, Linear
 from energy_opt.motion.limits.check import check_path
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import CRAWL, PathDynamics, has_torque_effects, points_of
 from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.slowing import SLOWEST, TOLERANCE, broken, not_held, slowing, uses
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
 INTERVALS = 200
-TOLERANCE = 1e-7  # of a bound: less than this is no violation
 ROUNDS = 8
 CHECKS_PER_INTERVAL = 5
-SLOWEST = 50.0  # times the duration: slowing further mends nothing
+GAIN = 1e-3  # relative: smaller gains of a minimum time are not waited for
 
 
 def fastest(
@@ -71,13 +71,8 @@ def fastest(
     ends = (start_speed, end_speed)
     timing = _within_tangents(robot, model, path, knots, ends, held, dense)
     middle, one = PathDynamics(robot, model, path, np.array([0.5])), np.ones(1)
-    rest = [limit for limit in held if limit.tangent(middle, one, one) is None]
+    rest = [limit for limit in held if limit.local or limit.tangent(middle, one, one) is None]
     return _within_all(robot, model, path, knots, ends, held, rest, dense, timing)
-
-
-def _uses(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> list[Use]:
-    b, a, w = timing.speed(dense.s)
-    return used(limits, dense, a, b, w)
 
 
 def _within_all(
@@ -102,7 +97,7 @@ def _within_all(
                 timing = _within_tangents(robot, model, path, picked, ends, limits, dense)
             except Infeasible:
                 break
-        factor = _slowing(rest, dense, timing)
+        factor = slowing(rest, dense, timing)
         if factor > 1 and any(ends):
             continue  # the end speeds are given: they cannot be slowed
         slowed = timing.slowed(timing.duration * factor * (1 + TOLERANCE)) if factor > 1 else timing
@@ -110,25 +105,36 @@ def _within_all(
             best = slowed
         if factor == 1:
             break
+        if all(limit.local for limit in rest if broken(limit, dense, timing)):
+            return _faster(robot, model, ends, limits, dense, best)
     if best is None:
-        raise _not_held(robot, rest, dense, timing, "does not hold with the given end speeds")
+        raise not_held(robot, rest, dense, timing, "does not hold with the given end speeds")
     return best
 
 
-def _slowing(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> float:
-    """By how much to slow a timing evenly so that all limits hold that it breaks by more than the tolerance."""
-    broken = [use for use in _uses(limits, dense, timing) if use.worst[0] > 1 + TOLERANCE]
-    if not broken:
-        return 1.0
-    # a derivative falls with that power of the duration; other limits are tried
-    factor = max([1.0, *(use.worst[0] ** (1 / use.limit.order) for use in broken if use.limit.order)])
-    others = [use.limit for use in broken if not use.limit.order]
-    while factor < SLOWEST and others:
-        slower = timing.slowed(timing.duration * factor * (1 + TOLERANCE))
-        if max(use.worst[0] for use in _uses(others, dense, slower)) <= 1 + TOLERANCE:
+def _faster(
+    robot: Robot,
+    model: PowerModel,
+    ends: tuple[float, float],
+    limits: Sequence[Limit],
+    dense: PathDynamics,
+    best: Timing,
+) -> Timing:
+    """TOPP-RA again and again with tangents at the fastest timing so far that is inside all limits."""
+    at, timing = PathDynamics(robot, model, best.path, greville(best.knots)), best
+    for _ in range(ROUNDS):
+        b, a, _ = timing.speed(at.s)
+        lines = [(limit, limit.tangent(at, a, np.maximum(b, CRAWL))) for limit in limits]
+        try:
+            found = _solve(robot, at, best.knots, ends, lines, Tightening())
+        except Infeasible:
             break
-        factor *= 1.01
-    return factor
+        factor = slowing(limits, dense, found)
+        timing = found.slowed(found.duration * factor * (1 + TOLERANCE)) if factor > 1 else found
+        if timing.duration > best.duration * (1 - GAIN):
+            break
+        best = timing
+    return best
 
 
 def _within_tangents(
@@ -144,15 +150,15 @@ def _within_tangents(
     points = greville(knots)
     at = PathDynamics(robot, model, path, points)
     a, b = np.zeros(len(points)), _fastest_speed(limits, at)
-    lines = [(limit, limit.tangent(at, a, b)) for limit in limits]
+    lines = [(limit, None if limit.local else limit.tangent(at, a, b)) for limit in limits]
     known = [limit for limit, line in lines if line is not None]
     tight, timing = Tightening(), Timing(path, knots, np.zeros(len(points)))
     for _ in range(ROUNDS):
         timing = _solve(robot, at, knots, ends, lines, tight)
-        uses = _uses(known, dense, timing)
-        if max(use.worst[0] for use in uses) <= 1 + TOLERANCE:
+        found = uses(known, dense, timing)
+        if max(use.worst[0] for use in found) <= 1 + TOLERANCE:
             return timing
-        tight = tight.after(uses, dense.s, points)
+        tight = tight.after(found, dense.s, points)
         if has_torque_effects(model):
             b, a, _ = timing.speed(points)
             b = np.maximum(b, CRAWL)
@@ -174,23 +180,10 @@ def _slowed_until_inside(
     robot: Robot, timing: Timing, dense: PathDynamics, limits: Sequence[Limit], ends: tuple[float, float]
 ) -> Timing:
     """Even slowing brings torque towards what holding takes, and all else to zero."""
-    factor = 1.0 if any(ends) else _slowing(limits, dense, timing)
+    factor = 1.0 if any(ends) else slowing(limits, dense, timing)
     if 1 < factor < SLOWEST:
         return timing.slowed(timing.duration * factor * (1 + TOLERANCE))
-    raise _not_held(robot, limits, dense, timing, "cannot be held")
-
-
-def _not_held(robot: Robot, limits: Sequence[Limit], dense: PathDynamics, timing: Timing, text: str) -> Infeasible:
-    use = max(_uses(limits, dense, timing), key=lambda use: use.worst[0])
-    share, k, j = use.worst
-    where, s = use.limit.where(robot.joints, j), float(dense.s[k])
-    return Infeasible(
-        f"{where}: the {use.limit.name} limit {text} at path position {s:.3f}",
-        joint=where,
-        limit=use.limit.name,
-        position=s,
-        excess=share - 1,
-    )
+    raise not_held(robot, limits, dense, timing, "cannot be held")
 
 
 def _solve(

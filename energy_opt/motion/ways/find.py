@@ -16,6 +16,7 @@ from energy_opt.motion.ways.polyline import Rounding, between, length, merged, s
 Source = Literal["straight", "given", "own", "ompl"]
 VIAS = 150  # seeded points through which lines of our own may bend
 PAIRS = 400  # of such points that are tried two at a time
+OWN = 4  # lines of our own that may fail their proof, or be one with others, before a planner is asked
 ATTEMPTS = 6  # of a planner at a first way
 FIRST = 40_000  # poses that each of them may look at: some seconds
 FURTHER = 10_000  # and each at a further way, once there is one
@@ -128,15 +129,13 @@ def find_ways(
 
 def _bent(search: _Search, ends: Ends, planner: str, seed: int, count: int) -> Iterator[tuple[Source, np.ndarray]]:
     """Bent lines, free as far as poses along them tell: ours, and where these are too few, a planner's."""
-    own = 0
-    for points in _own(search, ends, seed):
+    for k, points in enumerate(_own(search, ends, seed)):
+        if k == OWN + count:
+            break
         yield "own", points
-        own += 1
-        if own == count:
-            return
     if planner == "none" or not ompl.installed():
         return
-    found = own
+    found = 0
     for k in range(ATTEMPTS + 2 * count):
         if found == 0 and k == ATTEMPTS:
             return

@@ -37,11 +37,12 @@ class Room:
 
     Args:
         ends: (2, n) start and goal, both free.
+        kept: what ways are proven to keep [m]; twice what the cell asks for where that is more.
     """
 
-    def __init__(self, cell: Cell, ends: np.ndarray) -> None:
+    def __init__(self, cell: Cell, ends: np.ndarray, kept: float = KEPT) -> None:
         self._bodies = cell.bodies
-        self._kept = cell.wanted(ends, max(KEPT, 2 * cell.asked))
+        self._kept = cell.wanted(ends, max(kept, 2 * cell.asked))
         parts: list[tuple[int, np.ndarray, Any]] = []
         known: dict[tuple[int, bool], range] = {}
         pairs, margins = [], []

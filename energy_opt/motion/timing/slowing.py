@@ -1,0 +1,56 @@
+"""Even slowing of a timing: what it breaks, and by how much it must be slowed to be inside all limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from energy_opt.errors import Infeasible
+from energy_opt.motion.limits.along import Use, used
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.motion.timing.law import Timing
+from energy_opt.robot import Robot
+
+TOLERANCE = 1e-7  # of a bound: less than this is no violation
+SLOWEST = 50.0  # times the duration: slowing further mends nothing
+
+
+def uses(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> list[Use]:
+    """Which share of each limit a timing uses at the places of `dense`."""
+    b, a, w = timing.speed(dense.s)
+    return used(limits, dense, a, b, w)
+
+
+def broken(limit: Limit, dense: PathDynamics, timing: Timing) -> bool:
+    """Does a timing break a limit by more than the tolerance?"""
+    return any(use.worst[0] > 1 + TOLERANCE for use in uses([limit], dense, timing))
+
+
+def slowing(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> float:
+    """By how much to slow a timing evenly so that all limits hold that it breaks by more than the tolerance."""
+    worse = [use for use in uses(limits, dense, timing) if use.worst[0] > 1 + TOLERANCE]
+    if not worse:
+        return 1.0
+    # a derivative falls with that power of the duration; other limits are tried
+    factor = max([1.0, *(use.worst[0] ** (1 / use.limit.order) for use in worse if use.limit.order)])
+    others = [use.limit for use in worse if not use.limit.order]
+    while factor < SLOWEST and others:
+        slower = timing.slowed(timing.duration * factor * (1 + TOLERANCE))
+        if max(use.worst[0] for use in uses(others, dense, slower)) <= 1 + TOLERANCE:
+            break
+        factor *= 1.01
+    return factor
+
+
+def not_held(robot: Robot, limits: Sequence[Limit], dense: PathDynamics, timing: Timing, text: str) -> Infeasible:
+    """That the limit which is broken most cannot be held, and where."""
+    use = max(uses(limits, dense, timing), key=lambda use: use.worst[0])
+    share, k, j = use.worst
+    where, s = use.limit.where(robot.joints, j), float(dense.s[k])
+    return Infeasible(
+        f"{where}: the {use.limit.name} limit {text} at path position {s:.3f}",
+        joint=where,
+        limit=use.limit.name,
+        position=s,
+        excess=share - 1,
+    )

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import ruckig
 from poses import GOAL, START
 
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.dense import Dense
@@ -178,6 +182,7 @@ def test_moves_keep_much_of_the_saving(solved: tuple[Planner, Move, Result]) -> 
     assert one.ramps[0] == pytest.approx(one.ramps[1]) and one.rises[0] == pytest.approx(one.rises[1])
     document = as_result(reference, found[1]).document()
     assert document["chosen"] == "moves" and document["status"] == reference.status
+    assert as_result(replace(reference, models=({"name": "x"},)), found[1]).models == ()
 
 
 def test_too_short_for_standard_moves(solved: tuple[Planner, Move, Result]) -> None:
@@ -261,3 +266,23 @@ def test_numeric_rows_have_exact_derivatives_and_are_held(panda: Robot, model: P
     assert answer.success and loose.success
     assert program.rows(answer.x)[-23:].max() <= 1e-7 < program.rows(loose.x)[-23:].max()
     assert program.cost(answer.x) > free.cost(loose.x)
+
+
+@pytest.mark.slow
+def test_moves_that_touch_are_led_around(solved: tuple[Planner, Move, Result], tmp_path: Path) -> None:
+    """With one via point the hand would pass through a link; kept clear, and proven so, it costs a little more."""
+    planner, move, reference = solved
+    free = MovesPlanner(planner).solve(move, reference, 1)
+    (tmp_path / "scene.yaml").write_text(
+        "objects:\n  - {name: post, type: box, size: [0.08, 0.08, 0.5], position: [0.45, 0.25, 0.25]}\n"
+    )
+    among = Planner(
+        planner.robot, planner.model, planner.settings,
+        cell=load_cell(planner.robot, CellRequest(scene=tmp_path / "scene.yaml")),
+    )  # fmt: skip
+    touching = among.certify(free.trajectory, move)
+    assert touching.within_limits and touching.clearance is not None and not touching.clearance.proven
+    chain, certificate = MovesPlanner(among).mended(free.chain, move, (1.8, 1.8), "energy")
+    assert certificate.valid and certificate.clearance is not None and certificate.clearance.lower_bound > 0
+    energy = planner.score(chain.trajectory(planner.robot.joints))
+    assert free.energy.loss < energy.loss < 1.3 * free.energy.loss

@@ -88,6 +88,9 @@ def _same(a: object, b: object) -> bool:
     return bool(a == b)
 
 
+KEPT = ("upright", "orientation", "line")  # what `Settings.keep` can name
+
+
 @dataclass(frozen=True)
 class Settings:
     """How to solve.
@@ -106,6 +109,8 @@ class Settings:
         max_power: bound of the arm's electrical power [W]; None for none.
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
+        tool_acceleration: bound of the acceleration of the tool's origin [m/s^2]; None for none.
+        keep: of "upright[:DEG]", "orientation[:DEG]" and "line[:MM]", what the tool keeps.
         ways: how many free ways are looked for, and started from, where the straight line is not free.
     """
 
@@ -121,6 +126,8 @@ class Settings:
     max_power: float | None = None
     tool_speed: float | None = None
     tool: str | None = None
+    tool_acceleration: float | None = None
+    keep: tuple[str, ...] = ()
     ways: int = 2
 
     def __post_init__(self) -> None:
@@ -134,5 +141,8 @@ class Settings:
             raise BadInput(f"--end-acceleration {self.end_acceleration!r}; expected zero or free")
         if self.verify_samples is not None and self.verify_samples < 100:
             raise BadInput(f"--verify-samples {self.verify_samples}; expected 100 or more")
+        for word in self.keep:
+            if word.partition(":")[0] not in KEPT:
+                raise BadInput(f"--keep {word}: expected one of {', '.join(KEPT)}, with :NUMBER or without")
         if self.controls < 10:
             raise BadInput(f"--controls {self.controls}; expected 10 or more")

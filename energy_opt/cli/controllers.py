@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energy_opt.cli.common import say
@@ -62,14 +63,14 @@ def moves_of(
 
 
 def write_controllers(
-    args: argparse.Namespace, planner: Planner, move: Move, result: Result, moves: StandardMoves | None
+    args: argparse.Namespace, planner: Planner, move: Move, result: Result, moves: StandardMoves | None, out: Path
 ) -> None:
-    """Write the files that --write and --as ask for, and say what they are."""
+    """Write the files that --write and --as ask for into `out`, and say what they will be in --out."""
     from energy_opt.formats import FORMATS, output
     from energy_opt.motion.judge.energy import Scorer
     from energy_opt.profiles import movej
 
-    out, formats, lines = args.out, output.wanted(args.write), []
+    formats, lines = output.wanted(args.write), []
     if moves is not None:
         lines += [f"{out / name}: standard moves" for name in movej.write(moves, planner.robot.body, out)]
         if FORMATS["urscript"] in formats:
@@ -83,7 +84,7 @@ def write_controllers(
 
     lines += output.write(result.trajectory, scorer, judge, formats, out, args.rate, args.joint_prefix)
     for line in lines:
-        say(args, line)
+        say(args, line.replace(str(out), str(args.out)))
     if moves is not None:
         kept = "nothing to save" if moves.kept is None else f"{100 * moves.kept:.1f} % of the free trajectory's saving"
         say(args, f"standard moves ({moves.kind}, {moves.vias} via points) keep {kept}")

@@ -332,6 +332,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
         max_power=args.max_power,
         tool_speed=args.tool_speed,
         tool=args.tool,
+        allow_large=getattr(args, "allow_large", False),
         tool_acceleration=args.tool_acceleration,
         keep=tuple(args.keep),
     )

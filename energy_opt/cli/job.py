@@ -31,6 +31,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.files import to_json
+    from energy_opt.folders import try_folder, written_whole
     from energy_opt.job import load_job, run_job
     from energy_opt.job.cycle import joined
     from energy_opt.job.output import write
@@ -39,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.reports.job import page
 
     job = load_job(args.job, lambda name: _robot(args, name), allow_outside=args.allow_outside)
+    try_folder(args.out)
     args.payload = None
     model = load_model_of(args, job.robot)
     given = {"seed": args.seed, "compile": args.compile}
@@ -56,8 +58,9 @@ def run(args: argparse.Namespace) -> int:
             answered=answers.keep,
             progress=lambda text: say(args, text),
         )
-        found = write(result, args.out)
-        page(found, joined(result.pieces), job.robot).write(args.out / "report.html")
+        with written_whole(args.out, "job.json") as aside:
+            found = write(result, aside)
+            page(found, joined(result.pieces), job.robot).write(aside / "report.html")
     if result.solved:
         answers.forget()
     if args.json:

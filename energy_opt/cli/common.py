@@ -81,6 +81,10 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("conditions")
     group.add_argument("--max-power", type=float, metavar="W", help="bound of the arm's electrical power [W]")
     group.add_argument("--tool-speed", type=float, metavar="V", help="bound of the speed of the tool's origin [m/s]")
+    group.add_argument("--tool-acceleration", type=float, metavar="A", help="bound of its acceleration [m/s^2]")
+    group.add_argument(
+        "--keep", action="append", default=[], metavar="WHAT", help="upright[:DEG], orientation[:DEG] or line[:MM]"
+    )
     group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
@@ -330,4 +334,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
         max_power=args.max_power,
         tool_speed=args.tool_speed,
         tool=args.tool,
+        allow_large=getattr(args, "allow_large", False),
+        tool_acceleration=args.tool_acceleration,
+        keep=tuple(args.keep),
     )

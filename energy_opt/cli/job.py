@@ -33,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.files import to_json, write_json
+    from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_job
     from energy_opt.front.rivals import judges_of, said
     from energy_opt.job import load_job, run_job
@@ -66,7 +67,8 @@ def run(args: argparse.Namespace) -> int:
             raise
         result = compared(result, judges_of(args.model[0] if args.model else None, model, job.robot))
         result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
-        found = write(result, request, args.out)
+        with written_whole(args.out, "job.json") as aside:
+            found = write(result, request, aside)
     if result.solved:
         answers.forget()
     for warning in result.warnings:

@@ -41,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.errors import Infeasible
     from energy_opt.files import to_json, write_json
+    from energy_opt.folders import written_whole
     from energy_opt.front.answer import answer_of
     from energy_opt.front.output import table
     from energy_opt.front.request import guard, request_of_move
@@ -64,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, cell=cell, stopped=stopped)
         try:
             solved = planner.solve(move) if robust is None else robust.solve(move)
-            found, moves = moves_of(args, planner, move, solved)
+            found, moves = moves_of(args, planner, robust, move, solved)
             result = answer_of(compared(found, rivals, robot), robot, request, cell)
         except Infeasible as error:
             error.about = {
@@ -74,10 +75,12 @@ def run(args: argparse.Namespace) -> int:
                 "duration": move.duration,
                 "request": request,
             }
-            write_json(args.out / "result.json", error.document())
+            with written_whole(args.out, "result.json") as aside:
+                write_json(aside / "result.json", error.document())
             raise
-        result.save(args.out)
-        write_controllers(args, planner, move, result, moves)
+        with written_whole(args.out, "result.json") as aside:
+            result.save(aside)
+            write_controllers(args, planner, move, result, moves, aside)
     for warning in result.warnings:
         say(args, f"warning: {warning}")
     if result.message:

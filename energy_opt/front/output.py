@@ -10,6 +10,7 @@ from energy_opt import formats
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.files import replacing, write_json
+from energy_opt.folders import written_whole
 from energy_opt.motion import Result
 from energy_opt.motion.timing.toppra import INTERVALS
 from energy_opt.reports import plots
@@ -24,10 +25,11 @@ def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, 
     Args:
         cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
     """
-    formats.table.write(result.trajectory, out / "trajectory.csv")
-    formats.messages.write_yaml(result.trajectory, out / "trajectory.yaml")
-    _picture_and_report(result, robot, document, out, cell or Cell(robot, CellRequest()))
-    write_json(out / "result.json", document)
+    with written_whole(out, "result.json") as aside:
+        formats.table.write(result.trajectory, aside / "trajectory.csv")
+        formats.messages.write_yaml(result.trajectory, aside / "trajectory.yaml")
+        _picture_and_report(result, robot, document, aside, cell or Cell(robot, CellRequest()))
+        write_json(aside / "result.json", document)
 
 
 def _picture_and_report(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell) -> None:

@@ -12,6 +12,14 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
 
 Mode = Literal["retime", "reshape"]
+SHORTEST, LONGEST = 1e-6, 1e5  # [s] of a duration asked for: less than a sample of any controller; more than a day
+LARGEST = 1e6  # [rad, m] of a position: joints that turn without end count fewer turns
+COUNTS = (  # of settings: name, least, most without `allow_large` (what the most comes to)
+    ("starts", 1, 10_000),  # hours
+    ("seed", 0, 2**63 - 1),
+    ("verify_samples", 100, 2_000_000),  # 1 GB for seven joints
+    ("controls", 10, 400),  # 2,800 unknowns for seven joints: minutes a start
+)
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
 
 
@@ -48,11 +56,15 @@ class Move:
         for name, value in (("--duration", self.duration), ("--max-duration", self.max_duration)):
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise BadInput(f"{name} {value:g}: not a duration; expected seconds above 0")
+            if value is not None and not SHORTEST <= value <= LONGEST:
+                raise BadInput(f"{name} {value:g}: expected {SHORTEST:g} to {LONGEST:g} s")
         if self.via and self.mode == "retime":
             raise BadInput("--via belongs to --mode reshape; for retime give the points as a --path file")
         for what, q in (("--start", self.start), ("--goal", self.goal), *(("--via", q) for q in self.via)):
             if np.asarray(q).shape != np.asarray(self.start).shape or not np.isfinite(q).all():
                 raise BadInput(f"{what}: expected {np.asarray(self.start).size} finite joint positions [rad]")
+            if np.abs(q).max(initial=0.0) > LARGEST:
+                raise BadInput(f"{what}: a position of {np.abs(q).max():.3g}; expected at most {LARGEST:g} rad")
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Move):
@@ -88,6 +100,9 @@ def _same(a: object, b: object) -> bool:
     return bool(a == b)
 
 
+KEPT = ("upright", "orientation", "line")  # what `Settings.keep` can name
+
+
 @dataclass(frozen=True)
 class Settings:
     """How to solve.
@@ -105,7 +120,10 @@ class Settings:
         controls: control points per joint of a reshaped move.
         max_power: bound of the arm's electrical power [W]; None for none.
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
+        allow_large: more starts, samples and control points than a careful user would ask for.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
+        tool_acceleration: bound of the acceleration of the tool's origin [m/s^2]; None for none.
+        keep: of "upright[:DEG]", "orientation[:DEG]" and "line[:MM]", what the tool keeps.
         ways: how many free ways are looked for, and started from, where the straight line is not free.
     """
 
@@ -121,18 +139,24 @@ class Settings:
     max_power: float | None = None
     tool_speed: float | None = None
     tool: str | None = None
+    allow_large: bool = False
+    tool_acceleration: float | None = None
+    keep: tuple[str, ...] = ()
     ways: int = 2
 
     def __post_init__(self) -> None:
-        if self.starts < 1:
-            raise BadInput(f"--starts {self.starts}; expected 1 or more")
+        for name, least, most in COUNTS:
+            value = getattr(self, name)
+            larger = self.allow_large and name != "seed"
+            if value is not None and (value < least or (value > most and not larger)):
+                hint = ", or --allow-large" if value > most and name != "seed" else ""
+                raise BadInput(f"--{name.replace('_', '-')} {value:.12g}; expected {least} to {most}{hint}")
         if self.objective not in OBJECTIVES:
             raise BadInput(f"objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
         if self.solver != "ipopt":
             raise BadInput(f"--solver {self.solver!r}; expected ipopt")
         if self.end_acceleration not in ("zero", "free"):
             raise BadInput(f"--end-acceleration {self.end_acceleration!r}; expected zero or free")
-        if self.verify_samples is not None and self.verify_samples < 100:
-            raise BadInput(f"--verify-samples {self.verify_samples}; expected 100 or more")
-        if self.controls < 10:
-            raise BadInput(f"--controls {self.controls}; expected 10 or more")
+        for word in self.keep:
+            if word.partition(":")[0] not in KEPT:
+                raise BadInput(f"--keep {word}: expected one of {', '.join(KEPT)}, with :NUMBER or without")

@@ -12,6 +12,7 @@ from energy_opt.errors import BadInput
 if TYPE_CHECKING:
     from energy_opt.motion import Move, Planner, Result, Trajectory
     from energy_opt.motion.judge.certificate import Certificate
+    from energy_opt.motion.plan.robust import RobustPlanner
     from energy_opt.profiles import StandardMoves
 
 
@@ -45,13 +46,18 @@ def check_controllers(args: argparse.Namespace) -> None:
 
 
 def moves_of(
-    args: argparse.Namespace, planner: Planner, move: Move, result: Result
+    args: argparse.Namespace, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
 ) -> tuple[Result, StandardMoves | None]:
-    """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none."""
-    from energy_opt.profiles import MovesPlanner, as_result
+    """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none.
+
+    `robust` plans them where several models are in force.
+    """
+    from energy_opt.profiles import MovesPlanner, as_result, robust_moves
 
     if args.as_ is None or result.interrupted:
         return result, None
+    if robust is not None:
+        return robust_moves(robust, move, result, args.vias or 0)
     moves = MovesPlanner(planner).solve(move, result, args.vias or 0)
     return as_result(result, moves), moves
 

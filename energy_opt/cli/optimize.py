@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, cell=cell, stopped=stopped)
         try:
             solved = planner.solve(move) if robust is None else robust.solve(move)
-            found, moves = moves_of(args, planner, move, solved)
+            found, moves = moves_of(args, planner, robust, move, solved)
             result = answer_of(compared(found, rivals, robot), robot, request, cell)
         except Infeasible as error:
             error.about = {

@@ -82,7 +82,8 @@ class MovesPlanner:
         """The moves with the least energy through at most `vias` via points, in the time of `reference`.
 
         Args:
-            reference: the continuous optimum of the same move, where starts are taken from, too.
+            reference: the continuous optimum of the same move, where starts are taken from, too. Where moves are found
+                that are cheaper, the optimum is sought again from them, to tell how much of it they keep.
 
         Raises:
             BadInput: the move prescribes a path, via points, or ends in motion, which standard moves cannot follow.
@@ -109,13 +110,23 @@ class MovesPlanner:
         if not found:
             raise self._infeasible(move, reference, vias, broken)
         chain, trajectory, energy, certificate = min(found, key=lambda answer: answer[2].total)
-        baseline, kept = reference.baseline("scaled"), None
-        if baseline is not None and baseline.valid:
-            scaled = baseline.energy.loss
-            saved = scaled - reference.energy.loss
-            kept = (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
+        kept = self._kept(move, reference, trajectory, energy)
         kind = "s-curve" if self.smooth else "trapezoid"
         return StandardMoves(kind, chain, self.p.scorer.filled(trajectory), energy, certificate, kept)
+
+    def _kept(self, move: Move, reference: Result, trajectory: Trajectory, energy: Energy) -> float | None:
+        """The share that moves keep of what the best known trajectory saves, under the planner's model.
+
+        That is sought again, from the moves, where they are cheaper; none is ever dearer than the moves themselves.
+        """
+        baseline = reference.baseline("scaled")
+        if baseline is None or not baseline.valid:
+            return None
+        least, scaled = self.p.score(reference.trajectory).loss, self.p.score(baseline.trajectory).loss
+        if energy.loss < least:
+            least = min(energy.loss, self.p.score(self.p.solve(move, [trajectory]).trajectory).loss)
+        saved = scaled - least
+        return (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
 
     def _check(self, move: Move, vias: int) -> None:
         if not 0 <= vias <= MOST_VIAS:

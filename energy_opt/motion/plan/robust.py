@@ -89,12 +89,28 @@ class RobustPlanner:
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
         """The best move that is found; see `Planner.solve`. `Result.models` says what each model makes of it."""
+        best = self._least(lambda planner, known: planner.solve(move, [*warm, *known]))
+        if best.dearer().any():
+            best = self._answer(_slowed(best.result))
+        return self._stated(best)
+
+    def solve_by(self, find: Callable[[Planner], Result]) -> Result:
+        """As `solve`, of what `find` makes with a planner of the models' mean; it has the last word.
+
+        Where all that it finds is dearer than the evenly slowed move under a model, the result says so in a warning.
+        """
+        best = self._least(lambda planner, _: find(planner))
+        result = self._stated(best)
+        dear = [rival.name for rival, more in zip(self.rivals, best.dearer(), strict=True) if more]
+        said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in dear]
+        return replace(result, warnings=(*result.warnings, *said))
+
+    def _least(self, find: Callable[[Planner, list[Trajectory]], Result]) -> _Answer:
         weights = np.ones(len(self.rivals)) / len(self.rivals)
         best: _Answer | None = None
         for _ in range(ROUNDS[self.kind]):
             self._planner.set_model(self._mixture.reweighted(weights))
-            known = [] if best is None else [best.result.trajectory]
-            answer = self._answer(self._planner.solve(move, [*warm, *known]))
+            answer = self._answer(find(self._planner, [] if best is None else [best.result.trajectory]))
             if best is None or self._rank(answer) < self._rank(best):
                 best = answer
             dearer = answer.dearer()
@@ -102,9 +118,7 @@ class RobustPlanner:
                 break
             weights = self._moved(weights, answer, dearer)
         assert best is not None
-        if best.dearer().any():
-            best = self._answer(_slowed(best.result))
-        return self._stated(best)
+        return best
 
     def _answer(self, result: Result) -> _Answer:
         slowed = next((b for b in result.baselines if b.name == "scaled" and b.valid), None)

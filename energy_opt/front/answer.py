@@ -12,6 +12,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.motion import Result
 from energy_opt.robot import Robot
 
+UNCHECKED = "self-collision is off: whether the arm touches itself was not checked"
 FORMAT = "energy-opt/result/1"
 
 
@@ -44,4 +45,6 @@ class Answer(Result):
 def answer_of(result: Result, robot: Robot, request: Mapping[str, Any], cell: Cell | None = None) -> Answer:
     """The result with its robot, request and cell."""
     known = {f.name: getattr(result, f.name) for f in fields(Result)}
+    if not (request.get("cell") or {}).get("self_collision", True):
+        known["warnings"] = (*result.warnings, UNCHECKED)
     return Answer(**known, arm=robot, request=request, cell=cell)

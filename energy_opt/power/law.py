@@ -91,8 +91,8 @@ def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks, holds: 
         return [effect.torque(x, values, kinks) for effect, values in adding]
 
     moved, tau_m = torques(kinks), x.tau
-    for (effect, _), added in zip(adding, moved, strict=True):
-        parts[effect.name] = ca.dot(added, x.v)
+    for (torque, _), added in zip(adding, moved, strict=True):
+        parts[torque.name] = ca.dot(added, x.v)
         tau_m = tau_m + added
 
     drive = tau_m * x.v

@@ -69,6 +69,16 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("conditions")
     group.add_argument("--max-power", type=float, metavar="W", help="bound of the arm's electrical power [W]")
     group.add_argument("--tool-speed", type=float, metavar="V", help="bound of the speed of the tool's origin [m/s]")
+    group.add_argument(
+        "--tool-acceleration", type=float, metavar="A", help="bound of the acceleration of the tool's origin [m/s^2]"
+    )
+    group.add_argument(
+        "--keep", action="append", default=[], metavar="WHAT",
+        help="upright[:DEG] (5), orientation[:DEG] (2) or line[:MM] (1) of the tool (repeatable)",
+    )  # fmt: skip
+    group.add_argument(
+        "--tube", metavar="WIDTH", help="stay so near to the first path: 0.1rad (joints) or 0.02m (tool) (reshape)"
+    )
     group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
@@ -301,5 +311,8 @@ def settings_of(args: argparse.Namespace) -> Settings:
         end_acceleration=args.end_acceleration,
         max_power=args.max_power,
         tool_speed=args.tool_speed,
+        tool_acceleration=args.tool_acceleration,
+        keep=tuple(args.keep),
+        tube=args.tube,
         tool=args.tool,
     )

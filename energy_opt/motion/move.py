@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.motion.conditions import kept, tube_of
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
 
@@ -105,6 +106,10 @@ class Settings:
         controls: control points per joint of a reshaped move.
         max_power: bound of the arm's electrical power [W]; None for none.
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
+        tool_acceleration: bound of the acceleration of the tool's origin [m/s^2]; None for none.
+        keep: "upright[:DEG]", "orientation[:DEG]", "line[:MM]": what of the tool's pose is kept; one word, words with
+            commas between them, or a sequence of words.
+        tube: "0.1rad" (joints) or "0.02m" (tool): how near to the first path a reshaped move stays; None for anywhere.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
         ways: how many free ways are looked for, and started from, where the straight line is not free.
     """
@@ -120,10 +125,18 @@ class Settings:
     controls: int = 40
     max_power: float | None = None
     tool_speed: float | None = None
+    tool_acceleration: float | None = None
+    keep: str | tuple[str, ...] = ()
+    tube: str | None = None
     tool: str | None = None
     ways: int = 2
 
     def __post_init__(self) -> None:
+        words = self.keep.split(",") if isinstance(self.keep, str) else self.keep
+        object.__setattr__(self, "keep", tuple(words))
+        kept(tuple(words))
+        if self.tube is not None:
+            tube_of(self.tube)
         if self.starts < 1:
             raise BadInput(f"--starts {self.starts}; expected 1 or more")
         if self.objective not in OBJECTIVES:

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from energy_opt.motion.limits.acceleration import Acceleration
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.effort import Effort
 from energy_opt.motion.limits.jerk import Jerk
+from energy_opt.motion.limits.line import Line
+from energy_opt.motion.limits.orientation import Orientation
 from energy_opt.motion.limits.position import Position
 from energy_opt.motion.limits.power import Power
+from energy_opt.motion.limits.tool_acceleration import ToolAcceleration
 from energy_opt.motion.limits.tool_speed import ToolSpeed
+from energy_opt.motion.limits.upright import Upright
 from energy_opt.motion.limits.velocity import Velocity
 from energy_opt.motion.limits.via import ViaPoints
 from energy_opt.motion.move import Move, Settings
 from energy_opt.robot import Limits, Robot
 
-ASKED: tuple[type[Limit], ...] = (ViaPoints, Power, ToolSpeed)  # besides the robot's own
+# besides the robot's own
+ASKED: tuple[type[Limit], ...] = (ViaPoints, Power, ToolSpeed, ToolAcceleration, Upright, Orientation, Line)
 
 
 def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
@@ -28,11 +35,17 @@ def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
     )
 
 
-def limits_of(robot: Robot, settings: Settings, move: Move | None = None) -> tuple[Limit, ...]:
+def limits_of(
+    robot: Robot, settings: Settings, move: Move | None = None, gravity: np.ndarray | None = None
+) -> tuple[Limit, ...]:
     """All limits in force for a robot's moves, or for one of them.
+
+    Args:
+        gravity: (3,) [m/s^2] in the base frame; None for a base that stands upright.
 
     Raises:
         BadInput: a bound or a frame that cannot be.
     """
-    asked = (kind.asked(robot, settings, move) for kind in ASKED)
+    pull = robot.body.gravity if gravity is None else gravity
+    asked = (kind.asked(robot, settings, move, pull) for kind in ASKED)
     return (*joint_limits(robot.limits), *(limit for limit in asked if limit is not None))

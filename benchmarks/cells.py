@@ -1,6 +1,6 @@
 """Moves among things: how many are solved, proven and how fast, beside OMPL, OMPL smoothed, and Drake.
 
-    python benchmarks/cells.py [--problems N] [--rivals] [--out numbers.json]
+    python benchmarks/cells.py [--problems N] [--rivals] [--solve] [--out numbers.json]
 
 Problems are MotionBenchMaker's, from the folder of shared data beside the checkout, where that is there, and the moves
 of benchmarks/suites/cells.toml. Every trajectory, whoever made it, is judged between its samples by the proof of
@@ -14,7 +14,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -31,6 +31,7 @@ from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Planner, Settings, Trajectory
 from energy_opt.motion.path import JointPath, through
+from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.ways.room import Room
 from energy_opt.power import source_method_2
@@ -38,6 +39,7 @@ from energy_opt.robot import Robot, load_robot
 
 MBM = Path(__file__).parents[2] / "shared" / "data" / "mbm"
 SUITE = Path(__file__).parent / "suites" / "cells.toml"
+SLOWER = 1.5  # durations are this multiple of the fastest on the first path
 PLANNING = 10.0  # s that a rival's planner has
 
 
@@ -98,10 +100,38 @@ def from_ends(problem: Problem) -> dict[str, Any]:
     except Infeasible as error:
         return {"source": "none", "seconds": time.process_time() - begin, "message": str(error)}
     seconds = time.process_time() - begin
-    path = move.path
-    assert path is not None
-    verdict, depth = judged(problem.cell, timed(problem, path))
+    verdict, depth = judged(problem.cell, timed(problem, path_of(move)))
     return {"source": source.source, "seconds": seconds, "verdict": verdict, "depth": depth}
+
+
+def answered(planner: Planner, problem: Problem, given: JointPath | None) -> dict[str, Any]:
+    """The whole answer at 1.5 times TOPP-RA's duration on the first path: what it saves, and what judges say of it.
+
+    `work` is the figure that cuRobo calls energy, the integral of sum |tau v|, against that of the path slowed evenly.
+    """
+    planner.set_cell(problem.cell)
+    move = Move(problem.start, problem.goal, path=given)
+    begin = time.process_time()
+    try:
+        move = replace(move, duration=SLOWER * planner.minimum_time(move))
+        result = planner.solve(move)
+    except Infeasible as error:
+        return {"status": "infeasible", "total_seconds": time.process_time() - begin, "message": str(error)}
+    scaled = result.baseline("scaled")
+    row: dict[str, Any] = {"status": result.status, "total_seconds": time.process_time() - begin}
+    row["judged"], _ = judged(problem.cell, result.trajectory)
+    if scaled is not None:
+        row |= {"loss": result.energy.loss, "loss_scaled": scaled.energy.loss}
+        row["saved_percent"] = 100 * (1 - result.energy.loss / scaled.energy.loss)
+        row["work"], row["work_scaled"] = (absolute_work(planner, t) for t in (result.trajectory, scaled.trajectory))
+    return row
+
+
+def absolute_work(planner: Planner, trajectory: Trajectory) -> float:
+    """Integral of sum |tau v| over a trajectory, J."""
+    filled = planner.scorer.filled(trajectory)
+    assert filled.effort is not None
+    return float(np.trapezoid(np.abs(filled.effort * filled.velocity).sum(axis=1), filled.time))
 
 
 def proof_seconds(problem: Problem) -> float | None:
@@ -136,22 +166,64 @@ def rivals(problem: Problem, seed: int) -> dict[str, Any]:
     return out
 
 
+def summary(real: list[dict[str, Any]], rows: list[dict[str, Any]]) -> dict[str, bool]:
+    """Print what whole answers come to, and hold it against what must be."""
+    checks = {}
+    answers = [(row.get(f"{kind}_status"), row.get(f"{kind}_judged")) for row in rows for kind in ("given", "ends")]
+    checks["no result called solved touches anything"] = all(
+        j == "proven" for status, j in answers if status == "solved"
+    )
+    for kind, share in (("given", 0.97), ("ends", 0.95)):
+        asked = [row for row in real if f"{kind}_status" in row]
+        solved = [row for row in asked if row[f"{kind}_status"] == "solved"]
+        if not asked:
+            continue
+        seconds = [row[f"{kind}_total_seconds"] for row in asked]
+        print(
+            f"{kind}: {len(solved)} of {len(asked)} solved, {median(seconds):.2f} s median, {max(seconds):.2f} s worst"
+        )
+        checks[f"{kind}: {100 * share:.0f} % are solved"] = len(solved) >= share * len(asked)
+        saved = [row for row in asked if f"{kind}_saved_percent" in row]
+        mean = float(np.mean([row[f"{kind}_saved_percent"] for row in saved]))
+        sums = {
+            key: sum(row[f"{kind}_{key}"] for row in saved) for key in ("loss", "loss_scaled", "work", "work_scaled")
+        }
+        pooled, work = 100 * (1 - sums["loss"] / sums["loss_scaled"]), 100 * (1 - sums["work"] / sums["work_scaled"])
+        print(f"  loss saved {mean:.1f} % in the mean, {pooled:.1f} % pooled; of sum |tau v| dt {work:.1f} %")
+        if kind == "given":
+            checks["loss saved: mean 58 %, pooled 60 %"] = mean >= 58 and pooled >= 60
+        else:
+            quick = sum(row[f"{kind}_total_seconds"] <= 10 for row in solved)
+            checks["ends: 85 % are solved within 10 s"] = quick >= 0.85 * len(asked)
+    return checks
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run and print; 1 where something that must hold does not."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=int, metavar="N", help="the first N of each kind (all)")
     parser.add_argument("--rivals", action="store_true", help="OMPL and Drake too (pip install ompl drake)")
+    parser.add_argument("--solve", action="store_true", help="whole answers too, with the given path and without")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--out", type=Path, metavar="FILE", help="the numbers as JSON")
     args = parser.parse_args(arguments)
     rows: list[dict[str, Any]] = []
+    planners: dict[str, Planner] = {}
     for problem in problems(args.problems):
         row = {"problem": problem.name, "kind": "mbm" if problem.given is not None else "suite", **from_ends(problem)}
         row["proof_seconds"] = proof_seconds(problem)
+        if args.solve:
+            robot = problem.robot
+            settings = Settings(compile="always", seed=args.seed)
+            planner = planners.setdefault(robot.name, Planner(robot, source_method_2(robot.name), settings))
+            for kind, given in (("given", problem.given), ("ends", None)):
+                if kind == "ends" or given is not None:
+                    row |= {f"{kind}_{key}": value for key, value in answered(planner, problem, given).items()}
         rows.append({**row, **(rivals(problem, args.seed) if args.rivals else {})})
         print(".", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
-    header = [key for key in rows[0] if key not in ("kind", "message")]
+    words = ("kind", "message", "loss", "work", "_message")
+    header = [key for key in dict.fromkeys(key for row in rows for key in row) if not any(w in key for w in words)]
     print(table(header, [[row.get(key, "") if row.get(key) is not None else "-" for key in header] for row in rows]))
     real = [row for row in rows if row["kind"] == "mbm"] or rows
     found = [row for row in real if row["source"] != "none"]
@@ -172,6 +244,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "every first path is proven as timed": all(row["verdict"] == "proven" for row in found),
         "a free motion is proven within 30 ms (median)": not proofs or median(proofs) <= 0.030,
     }
+    if args.solve:
+        checks |= summary(real, rows)
     return finish({"rows": rows}, checks, args.out)
 
 

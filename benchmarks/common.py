@@ -18,6 +18,8 @@ import numpy as np
 from energy_opt.bench.moves import random_moves
 from energy_opt.files import write_json
 from energy_opt.motion import Move, Planner
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.plan import context
 from energy_opt.motion.reshape.search import Reshaper
 from energy_opt.robot import Robot, load_robot
 
@@ -74,34 +76,39 @@ def setting() -> dict[str, Any]:
 
 
 class Clock:
-    """CPU time spent in reshaping proper, s: all starts, refinement, and solves that mend limits."""
+    """CPU time spent in some functions, s."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
 
 
 @contextmanager
-def reshaping_clock() -> Iterator[Clock]:
-    """Adds up, while it is open, the time inside `Reshaper.search` and `Reshaper.polish`."""
-    clock, kept = Clock(), {name: getattr(Reshaper, name) for name in ("search", "polish")}
+def clock(*places: tuple[Any, str]) -> Iterator[Clock]:
+    """Adds up, while it is open, the time inside functions: attributes of classes or modules, none within another."""
+    found, kept = Clock(), [(owner, name, getattr(owner, name)) for owner, name in places]
 
-    def timed(method: Callable[..., Any]) -> Callable[..., Any]:
+    def timed(function: Callable[..., Any]) -> Callable[..., Any]:
         def call(*arguments: Any, **named: Any) -> Any:
             begin = time.process_time()
             try:
-                return method(*arguments, **named)
+                return function(*arguments, **named)
             finally:
-                clock.seconds += time.process_time() - begin
+                found.seconds += time.process_time() - begin
 
         return call
 
-    for name, method in kept.items():
-        setattr(Reshaper, name, timed(method))
+    for owner, name, function in kept:
+        setattr(owner, name, timed(function))
     try:
-        yield clock
+        yield found
     finally:
-        for name, method in kept.items():
-            setattr(Reshaper, name, method)
+        for owner, name, function in kept:
+            setattr(owner, name, function)
+
+
+# Reshaping proper: all starts, refinement, and solves that mend limits; and judging: rows, energy, limits.
+SEARCH = ((Reshaper, "search"), (Reshaper, "polish"))
+JUDGING = ((Scorer, "dense"), (Scorer, "energy_of"), (context, "certificate_of"))
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -1,8 +1,25 @@
-"""`python -m energy_opt` is the command `energy-opt`."""
+"""`energy-opt` and `python -m energy_opt`: Ctrl-C is quiet from the first line on, while libraries load too."""
 
+import os
+import signal
 import sys
 
-from energy_opt.cli.main import main
+
+def command() -> int:
+    """Run the command; returns the exit code."""
+    heeded = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+    if heeded:
+        signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # nothing has begun that could be lost
+    from energy_opt.cli.interrupt import interrupt
+    from energy_opt.cli.main import main
+
+    if heeded:
+        signal.signal(signal.SIGINT, interrupt)
+    try:
+        return main()
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is written, nothing is left to end
+
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command())

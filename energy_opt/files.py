@@ -124,10 +124,16 @@ def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
         raise BadInput(f"{path}: {reason}") from None
 
 
+LONG_KEY = re.compile(r"""(?<![\w"'.-])(?:[\w"'-]++\s*+\.\s*+){64}""")  # a.b.c…, read in quadratic time
+
+
 def read_toml(path: Path) -> dict[str, Any]:
-    """A TOML document; BadInput with line and column where it is malformed."""
+    """A TOML document; BadInput with line and column where it is malformed, or a key has too many parts."""
+    text = read_text(path, LARGEST_DOCUMENT)
+    if LONG_KEY.search(text):
+        raise BadInput(f"{path}: not valid TOML: a key of more than {DEEPEST} parts")
     try:
-        return tomllib.loads(read_text(path, LARGEST_DOCUMENT))
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # of numbers with thousands of digits, too
         raise BadInput(f"{path}: not valid TOML: {_reason(error)}") from None
 

@@ -117,3 +117,13 @@ def test_a_real_problem_with_its_planners_path(planner: Planner, panda: Robot) -
     result = planner.solve(move)
     assert result.status == "solved" and result.certificate.clearance.proven and result.chosen == "reshape"
     assert result.saving is not None and result.saving["loss_percent"] > 35
+
+
+def test_a_result_says_that_self_collision_was_off(panda: Robot) -> None:
+    import energy_opt as eo
+
+    asked = CellRequest(self_collision=False)
+    result = eo.optimize(panda, start=START, goal=START + 0.1, mode="retime", cell=asked, model="source-method-2")
+    assert result.certificate.clearance is None and any("self-collision is off" in line for line in result.warnings)
+    checked = eo.optimize(panda, start=START, goal=START + 0.1, mode="retime", model="source-method-2")
+    assert checked.certificate.clearance.proven and not any("self-collision" in line for line in checked.warnings)

@@ -8,11 +8,15 @@ import pytest
 
 from energy_opt.effects import CopperLoss, CoulombFriction, Payload, Regeneration, Standby
 from energy_opt.errors import BadInput
+from energy_opt.front.rivals import compared, rivals_from
+from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import straight
+from energy_opt.motion.plan.robust import Rival, RobustPlanner
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
+from energy_opt.power.named import named_model
 from energy_opt.robot import Robot
 
 START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
@@ -46,23 +50,23 @@ def test_the_law_is_the_weighted_mean(panda: Robot) -> None:
 def test_payload_is_shared_and_weights_build_nothing_again(panda: Robot) -> None:
     mix = Mixture.of([source_method_2(), _careful(panda)]).replaced(Payload(mass=2.0, com=[0, 0, 0.1]))
     assert all(member.get("payload") is not None for member in mix.members)
-    other = mix.weighted(np.array([0.9, 0.1]))
+    other = mix.reweighted(np.array([0.9, 0.1]))
     assert other.structure == mix.structure and not np.array_equal(other.values(7), mix.values(7))
 
 
 def test_nodes_of_a_mixture_are_the_mean_of_the_members_nodes(panda: Robot) -> None:
     members = [source_method_2(), _careful(panda)]
     z = np.concatenate([START, GOAL - START, np.ones(panda.n), [1.7]])
-    rates = [float(node_functions(m, panda.body).value(z, 0.4, m.values(panda.n))[0]) for m in members]
+    rates = [float(node_functions(m, panda.body, ()).value(z, 0.4, m.values(panda.n))[0]) for m in members]
     mix = Mixture.of(members)
-    assert float(node_functions(mix, panda.body).value(z, 0.4, mix.values(panda.n))[0]) == pytest.approx(
+    assert float(node_functions(mix, panda.body, ()).value(z, 0.4, mix.values(panda.n))[0]) == pytest.approx(
         np.mean(rates), rel=1e-12
     )
 
 
 def test_retiming_minimises_the_mean(panda: Robot) -> None:
     """No timing that is best for one member is better in the mean."""
-    members = [source_method_2(), _careful(panda)]
+    members = [source_method_2(), _careful(panda).without("regeneration")]
     path = straight(START, GOAL)
     scorers = [Scorer(panda, m) for m in members]
 
@@ -71,6 +75,10 @@ def test_retiming_minimises_the_mean(panda: Robot) -> None:
         return float(np.mean([s.energy(trajectory).total for s in scorers]))
 
     best = mean(Mixture.of(members))
+    mixed = Scorer(panda, Mixture.of(members)).energy(straightforward := retime(panda, members[0], path).trajectory)
+    for part in ("total", "standby", "stored", "loss"):
+        alone = [getattr(s.energy(straightforward), part) for s in scorers]
+        assert getattr(mixed, part) == pytest.approx(np.mean(alone), rel=1e-9, abs=1e-9)
     assert best <= min(mean(m) for m in members) + 1e-6
 
 
@@ -78,3 +86,48 @@ def test_weights_that_make_no_mean_are_refused() -> None:
     for weights in ([1.0], [0.0, 0.0], [1.0, -1.0]):
         with pytest.raises(BadInput, match="weight"):
             Mixture.of([source_method_2(), source_method_2()], weights)
+
+
+def test_a_robust_plan_is_dearer_than_the_slowed_move_under_no_model(panda: Robot) -> None:
+    """The plan for the source model alone costs more than the slowed move once there is friction."""
+    rivals = [Rival("plain", source_method_2()), Rival("careful", named_model("careful", "panda"))]
+    settings = Settings(starts=1, controls=16, compile="never")
+    move = Move(START, GOAL, duration=2.0)
+    plain = Planner(panda, rivals[0].model, settings).solve(move)
+    robust = RobustPlanner(panda, rivals, "mean", settings).solve(move)
+    slowed = plain.baseline("scaled")
+    assert slowed is not None and slowed.valid and robust.certificate.valid
+    totals = {}
+    for rival in rivals:
+        scorer = Scorer(panda, rival.model)
+        totals[rival.name] = [scorer.energy(t).total for t in (plain.trajectory, robust.trajectory, slowed.trajectory)]
+        assert totals[rival.name][1] <= totals[rival.name][2] + 1e-9
+    assert totals["careful"][0] > totals["careful"][2]
+    means = np.mean(list(totals.values()), axis=0)
+    assert means[1] < min(means[0], means[2])
+    assert [row["total"] for row in robust.models] == pytest.approx([t[1] for t in totals.values()], rel=1e-9)
+    assert robust.energy.total == pytest.approx(totals["plain"][1], rel=1e-9)
+
+
+def test_the_worst_of_the_models_is_no_worse_than_of_the_mean(panda: Robot) -> None:
+    heavy = PowerModel("panda", (Standby(power=60.0), CopperLoss(r_over_kt2=0.02)))
+    rivals = [Rival("plain", source_method_2()), Rival("heavy", heavy)]
+    settings = Settings(starts=1, controls=16, compile="never")
+    move = Move(START, GOAL, mode="retime")
+    worst = {}
+    for kind in ("mean", "worst"):
+        result = RobustPlanner(panda, rivals, kind, settings).solve(move)
+        worst[kind] = max(float(row["total"]) for row in result.models)
+    assert worst["worst"] <= worst["mean"] + 1e-9
+
+
+def test_a_plan_of_the_source_model_says_what_friction_makes_of_it(panda: Robot) -> None:
+    rivals, kind = rivals_from(["source_method_2"], None, panda)
+    assert kind is None and rivals[0].name == "source-method-2"
+    settings = Settings(starts=1, controls=16, compile="never")
+    result = compared(Planner(panda, rivals[0].model, settings).solve(Move(START, GOAL, duration=2.0)), rivals, panda)
+    assert [row["name"] for row in result.models] == ["source-method-2", "careful"]
+    assert any("careful" in warning for warning in result.warnings)
+    assert rivals_from([], None, panda)[1] == "mean"
+    with pytest.raises(BadInput, match="mean or worst"):
+        rivals_from([], "best", panda)

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import ruckig
 from poses import GOAL, START
 
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.dense import Dense
@@ -17,10 +21,12 @@ from energy_opt.motion.judge.certificate import certify
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.base import Limit, PlaceRows, Violation
 from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.motion.plan.robust import Rival, RobustPlanner
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.numerics import ipopt
 from energy_opt.power import PowerModel
-from energy_opt.profiles import Chain, MovesPlanner, as_result, fastest
+from energy_opt.power.named import named_model
+from energy_opt.profiles import Chain, MovesPlanner, as_result, fastest, robust_moves
 from energy_opt.profiles.program import SHARP, Program, Shape, lobatto
 from energy_opt.robot import Robot
 
@@ -171,13 +177,54 @@ def test_moves_keep_much_of_the_saving(solved: tuple[Planner, Move, Result]) -> 
         assert answer.trajectory.duration == pytest.approx(1.8, abs=1e-12)
         energy = Scorer(planner.robot, planner.model).energy(answer.trajectory)
         assert answer.energy.total == pytest.approx(energy.total, rel=1e-12)
-        assert answer.kept == pytest.approx((scaled - energy.loss) / (scaled - reference.energy.loss), rel=1e-9)
+        share = (scaled - energy.loss) / (scaled - reference.energy.loss)
+        if share > 1:  # one start found a poor optimum; the moves led to a better one
+            assert answer.kept is not None and answer.kept <= 1
+        else:
+            assert answer.kept == pytest.approx(share, rel=1e-9)
     assert found[1].kept is not None and found[0].kept is not None
     assert found[1].kept > max(1 / 3, found[0].kept + 0.1)
     one = found[0].chain
     assert one.ramps[0] == pytest.approx(one.ramps[1]) and one.rises[0] == pytest.approx(one.rises[1])
     document = as_result(reference, found[1]).document()
     assert document["chosen"] == "moves" and document["status"] == reference.status
+    assert as_result(replace(reference, models=({"name": "x"},)), found[1]).models == ()
+
+
+def test_moves_never_keep_more_than_there_is(solved: tuple[Planner, Move, Result]) -> None:
+    """Beside a poor optimum, here of the straight line, the best trajectory is sought again from the moves."""
+    planner, move, _ = solved
+    poor = planner.solve(replace(move, mode="retime"))
+    moves = MovesPlanner(planner).solve(move, poor, 1)
+    assert moves.energy.loss < poor.energy.loss
+    assert moves.kept is not None and 1 / 3 < moves.kept <= 1
+
+
+@pytest.mark.slow
+def test_moves_under_several_models_are_dearer_under_none(panda: Robot) -> None:
+    """And cheaper in the mean than the moves for the first model alone, which knows nothing of friction."""
+    names = ["source-method-2", "careful"]
+    rivals = [Rival(name, named_model(name, "panda")) for name in names]
+    settings = Settings(starts=1, controls=16, compile="never")
+    robust, move = RobustPlanner(panda, rivals, "mean", settings), Move(START, GOAL, duration=2.0)
+    reference = robust.solve(move)
+    result, moves = robust_moves(robust, move, reference, 1)
+    plain = Planner(panda, rivals[0].model, settings)
+    alone = MovesPlanner(plain).solve(move, plain.solve(move), 1)
+    scaled = result.baseline("scaled").trajectory
+    totals = {}
+    for rival in rivals:
+        scorer = Scorer(panda, rival.model)
+        totals[rival.name] = [scorer.energy(t).total for t in (moves.trajectory, alone.trajectory, scaled)]
+        assert totals[rival.name][0] <= totals[rival.name][2]
+    means = np.mean(list(totals.values()), axis=0)
+    assert means[0] < means[1] - 1e-3 and not result.warnings
+    assert result.chosen == "moves" and result.certificate.valid and 0 < moves.kept <= 1
+    assert [(row["name"], row["total"]) for row in result.models] == [
+        (name, pytest.approx(totals[name][0], rel=1e-9)) for name in names
+    ]
+    assert result.energy.total == moves.energy.total == pytest.approx(totals[names[0]][0], rel=1e-12)
+    assert result.moves is not None and result.moves["loss"] == result.energy.loss
 
 
 def test_too_short_for_standard_moves(solved: tuple[Planner, Move, Result]) -> None:
@@ -261,3 +308,23 @@ def test_numeric_rows_have_exact_derivatives_and_are_held(panda: Robot, model: P
     assert answer.success and loose.success
     assert program.rows(answer.x)[-23:].max() <= 1e-7 < program.rows(loose.x)[-23:].max()
     assert program.cost(answer.x) > free.cost(loose.x)
+
+
+@pytest.mark.slow
+def test_moves_that_touch_are_led_around(solved: tuple[Planner, Move, Result], tmp_path: Path) -> None:
+    """With one via point the hand would pass through a link; kept clear, and proven so, it costs a little more."""
+    planner, move, reference = solved
+    free = MovesPlanner(planner).solve(move, reference, 1)
+    (tmp_path / "scene.yaml").write_text(
+        "objects:\n  - {name: post, type: box, size: [0.08, 0.08, 0.5], position: [0.45, 0.25, 0.25]}\n"
+    )
+    among = Planner(
+        planner.robot, planner.model, planner.settings,
+        cell=load_cell(planner.robot, CellRequest(scene=tmp_path / "scene.yaml")),
+    )  # fmt: skip
+    touching = among.certify(free.trajectory, move)
+    assert touching.within_limits and touching.clearance is not None and not touching.clearance.proven
+    chain, certificate = MovesPlanner(among).mended(free.chain, move, (1.8, 1.8), "energy")
+    assert certificate.valid and certificate.clearance is not None and certificate.clearance.lower_bound > 0
+    energy = planner.score(chain.trajectory(planner.robot.joints))
+    assert free.energy.loss < energy.loss < 1.3 * free.energy.loss

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from energy_opt.cell.request import CellRequest
-    from energy_opt.effects import Effect
+    from energy_opt.effects import Payload
     from energy_opt.motion import Move, Settings
+    from energy_opt.motion.plan.robust import Kind, Rival
     from energy_opt.power import PowerModel
     from energy_opt.robot import Robot
 
@@ -36,11 +37,22 @@ def add_common(parser: argparse.ArgumentParser, out: str) -> None:
     group.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m] (none)"
     )
-    group.add_argument("--model", metavar="MODEL", help="power model: a file or a name (default: source-method-2)")
+    add_model(group)
     group.add_argument(
         "--dynamics", default="auto", metavar="SOURCE", help="auto (default), compact, templates or pinocchio"
     )
     add_output(parser, out)
+
+
+def add_model(group: argparse._ArgumentGroup) -> None:
+    """The power model."""
+    group.add_argument(
+        "--model",
+        action="append",
+        default=[],
+        metavar="MODEL",
+        help="power model: a file, or source-method-1, source-method-2, careful (default: source-method-2)",
+    )
 
 
 def add_output(parser: argparse.ArgumentParser, out: str) -> None:
@@ -76,9 +88,6 @@ def add_move(parser: argparse.ArgumentParser) -> None:
         "--keep", action="append", default=[], metavar="WHAT",
         help="upright[:DEG] (5), orientation[:DEG] (2) or line[:MM] (1) of the tool (repeatable)",
     )  # fmt: skip
-    group.add_argument(
-        "--tube", metavar="WIDTH", help="stay so near to the first path: 0.1rad (joints) or 0.02m (tool) (reshape)"
-    )
     group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
@@ -144,12 +153,14 @@ def load_robot_of(args: argparse.Namespace) -> Robot:
 
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
-    """The model that --model and --payload describe; the source paper's Method 2 by default."""
+    """The one model that --model and --payload describe; the source paper's Method 2 by default."""
     from energy_opt.front.given import model_from
 
-    model = model_from(args.model, robot)
+    if len(args.model) > 1:
+        raise BadInput(f"--model stands there {len(args.model)} times; this verb plans with one")
+    model = model_from(args.model[0] if args.model else None, robot)
     if model.robot not in ("", robot.name):
-        say(args, f"warning: {args.model}: a model of {model.robot}, used for {robot.name}")
+        say(args, f"warning: {args.model[0]}: a model of {model.robot}, used for {robot.name}")
     if args.payload is not None:
         model = model.replaced(payload_from(args.payload))
     if getattr(args, "base", None) is not None:  # gravity is the scene's -z
@@ -158,7 +169,19 @@ def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
     return model
 
 
-def payload_from(word: str) -> Effect:
+def rivals_of(args: argparse.Namespace, robot: Robot) -> tuple[list[Rival], Kind | None]:
+    """The models that --model, --robust and --payload describe; the first is the one that results are stated under."""
+    from energy_opt.front.rivals import rivals_from
+
+    payload = None if args.payload is None else payload_from(args.payload)
+    rivals, kind = rivals_from(args.model, args.robust, robot, payload)
+    for rival in rivals:
+        if rival.model.robot not in ("", robot.name):
+            say(args, f"warning: {rival.name}: a model of {rival.model.robot}, used for {robot.name}")
+    return rivals, kind
+
+
+def payload_from(word: str) -> Payload:
     """A payload from MASS or MASS,CX,CY,CZ."""
     from energy_opt.effects import Payload
 
@@ -313,6 +336,6 @@ def settings_of(args: argparse.Namespace) -> Settings:
         tool_speed=args.tool_speed,
         tool_acceleration=args.tool_acceleration,
         keep=tuple(args.keep),
-        tube=args.tube,
         tool=args.tool,
+        allow_large=getattr(args, "allow_large", False),
     )

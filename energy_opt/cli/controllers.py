@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energy_opt.cli.common import say
@@ -11,6 +12,7 @@ from energy_opt.errors import BadInput
 if TYPE_CHECKING:
     from energy_opt.motion import Move, Planner, Result, Trajectory
     from energy_opt.motion.judge.certificate import Certificate
+    from energy_opt.motion.plan.robust import RobustPlanner
     from energy_opt.profiles import StandardMoves
 
 
@@ -44,26 +46,31 @@ def check_controllers(args: argparse.Namespace) -> None:
 
 
 def moves_of(
-    args: argparse.Namespace, planner: Planner, move: Move, result: Result
+    args: argparse.Namespace, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
 ) -> tuple[Result, StandardMoves | None]:
-    """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none."""
-    from energy_opt.profiles import MovesPlanner, as_result
+    """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none.
+
+    `robust` plans them where several models are in force.
+    """
+    from energy_opt.profiles import MovesPlanner, as_result, robust_moves
 
     if args.as_ is None or result.interrupted:
         return result, None
+    if robust is not None:
+        return robust_moves(robust, move, result, args.vias or 0)
     moves = MovesPlanner(planner).solve(move, result, args.vias or 0)
     return as_result(result, moves), moves
 
 
 def write_controllers(
-    args: argparse.Namespace, planner: Planner, move: Move, result: Result, moves: StandardMoves | None
+    args: argparse.Namespace, planner: Planner, move: Move, result: Result, moves: StandardMoves | None, out: Path
 ) -> None:
-    """Write the files that --write and --as ask for, and say what they are."""
+    """Write the files that --write and --as ask for into `out`, and say what they will be in --out."""
     from energy_opt.formats import FORMATS, output
     from energy_opt.motion.judge.energy import Scorer
     from energy_opt.profiles import movej
 
-    out, formats, lines = args.out, output.wanted(args.write), []
+    formats, lines = output.wanted(args.write), []
     if moves is not None:
         lines += [f"{out / name}: standard moves" for name in movej.write(moves, planner.robot.body, out)]
         if FORMATS["urscript"] in formats:
@@ -77,7 +84,7 @@ def write_controllers(
 
     lines += output.write(result.trajectory, scorer, judge, formats, out, args.rate, args.joint_prefix)
     for line in lines:
-        say(args, line)
+        say(args, line.replace(str(out), str(args.out)))
     if moves is not None:
         kept = "nothing to save" if moves.kept is None else f"{100 * moves.kept:.1f} % of the free trajectory's saving"
         say(args, f"standard moves ({moves.kind}, {moves.vias} via points) keep {kept}")

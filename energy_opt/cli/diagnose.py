@@ -39,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.diagnose import diagnose, write
     from energy_opt.files import to_json
+    from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_set
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
@@ -58,9 +59,10 @@ def run(args: argparse.Namespace) -> int:
     guard(args.out / "diagnosis.json", request, args.force)
     result = diagnose(measured, declared, args.seed)
     result.document["request"] = request
-    if result.document["verdict"] in ("ambiguous", "insufficient"):
-        _next_motion(result, args.out, args.seed)
-    write(result, args.out)
+    with written_whole(args.out, "diagnosis.json") as aside:
+        if result.document["verdict"] in ("ambiguous", "insufficient"):
+            _next_motion(result, aside, args.seed)
+        write(result, aside)
     say(args, _summary(result, args.out))
     if args.json:
         sys.stdout.write(to_json(result.document))

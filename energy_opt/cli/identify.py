@@ -52,6 +52,7 @@ def _mass(text: str | None) -> PointMass | None:
 
 def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
     from energy_opt.files import to_json, write_json
+    from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_set
     from energy_opt.identify import identify, poses_of
     from energy_opt.measured import read_log, read_set
@@ -70,14 +71,15 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
     guard(args.out / "identify.json", request, args.force)
     result = identify(measured.robot.name, poses_of(measured, mass))
     document = {**result.document(), "request": request}
-    result.model_1().save(args.out / "model_method1.toml")
     second = result.model_2()
-    if second is not None:
-        second.save(args.out / "model_method2.toml")
-    write_json(args.out / "identify.json", document)
-    _plot(result, args.out / "plot.png")
-    load, power = [pose.load for pose in result.poses], [pose.power for pose in result.poses]
-    page(result.document(), load, power, result.robot).write(args.out / "report.html")
+    with written_whole(args.out, "identify.json") as aside:
+        result.model_1().save(aside / "model_method1.toml")
+        if second is not None:
+            second.save(aside / "model_method2.toml")
+        write_json(aside / "identify.json", document)
+        _plot(result, aside / "plot.png")
+        load, power = [pose.load for pose in result.poses], [pose.power for pose in result.poses]
+        page(result.document(), load, power, result.robot).write(aside / "report.html")
     say(args, _summary(result, args.out))
     if args.json:
         sys.stdout.write(to_json(document))

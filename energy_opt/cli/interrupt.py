@@ -7,6 +7,22 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+_pressed = threading.Event()
+
+
+def was_pressed() -> bool:
+    """Whether Ctrl-C has come since the command began."""
+    return _pressed.is_set()
+
+
+def interrupt(signum: int, frame: object) -> None:
+    """What Ctrl-C does while nothing is there that could be written: the command ends.
+
+    A library that is interrupted while it is imported may raise another error in its place: `was_pressed` tells.
+    """
+    _pressed.set()
+    raise KeyboardInterrupt
+
 
 @contextmanager
 def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
@@ -15,7 +31,7 @@ def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
 
     def request(signum: int, frame: object) -> None:
         if event.is_set():
-            raise KeyboardInterrupt
+            interrupt(signum, frame)
         event.set()
 
     if threading.current_thread() is not threading.main_thread():

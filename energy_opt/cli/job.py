@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from energy_opt.cli.common import add_output, add_prefix, load_model_of, say
+from energy_opt.cli.common import add_model, add_output, add_prefix, load_model_of, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--robot", metavar="NAME_OR_URDF", help="in place of the job's own")
     group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
-    group.add_argument("--model", metavar="MODEL", help="power model: a file or a name (default: source-method-2)")
+    add_model(group)
     add_prefix(group)
     group = parser.add_argument_group("solving")
     group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping")
@@ -31,6 +31,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.files import to_json
+    from energy_opt.folders import try_folder, written_whole
     from energy_opt.job import load_job, run_job
     from energy_opt.job.cycle import joined
     from energy_opt.job.output import write
@@ -39,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.reports.job import page
 
     job = load_job(args.job, lambda name: _robot(args, name), allow_outside=args.allow_outside)
+    try_folder(args.out)
     args.payload = None
     model = load_model_of(args, job.robot)
     given = {"seed": args.seed, "compile": args.compile}
@@ -56,8 +58,9 @@ def run(args: argparse.Namespace) -> int:
             answered=answers.keep,
             progress=lambda text: say(args, text),
         )
-        found = write(result, args.out)
-        page(found, joined(result.pieces), job.robot).write(args.out / "report.html")
+        with written_whole(args.out, "job.json") as aside:
+            found = write(result, aside)
+            page(found, joined(result.pieces), job.robot).write(aside / "report.html")
     if result.solved:
         answers.forget()
     if args.json:

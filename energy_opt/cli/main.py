@@ -13,6 +13,8 @@ from typing import Any, NoReturn
 
 from energy_opt import __version__
 from energy_opt.cli.examples import EXAMPLES, example
+from energy_opt.cli.faults import as_error, one_line
+from energy_opt.cli.interrupt import was_pressed
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
 
 VERBS = {
@@ -65,15 +67,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with speaking_of_options():
         try:
             return _run(words)
-        except EnergyOptError as error:
-            if "-v" in words:
-                traceback.print_exc()
-            return _failed(error.document(), words, error.exit_code)
         except KeyboardInterrupt:
-            return _failed({"status": "interrupted", "message": "interrupted"}, words, 130)
+            return _interrupted(words)
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
+        except Exception as fault:
+            if was_pressed() and not isinstance(fault, EnergyOptError):
+                return _interrupted(words)  # which a library that was being imported took for a fault of its own
+            if "-v" in words:
+                traceback.print_exc()
+            error = as_error(fault)
+            return _failed(error.document(), words, error.exit_code)
+
+
+def _interrupted(words: Sequence[str]) -> int:
+    return _failed({"status": "interrupted", "message": "interrupted"}, words, 130)
 
 
 def _failed(document: dict[str, Any], words: Sequence[str], code: int) -> int:
@@ -82,7 +91,7 @@ def _failed(document: dict[str, Any], words: Sequence[str], code: int) -> int:
         from energy_opt.files import to_json
 
         sys.stdout.write(to_json(document))
-    for line in document["message"].splitlines():
+    for line in one_line(document["message"]).splitlines():
         print(f"energy-opt: {line}", file=sys.stderr)
     return code
 

@@ -10,9 +10,9 @@ from energy_opt.cli.common import (
     add_common,
     add_move,
     cell_of,
-    load_model_of,
     load_robot_of,
     move_of,
+    rivals_of,
     say,
     settings_of,
 )
@@ -27,6 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--duration", type=float, metavar="T", help="exactly this long [s]")
     group.add_argument("--max-duration", type=float, metavar="T", help="at most this long [s]")
     add_cell(parser)
+    parser.add_argument_group("several models").add_argument(
+        "--robust",
+        metavar="KIND",
+        help="mean or worst energy over several --model, or one's draws and rivals (without --model: mean)",
+    )
     add_controllers(parser)
 
 
@@ -36,14 +41,18 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.errors import Infeasible
     from energy_opt.files import to_json, write_json
+    from energy_opt.folders import written_whole
     from energy_opt.front.answer import answer_of
     from energy_opt.front.output import table
     from energy_opt.front.request import guard, request_of_move
+    from energy_opt.front.rivals import compared
     from energy_opt.motion import Planner
+    from energy_opt.motion.plan.robust import RobustPlanner
 
     check_controllers(args)
     robot = load_robot_of(args)
-    model = load_model_of(args, robot)
+    rivals, kind = rivals_of(args, robot)
+    model = rivals[0].model
     move = move_of(args, robot, args.duration, args.max_duration)
     asked = cell_of(args)
     named = {"path": args.path, "limits": args.limits, "scene": args.scene, "cell": asked.document()}
@@ -51,10 +60,13 @@ def run(args: argparse.Namespace) -> int:
     request = request_of_move(robot, model, move, args.seed, **named, standard=standard, command=args.command)
     guard(args.out / "result.json", request, args.force)
     with stop_on_interrupt() as stopped:
-        planner = Planner(robot, model, settings_of(args), cell=load_cell(robot, asked), stopped=stopped)
+        cell, settings = load_cell(robot, asked), settings_of(args)
+        planner = Planner(robot, model, settings, cell=cell, stopped=stopped)
+        robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, cell=cell, stopped=stopped)
         try:
-            found, moves = moves_of(args, planner, move, planner.solve(move))
-            result = answer_of(found, robot, request)
+            solved = planner.solve(move) if robust is None else robust.solve(move)
+            found, moves = moves_of(args, planner, robust, move, solved)
+            result = answer_of(compared(found, rivals, robot), robot, request, cell)
         except Infeasible as error:
             error.about = {
                 "robot": robot.name,
@@ -63,10 +75,12 @@ def run(args: argparse.Namespace) -> int:
                 "duration": move.duration,
                 "request": request,
             }
-            write_json(args.out / "result.json", error.document())
+            with written_whole(args.out, "result.json") as aside:
+                write_json(aside / "result.json", error.document())
             raise
-        result.save(args.out)
-        write_controllers(args, planner, move, result, moves)
+        with written_whole(args.out, "result.json") as aside:
+            result.save(aside)
+            write_controllers(args, planner, move, result, moves, aside)
     for warning in result.warnings:
         say(args, f"warning: {warning}")
     if result.message:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from energy_opt.robot import Robot
     from energy_opt.virtual_arm import Plant, Reference, Run
 
+MOST_SECONDS = 3600.0  # of motion: 4 million steps, some minutes and 2 GB
+
 HELP = "play trajectories on a virtual arm and write a measured set"
 
 
@@ -54,12 +56,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--jitter", type=float, default=0.0, metavar="S", help="standard deviation of sampling times (0)"
     )
     group.add_argument("--log", nargs="*", default=[], metavar="SIGNAL", help="also log velocity, effort")
+    parser.add_argument("--allow-large", action="store_true", help="simulate more than an hour of motion")
     add_output(parser, "simulated")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.files import to_json
+    from energy_opt.folders import written_whole
     from energy_opt.power import load_model
     from energy_opt.robot import load_robot
     from energy_opt.virtual_arm import Instruments, load_plant, simulate
@@ -82,9 +86,12 @@ def run(args: argparse.Namespace) -> int:
         extra=tuple(args.log),
     )
     references, sources = _references(args, robot)
-    runs = simulate(references, plant, robot, args.out, seed=args.seed, instruments=instruments)
-    if declared is not None:
-        declared.save(args.out / "declared.toml")
+    request = {"command": _words(args)}
+    _guard(args, request)
+    with written_whole(args.out, "log.toml") as aside:
+        runs = simulate(references, plant, robot, aside, seed=args.seed, instruments=instruments, truth=request)
+        if declared is not None:
+            declared.save(aside / "declared.toml")
     for line in _remarks(runs, robot):
         say(args, line)
     if args.json:
@@ -98,12 +105,33 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _words(args: argparse.Namespace) -> list[str]:
+    """The command line without what changes nothing in the set."""
+    return [str(word) for word in args.command if word not in ("--force", "--json", "--quiet", "-v")]
+
+
+def _guard(args: argparse.Namespace, request: dict[str, list[str]]) -> None:
+    """Refuse to overwrite measured data, or what other words simulated, unless forced."""
+    from energy_opt.files import read_toml
+    from energy_opt.folders import try_folder
+
+    try_folder(args.out)
+    if args.force or not (args.out / "log.toml").exists():
+        return
+    truth = args.out / "truth.toml"
+    if not truth.is_file() or read_toml(truth).get("command") != request["command"]:
+        held = "what other words simulated" if truth.is_file() else "a measured set"
+        raise BadInput(f"{args.out} holds {held}; choose another --out, or overwrite it with --force")
+
+
 def _references(args: argparse.Namespace, robot: Robot) -> tuple[list[Reference], list[str]]:
     """What to play, in order, named run01, run02, ..., and the file that each comes from."""
+    import numpy as np
+
     from energy_opt.formats import read_trajectory
     from energy_opt.virtual_arm import pose, reference_of
 
-    if args.static < 0:
+    if not 0 <= args.static < np.inf:
         raise BadInput(f"--static {args.static}: expected seconds, 0 or more")
     read = [
         (reference_of(read_trajectory(path, robot.joints, args.joint_prefix), path.stem), str(path))
@@ -111,6 +139,11 @@ def _references(args: argparse.Namespace, robot: Robot) -> tuple[list[Reference]
     ]
     out: list[Reference] = []
     sources: list[str] = []
+    seconds = args.repeat * sum(reference.duration + 2 * args.rest + args.static for reference, _ in read)
+    if not seconds <= MOST_SECONDS and not args.allow_large:
+        raise BadInput(
+            f"{seconds:.6g} s to simulate; at most {MOST_SECONDS:g} s without --allow-large (are the times seconds?)"
+        )
     for reference, source in read * args.repeat:
         if args.static > 0:
             out.append(pose(f"run{len(out) + 1:02d}", reference.position[0], args.static))

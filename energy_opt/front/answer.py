@@ -8,9 +8,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from energy_opt.cell.cell import Cell
 from energy_opt.motion import Result
 from energy_opt.robot import Robot
 
+UNCHECKED = "self-collision is off: whether the arm touches itself was not checked"
 FORMAT = "energy-opt/result/1"
 
 
@@ -20,11 +22,13 @@ class Answer(Result):
 
     Attributes:
         arm: the robot.
+        cell: the arm's body and what stood around it; None where nothing was kept clear of.
         request: start, goal, path, payload, model, limits, scene, seed, version, command, as result.json has them.
     """
 
     arm: Robot
     request: Mapping[str, Any] = field(default_factory=dict)
+    cell: Cell | None = None
 
     def document(self) -> dict[str, object]:
         """result.json."""
@@ -34,10 +38,13 @@ class Answer(Result):
         """Write result.json, trajectory.csv, trajectory.yaml, plot.png and report.html into the folder `out`."""
         from energy_opt.front.output import write
 
-        write(self, self.arm, self.document(), Path(out))
+        write(self, self.arm, self.document(), Path(out), self.cell)
         return Path(out)
 
 
-def answer_of(result: Result, robot: Robot, request: Mapping[str, Any]) -> Answer:
-    """The result with its robot and request."""
-    return Answer(**{f.name: getattr(result, f.name) for f in fields(result)}, arm=robot, request=request)
+def answer_of(result: Result, robot: Robot, request: Mapping[str, Any], cell: Cell | None = None) -> Answer:
+    """The result with its robot, request and cell."""
+    known = {f.name: getattr(result, f.name) for f in fields(Result)}
+    if not (request.get("cell") or {}).get("self_collision", True):
+        known["warnings"] = (*result.warnings, UNCHECKED)
+    return Answer(**known, arm=robot, request=request, cell=cell)

@@ -10,6 +10,7 @@ from energy_opt import formats
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.files import replacing, write_json
+from energy_opt.folders import written_whole
 from energy_opt.motion import Result
 from energy_opt.motion.timing.toppra import INTERVALS
 from energy_opt.reports import plots
@@ -24,10 +25,11 @@ def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, 
     Args:
         cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
     """
-    formats.table.write(result.trajectory, out / "trajectory.csv")
-    formats.messages.write_yaml(result.trajectory, out / "trajectory.yaml")
-    _picture_and_report(result, robot, document, out, cell or Cell(robot, CellRequest()))
-    write_json(out / "result.json", document)
+    with written_whole(out, "result.json") as aside:
+        formats.table.write(result.trajectory, aside / "trajectory.csv")
+        formats.messages.write_yaml(result.trajectory, aside / "trajectory.yaml")
+        _picture_and_report(result, robot, document, aside, cell or Cell(robot, CellRequest()))
+        write_json(aside / "result.json", document)
 
 
 def _picture_and_report(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell) -> None:
@@ -64,6 +66,15 @@ def _energies(result: Result) -> tuple[list[str], list[list[object]]]:
     return header, rows
 
 
+def _under(row: Mapping[str, Any]) -> str:
+    """What one of several models makes of the move, as a line."""
+    joules, share = row["saving_joules"], row["saving_loss_percent"]
+    if joules is None:
+        return f"  under {row['name']}: {row['total']:.3f} J"
+    of_loss = "" if share is None else f", {share:.2f} % of the loss"
+    return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}"
+
+
 def table(result: Result, out: Path) -> str:
     """The short table for the terminal."""
     header, rows = _energies(result)
@@ -73,6 +84,7 @@ def table(result: Result, out: Path) -> str:
         lines.append(f"{name:<22}{cells}")
     worst = result.certificate.worst
     lines.append(result.saved)
+    lines += [_under(row) for row in result.models if len(result.models) > 1]
     lines.append(
         f"worst limit: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, {worst['value']:.6g} of "
         f"{worst['bound']:.6g} ({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"

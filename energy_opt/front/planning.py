@@ -27,7 +27,9 @@ from energy_opt.front.given import (
     robot_from,
 )
 from energy_opt.front.request import request_of_move
+from energy_opt.front.rivals import compared, rivals_from
 from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
@@ -67,8 +69,9 @@ def move_for(
 
 def optimize(
     robot: AnyRobot,
-    model: AnyModel = None,
+    model: AnyModel | Sequence[AnyModel] = None,
     *,
+    robust: str | None = None,
     start: Positions | None = None,
     goal: Positions | None = None,
     mode: str = "reshape",
@@ -87,7 +90,9 @@ def optimize(
 
     Args:
         robot: a robot, a name (`known_robots()`) or a URDF file.
-        model: a power model, a model file, or "source-method-1" or "source-method-2" (the default).
+        model: a power model, a model file, or "source-method-1", "source-method-2" or "careful"; or several, of which
+            the first is the one that results are stated under. By default the last two named.
+        robust: "mean" (the default of several models) or "worst" of the energies under all models.
         start: joint positions (n,) [rad] in any sequence, or by joint names.
         goal: the same, for the end.
         mode: "reshape" is free to change the path, "retime" keeps it.
@@ -107,7 +112,13 @@ def optimize(
         Infeasible: no motion holds the limits; says which, where and what would work.
     """
     arm = robot_from(robot, limits)
-    power = with_payload(model_from(model, arm), payload)
+    several: list[AnyModel] = []
+    if isinstance(model, (str, PathLike, PowerModel)):
+        several = [model]
+    elif model is not None:
+        several = list(model)
+    rivals, kind = rivals_from(several, robust, arm, payload)
+    power = rivals[0].model
     of_move, settings = sorted_out(more)
     named = {"mode": mode, "duration": duration, "max_duration": max_duration}
     move = move_for(arm, start, goal, path, via, **named, **of_move)
@@ -117,8 +128,11 @@ def optimize(
     request = request_of_move(
         arm, power, move, settings.seed, path=path, limits=limits, scene=asked.scene, cell=asked.document()
     )
-    planner = Planner(arm, power, settings, cell=load_cell(arm, asked), stopped=stopped)
-    return answer_of(planner.solve(move), arm, request)
+    known: dict[str, Any] = {"cell": load_cell(arm, asked), "stopped": stopped}
+    planner: Planner | RobustPlanner = Planner(arm, power, settings, **known)
+    if kind is not None:
+        planner = RobustPlanner(arm, rivals, kind, settings, **known)
+    return answer_of(compared(planner.solve(move), rivals, arm), arm, request, known["cell"])
 
 
 def with_payload(model: PowerModel, payload: AnyPayload | None) -> PowerModel:

@@ -10,6 +10,7 @@ from typing import Any
 from energy_opt import __version__
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, read_json
+from energy_opt.folders import try_folder
 from energy_opt.motion import Move
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -95,8 +96,9 @@ def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
     """Refuse to overwrite the answer to another request, unless forced.
 
     Raises:
-        BadInput: `file` holds such an answer; says what differs.
+        BadInput: `file` holds such an answer; says what differs. Or its folder cannot be written.
     """
+    try_folder(file.parent)
     if force or not file.is_file():
         return
     try:

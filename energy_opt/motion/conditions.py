@@ -1,9 +1,6 @@
-"""Conditions on a tool's pose and on nearness to a path, in the words in which they are asked for."""
+"""Conditions on a tool's pose, in the words in which they are asked for."""
 
 from __future__ import annotations
-
-import re
-from typing import Literal
 
 import numpy as np
 
@@ -36,19 +33,3 @@ def kept(words: tuple[str, ...]) -> dict[str, float]:
             raise BadInput(f"--keep {name}: given twice")
         out[name] = bound
     return out
-
-
-def tube_of(word: str) -> tuple[float, Literal["rad", "m"]]:
-    """Width and unit of a tube, which say of what it is: joints [rad] or the tool [m].
-
-    Raises:
-        BadInput: it is not of that form.
-    """
-    found = re.fullmatch(r"\s*([0-9.eE+-]+)\s*(rad|m)\s*", word)
-    try:
-        width = float(found[1]) if found else np.nan
-    except ValueError:
-        width = np.nan
-    if found is None or not 0 < width < np.inf:
-        raise BadInput(f"--tube {word}: expected a width above 0 with its unit, as in 0.1rad (joints) or 0.02m (tool)")
-    return width, "rad" if found[2] == "rad" else "m"

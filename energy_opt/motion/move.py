@@ -8,11 +8,19 @@ from typing import Literal
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.motion.conditions import kept, tube_of
+from energy_opt.motion.conditions import kept
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
 
 Mode = Literal["retime", "reshape"]
+SHORTEST, LONGEST = 1e-6, 1e5  # [s] of a duration asked for: less than a sample of any controller; more than a day
+LARGEST = 1e6  # [rad, m] of a position: joints that turn without end count fewer turns
+COUNTS = (  # of settings: name, least, most without `allow_large` (what the most comes to)
+    ("starts", 1, 10_000),  # hours
+    ("seed", 0, 2**63 - 1),
+    ("verify_samples", 100, 2_000_000),  # 1 GB for seven joints
+    ("controls", 10, 400),  # 2,800 unknowns for seven joints: minutes a start
+)
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
 
 
@@ -49,11 +57,15 @@ class Move:
         for name, value in (("--duration", self.duration), ("--max-duration", self.max_duration)):
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise BadInput(f"{name} {value:g}: not a duration; expected seconds above 0")
+            if value is not None and not SHORTEST <= value <= LONGEST:
+                raise BadInput(f"{name} {value:g}: expected {SHORTEST:g} to {LONGEST:g} s")
         if self.via and self.mode == "retime":
             raise BadInput("--via belongs to --mode reshape; for retime give the points as a --path file")
         for what, q in (("--start", self.start), ("--goal", self.goal), *(("--via", q) for q in self.via)):
             if np.asarray(q).shape != np.asarray(self.start).shape or not np.isfinite(q).all():
                 raise BadInput(f"{what}: expected {np.asarray(self.start).size} finite joint positions [rad]")
+            if np.abs(q).max(initial=0.0) > LARGEST:
+                raise BadInput(f"{what}: a position of {np.abs(q).max():.3g}; expected at most {LARGEST:g} rad")
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Move):
@@ -109,7 +121,7 @@ class Settings:
         tool_acceleration: bound of the acceleration of the tool's origin [m/s^2]; None for none.
         keep: "upright[:DEG]", "orientation[:DEG]", "line[:MM]": what of the tool's pose is kept; one word, words with
             commas between them, or a sequence of words.
-        tube: "0.1rad" (joints) or "0.02m" (tool): how near to the first path a reshaped move stays; None for anywhere.
+        allow_large: more starts, samples and control points than a careful user would ask for.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
         ways: how many free ways are looked for, and started from, where the straight line is not free.
     """
@@ -127,25 +139,23 @@ class Settings:
     tool_speed: float | None = None
     tool_acceleration: float | None = None
     keep: str | tuple[str, ...] = ()
-    tube: str | None = None
     tool: str | None = None
+    allow_large: bool = False
     ways: int = 2
 
     def __post_init__(self) -> None:
         words = self.keep.split(",") if isinstance(self.keep, str) else self.keep
         object.__setattr__(self, "keep", tuple(words))
         kept(tuple(words))
-        if self.tube is not None:
-            tube_of(self.tube)
-        if self.starts < 1:
-            raise BadInput(f"--starts {self.starts}; expected 1 or more")
+        for name, least, most in COUNTS:
+            value = getattr(self, name)
+            larger = self.allow_large and name != "seed"
+            if value is not None and (value < least or (value > most and not larger)):
+                hint = ", or --allow-large" if value > most and name != "seed" else ""
+                raise BadInput(f"--{name.replace('_', '-')} {value:.12g}; expected {least} to {most}{hint}")
         if self.objective not in OBJECTIVES:
             raise BadInput(f"objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
         if self.solver != "ipopt":
             raise BadInput(f"--solver {self.solver!r}; expected ipopt")
         if self.end_acceleration not in ("zero", "free"):
             raise BadInput(f"--end-acceleration {self.end_acceleration!r}; expected zero or free")
-        if self.verify_samples is not None and self.verify_samples < 100:
-            raise BadInput(f"--verify-samples {self.verify_samples}; expected 100 or more")
-        if self.controls < 10:
-            raise BadInput(f"--controls {self.controls}; expected 10 or more")

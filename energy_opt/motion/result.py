@@ -93,6 +93,7 @@ class Result:
         trajectory: with effort and power.
         first_path: where the path that it starts from comes from.
         moves: what is known of the standard moves that it consists of; None for a free trajectory.
+        models: what each of several models makes of it: name, total and loss [J], share of the loss saved [%].
     """
 
     status: str
@@ -109,6 +110,7 @@ class Result:
     interrupted: bool = False
     warnings: tuple[str, ...] = field(default=())
     moves: Mapping[str, object] | None = None
+    models: tuple[Mapping[str, object], ...] = ()
     first_path: FirstPath | None = None
 
     def baseline(self, name: str) -> Baseline | None:
@@ -208,6 +210,7 @@ class Result:
                 "starts": self.solver.starts,
             },
             "chosen": self.chosen,
+            "models": [dict(row) for row in self.models],
             "message": self.message,
             "warnings": list(self.warnings),
             **({} if self.moves is None else {"moves": self.moves}),

@@ -24,6 +24,16 @@ _HERMITE = np.array(
 )
 
 
+ROW_STEP = 0.004  # [s] largest time between two rows of a trajectory
+LEAST_ROWS = 200
+MOST_ROWS = 20_000  # that the clock asks for: a motion that takes longer is slower and has no more to say
+
+
+def row_step(duration: float) -> float:
+    """Largest time between two rows of a trajectory that takes `duration`, s: beyond 80 s they follow the motion."""
+    return max(min(ROW_STEP, duration / (LEAST_ROWS - 1)), duration / MOST_ROWS)
+
+
 def _powers(x: np.ndarray, order: int) -> np.ndarray:
     """Derivative of `order` of the powers 0 ... 5 at x (M,), (M, 6)."""
     degree = np.arange(6)

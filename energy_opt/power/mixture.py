@@ -50,9 +50,14 @@ class Mixture(PowerModel):
     def __post_init__(self) -> None:
         """Members were checked when they were made."""
 
-    def weighted(self, weights: np.ndarray) -> Mixture:
+    def reweighted(self, weights: np.ndarray) -> Mixture:
         """The same members under other weights."""
         return Mixture.of(self.members, weights)
+
+    @property
+    def weighted(self) -> tuple[tuple[float, PowerModel], ...]:
+        """The members with their weights."""
+        return tuple(zip(self.weights.tolist(), self.members, strict=True))
 
     def replaced(self, effect: Effect) -> Mixture:
         return Mixture.of([member.replaced(effect) for member in self.members], self.weights)
@@ -87,7 +92,7 @@ class Mixture(PowerModel):
         return out
 
     def constant_power(self, joints: int) -> float:
-        return float(sum(w * m.constant_power(joints) for w, m in zip(self.weights, self.members, strict=True)))
+        return float(sum(weight * member.constant_power(joints) for weight, member in self.weighted))
 
 
 def _carrying(model: PowerModel, rigid: Sequence[Effect]) -> PowerModel:

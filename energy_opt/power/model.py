@@ -154,6 +154,11 @@ class PowerModel:
         """What the power is a weighted sum of: weight, model and its part of `p`; the model itself, here."""
         return [(1.0, self, p)]
 
+    @property
+    def weighted(self) -> tuple[tuple[float, PowerModel], ...]:
+        """The models that this one is the weighted mean of: itself."""
+        return ((1.0, self),)
+
     def check(self, joints: int) -> None:
         """Raise BadInput where a per-joint list does not have one value for each of the robot's joints."""
         self.values(joints)

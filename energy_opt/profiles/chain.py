@@ -22,9 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, row_step
 
-ROW_STEP = 0.004  # [s] largest time between two rows
 LEAST = 1e-12  # [s] pieces that are shorter than this have no row of their own
 
 
@@ -116,15 +115,15 @@ class Chain:
         return np.array(out).reshape(len(out), self.corners.shape[1])
 
     def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
-        """The motion itself: a row where each piece begins and ends, and at most 4 ms apart.
+        """The motion itself: a row where each piece begins and ends, and as near as `row_step` says.
 
         Pieces are of third degree at most, so the quintic between two rows is the profile to rounding.
         """
-        times, rows = [], []
+        times, rows, step = [], [], row_step(self.duration)
         for piece in self.pieces():
             if piece.length <= LEAST:
                 continue
-            count = max(1, int(np.ceil(piece.length / ROW_STEP - 1e-9)))
+            count = max(1, int(np.ceil(piece.length / step - 1e-9)))
             x = (np.arange(count) / count * piece.length)[:, None]
             times.append(piece.start + x[:, 0])
             q = piece.q + x * (piece.v + x * (piece.a / 2 + x * (piece.jerk / 6)))

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.planes import Near
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
@@ -19,10 +21,12 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.compile import compiled
 from energy_opt.profiles.chain import Chain
+from energy_opt.profiles.keep import Keep
 from energy_opt.profiles.program import SHARP, Program, Shape
 
 MOST_VIAS = 5
-MENDS = 3  # times that limits are tightened where the judge finds them broken
+TURNS = 5  # solves with what the judge found broken in view
+REACH = 0.3  # [rad] that via points go at most while the planes between bodies stay where they are
 ROUNDS = 6  # solves with numeric rows that are asked for anew where the one before ended
 SETTLED = 1e-4  # [rad, s] change of all unknowns from round to round at which nothing new is asked for
 LONGEST = 10.0  # a free duration ends at this multiple of the reference's
@@ -71,13 +75,15 @@ class MovesPlanner:
     def __init__(self, planner: Planner) -> None:
         self.p, self.robot = planner, planner.robot
         self._functions: dict[str, NodeFunctions] = {}
+        self._near: tuple[Cell, Near] | None = None
         self.smooth = bool(np.isfinite(planner.robot.limits.jerk).any())
 
     def solve(self, move: Move, reference: Result, vias: int) -> StandardMoves:
         """The moves with the least energy through at most `vias` via points, in the time of `reference`.
 
         Args:
-            reference: the continuous optimum of the same move, where starts are taken from, too.
+            reference: the continuous optimum of the same move, where starts are taken from, too. Where moves are found
+                that are cheaper, the optimum is sought again from them, to tell how much of it they keep.
 
         Raises:
             BadInput: the move prescribes a path, via points, or ends in motion, which standard moves cannot follow.
@@ -91,7 +97,7 @@ class MovesPlanner:
         for count in range(vias + 1):
             answers = []
             for start in self._starts(move, reference, count, guess):
-                chain, certificate = self._mended(start, move, (duration, duration), "energy")
+                chain, certificate = self.mended(start, move, (duration, duration), "energy")
                 trajectory = chain.trajectory(self.robot.joints)
                 if certificate.valid:
                     answers.append((chain, trajectory, self.p.score(trajectory), certificate))
@@ -104,13 +110,23 @@ class MovesPlanner:
         if not found:
             raise self._infeasible(move, reference, vias, broken)
         chain, trajectory, energy, certificate = min(found, key=lambda answer: answer[2].total)
-        baseline, kept = reference.baseline("scaled"), None
-        if baseline is not None and baseline.valid:
-            scaled = baseline.energy.loss
-            saved = scaled - reference.energy.loss
-            kept = (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
+        kept = self._kept(move, reference, trajectory, energy)
         kind = "s-curve" if self.smooth else "trapezoid"
         return StandardMoves(kind, chain, self.p.scorer.filled(trajectory), energy, certificate, kept)
+
+    def _kept(self, move: Move, reference: Result, trajectory: Trajectory, energy: Energy) -> float | None:
+        """The share that moves keep of what the best known trajectory saves, under the planner's model.
+
+        That is sought again, from the moves, where they are cheaper; none is ever dearer than the moves themselves.
+        """
+        baseline = reference.baseline("scaled")
+        if baseline is None or not baseline.valid:
+            return None
+        least, scaled = self.p.score(reference.trajectory).loss, self.p.score(baseline.trajectory).loss
+        if energy.loss < least:
+            least = min(energy.loss, self.p.score(self.p.solve(move, [trajectory]).trajectory).loss)
+        saved = scaled - least
+        return (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
 
     def _check(self, move: Move, vias: int) -> None:
         if not 0 <= vias <= MOST_VIAS:
@@ -160,18 +176,36 @@ class MovesPlanner:
             out.append(Chain(np.vstack([line[0], q, line[1]]), spans, np.full(count + 2, ramp), rises))
         return out
 
-    def _mended(
+    def mended(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str
     ) -> tuple[Chain, Certificate]:
-        """Solved from `chain`, and again under tighter limits where the judge finds them broken by a little."""
-        limits = self.p.limits(move)
-        for mend in range(MENDS + 1):
-            chain, converged = self._solved(chain, move, durations, objective, limits)
+        """Solved from `chain`, and again with what the judge finds broken in view.
+
+        Limits that are broken by a little become tighter; where something is touched, rows keep the bodies apart.
+        """
+        limits, keep = self.p.limits(move), None
+        for turn in range(TURNS):
+            rows = () if keep is None else (keep.rows(),)
+            chain, converged = self._solved(chain, move, durations, objective, (*limits, *rows))
             certificate = self.p.certify(chain.trajectory(self.robot.joints), move)
-            if certificate.valid or not converged or mend == MENDS:
+            proof = certificate.clearance
+            if certificate.valid or turn == TURNS - 1:
                 break
-            limits = certificate.tightened(limits)
+            if proof is not None and not proof.proven:
+                keep = keep or self._keep(move)
+                keep.learn(proof, chain.duration)
+            elif not converged:
+                break
+            else:
+                limits = certificate.tightened(limits)
         return chain, certificate
+
+    def _keep(self, move: Move) -> Keep:
+        cell = self.p.cell
+        assert cell is not None
+        if self._near is None or self._near[0] is not cell:
+            self._near = cell, Near(cell.bodies)
+        return Keep(cell, self._near[1], np.stack([move.start, move.goal]))
 
     def _solved(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str, limits: Sequence[Limit]
@@ -181,7 +215,7 @@ class MovesPlanner:
         shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
         values = self.p.model.values(self.robot.n)
         for _ in range(ROUNDS):
-            program = Program(shape, self._nodes(objective), ends, limits, values, durations, chain)
+            program = Program(shape, self._nodes(objective), ends, limits, values, durations, chain, REACH)
             x = program.unknowns(chain)
             program.scale = 1 / max(abs(program.cost(x) - self._overhead(durations, objective)), 1e-6)
             answer = ipopt.solve(program, x, program.box, program.row_bounds, OPTIONS)
@@ -209,18 +243,22 @@ class MovesPlanner:
     def _infeasible(self, move: Move, reference: Result, vias: int, broken: list[Certificate]) -> Infeasible:
         """Why not, and the shortest duration that standard moves need."""
         duration = reference.trajectory.duration
-        shortest, worst = None, min(broken, key=lambda c: c.violation).worst
-        for start in self._starts(move, reference, vias, None):
+        nearest = min(broken, key=lambda c: max(c.violation, 0.0))
+        worst, touched = nearest.worst, nearest.within_limits and nearest.clearance is not None
+        shortest = None
+        for start in [] if touched else self._starts(move, reference, vias, None):
             longer = start.lasting(3 * duration)
-            chain, certificate = self._mended(longer, move, (0.2 * duration, LONGEST * duration), "time")
+            chain, certificate = self.mended(longer, move, (0.2 * duration, LONGEST * duration), "time")
             if certificate.valid and (shortest is None or chain.duration < shortest):
                 shortest = chain.duration
         ask = "" if shortest is None else f"; the shortest found that do take {shortest:.6g} s"
+        why = f"the {worst['limit']} limit of {worst['joint']} is broken at {worst['time']:.4g} s{ask}"
+        if touched:
+            why = f"{nearest.clearance}; more via points may find a way"
         return Infeasible(
-            f"no standard moves with at most {vias} via points take {duration:.6g} s within the limits: the "
-            f"{worst['limit']} limit of {worst['joint']} is broken at {worst['time']:.4g} s{ask}",
-            joint=str(worst["joint"]),
-            limit=str(worst["limit"]),
+            f"no standard moves with at most {vias} via points take {duration:.6g} s within the limits: {why}",
+            joint=None if touched else str(worst["joint"]),
+            limit="clearance" if touched else str(worst["limit"]),
             shortest_duration=shortest,
         )
 
@@ -235,4 +273,5 @@ def as_result(reference: Result, moves: StandardMoves) -> Result:
         certificate=moves.certificate,
         optimality=replace(reference.optimality, kind="local", lower_bound=None, gap_percent=None),
         moves=moves.document(),
+        models=(),  # of the free trajectory; what models make of these moves is asked anew
     )

@@ -56,7 +56,8 @@ class Program:
 
     Args:
         ends: start and goal (n,); durations: bounds of the whole, s; parameters: the model's values.
-        near: where the limits' numeric rows are asked for; None: without them.
+        near: where the limits' numeric rows are asked for; None: without them. `reach` [rad]: how far via points may
+            go from there.
 
     Attributes:
         scale: what the cost is multiplied by.
@@ -71,13 +72,10 @@ class Program:
         parameters: np.ndarray,
         durations: tuple[float, float],
         near: Chain | None = None,
+        reach: float = np.inf,
     ) -> None:
-        self.shape, self._ends, self._parameters, self.scale = (
-            shape,
-            ends,
-            np.concatenate([parameters, values_of(limits)]),
-            1.0,
-        )
+        self.shape, self._ends, self.scale = shape, ends, 1.0
+        self._parameters = np.concatenate([parameters, values_of(limits)])
         n, k = shape.joints, shape.vias
         symbols = ChainSymbols(ends, k)
         x, ramps, rises = symbols.x, symbols.ramps, symbols.rises
@@ -112,6 +110,9 @@ class Program:
             np.concatenate([high, np.ones(len(least_share)), *(placed.rows.upper for placed in self.placed)]),
         )
         low_corner, high_corner = (np.tile(side, k) for side in box_of(limits, n))
+        if near is not None and self.placed:
+            around = np.clip(near.corners[1:-1].ravel(), low_corner, high_corner)
+            low_corner, high_corner = np.maximum(low_corner, around - reach), np.minimum(high_corner, around + reach)
         least = np.concatenate([np.full(k + 1, SHORTEST), np.full(k + 2, SHORTEST), np.full(k + 2, SHARP)])
         most = np.full(len(least), max(durations[1], SHORTEST))
         if not shape.smooth:

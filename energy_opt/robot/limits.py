@@ -10,6 +10,7 @@ import numpy as np
 
 ASSUMED_VELOCITY = np.pi  # [rad/s] where no limit is known
 ASSUMED_ACCELERATION = 10.0  # [rad/s^2] where neither acceleration nor effort is limited
+SMALLEST = 1e-6  # in SI units: slower, weaker than this nothing moves
 PLACEHOLDER = 1e4  # a velocity or effort limit of this size or more is no limit
 DOUBTFUL_VELOCITY = 100.0  # [rad/s] a limit from here on is named, but used
 DOUBTFUL_EFFORT = 100.0  # likewise, in multiples of the torque that holds the whole arm out straight
@@ -65,12 +66,12 @@ def with_assumptions(limits: Limits, joints: Sequence[str], holding: float) -> t
         if not lower[j] < upper[j]:
             warnings.append(f"{joint}: position limits [{lower[j]:g}, {upper[j]:g}] are empty; assumed: none")
             lower[j], upper[j] = -np.inf, np.inf
-        if not 0 < velocity[j] < PLACEHOLDER:
+        if not SMALLEST <= velocity[j] < PLACEHOLDER:
             warnings.append(f"{joint}: velocity limit {velocity[j]:g} rad/s; assumed: {ASSUMED_VELOCITY:.4g} rad/s")
             velocity[j] = ASSUMED_VELOCITY
         elif velocity[j] >= DOUBTFUL_VELOCITY:
             warnings.append(f"{joint}: velocity limit {velocity[j]:g} rad/s (a placeholder?); assumed: as stated")
-        if 0 < effort[j] < PLACEHOLDER:
+        if SMALLEST <= effort[j] < PLACEHOLDER:
             if holding > 0 and effort[j] >= DOUBTFUL_EFFORT * holding:
                 warnings.append(
                     f"{joint}: effort limit {effort[j]:g} N m, {effort[j] / holding:.0f} times what holds the arm out "

@@ -30,7 +30,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_yaml
-from energy_opt.robot.limits import Limits
+from energy_opt.robot.limits import SMALLEST, Limits
 
 SIZES = {"velocity": "min_velocity", "acceleration": "min_acceleration", "jerk": None, "effort": None}
 FACTORS = {
@@ -159,8 +159,8 @@ def _apply(arrays: dict[str, np.ndarray], j: int, row: Mapping[str, Any], where:
             arrays[kind][j] = np.inf
     braking = _number(row, "max_deceleration")
     if row.get("has_deceleration_limits", braking is not None):
-        if not braking:
-            raise BadInput(f"{where}: has_deceleration_limits is true, but max_deceleration is missing or 0")
+        if not braking or abs(braking) < SMALLEST:
+            raise BadInput(f"{where}: has_deceleration_limits is true, but max_deceleration is missing or as good as 0")
         arrays["acceleration"][j] = min(arrays["acceleration"][j], abs(braking))
 
 
@@ -175,6 +175,8 @@ def _size(row: Mapping[str, Any], kind: str, lowest: str | None, where: str) -> 
     if other is not None and other >= 0:
         raise BadInput(f"{where}.{lowest} = {other:g}; expected a number below 0")
     given = [abs(value) for value in (largest, other) if value is not None]
+    if given and min(given) < SMALLEST:
+        raise BadInput(f"{where}.max_{kind} = {min(given):g}; expected {SMALLEST:g} or more")
     return min(given) if given else None
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.files import write_json, write_text
+from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
 from energy_opt.reports.solids import drawn
 from energy_opt.reports.tradeoff import page
@@ -94,13 +95,18 @@ def write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Ce
     Args:
         cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
     """
+    with written_whole(out, "tradeoff.json") as aside:
+        _write(aside, front, found, robot, cell or Cell(robot, CellRequest()))
+
+
+def _write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Cell) -> None:
     write_text(out / "tradeoff.csv", table(front))
     for name, point in (("minimum", front.minimum), ("cycle_minimum", front.cycle_minimum)):
         if point is not None and point.trajectory is not None:
             rows.write(point.trajectory, out / f"trajectory_{name}.csv")
     _plot(out / "plot.png", front)
     motions = {p.duration: p.trajectory for p in front.points if p.trajectory is not None}
-    bodies, scene = drawn(cell or Cell(robot, CellRequest()))
+    bodies, scene = drawn(cell)
     page(found, motions, robot, bodies, scene).write(out / "report.html")
     write_json(out / "tradeoff.json", found)
 

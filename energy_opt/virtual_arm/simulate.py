@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,10 @@ class Instruments:
     extra: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        numbers = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "extra"}
+        for name, value in numbers.items():
+            if value is not None and not np.isfinite(value):
+                raise BadInput(f"instruments: {name} = {value!r}; expected a finite number")
         for name in ("rate", "power_resolution", "position_resolution"):
             if not getattr(self, name) > 0:
                 raise BadInput(f"instruments: {name} = {getattr(self, name)!r}; expected a number above 0")

@@ -74,11 +74,12 @@ class Scorer:
         payload, gravity = rigid_inputs(self.model, body)
         ends_q, ends_v = trajectory.position[[0, -1]], trajectory.velocity[[0, -1]]
         out = float(np.diff(body.energy(ends_q, ends_v, payload, gravity))[0])
-        for effect in self.model.effects:
-            if effect.stores:
-                p = effect.named(ca.DM(effect.full(self.robot.n)), self.robot.n)
-                at = [float(effect.stored(ca.DM(q), ca.DM(v), p)) for q, v in zip(ends_q, ends_v, strict=True)]
-                out += at[1] - at[0]
+        for weight, member in self.model.weighted:
+            for effect in member.effects:
+                if effect.stores:
+                    p = effect.named(ca.DM(effect.full(self.robot.n)), self.robot.n)
+                    at = [float(effect.stored(ca.DM(q), ca.DM(v), p)) for q, v in zip(ends_q, ends_v, strict=True)]
+                    out += weight * (at[1] - at[0])
         return out
 
     def dense(self, trajectory: Trajectory, factor: int = DENSER) -> Dense:
@@ -96,9 +97,9 @@ class Scorer:
         q, v, a, weight = dense.q, dense.v, dense.a, dense.weight
         by_effect = dict(zip(self.parts, (weight @ dense.parts).tolist(), strict=True))
         total = float(weight @ dense.power)
-        standby = sum(by_effect[e.name] for e in self.model.effects if e.overhead)
+        standby = sum(by_effect[name] for name in dict.fromkeys(e.name for e in self.model.effects if e.overhead))
         stored = self.stored(dense.trajectory)
-        rigid = [e.name for e in self.model.effects if e.stage == "rigid"]
+        rigid = list(dict.fromkeys(e.name for e in self.model.effects if e.stage == "rigid"))
         tau = rigid_torque(self.model, self.robot.body, q, v, a) if rigid else None
         for name in rigid:  # its share of the rigid body's mechanical work, against the model without it
             bare = rigid_torque(self.model.without(name), self.robot.body, q, v, a)

@@ -27,8 +27,8 @@ class Power(Limit):
     local = True
 
     def __init__(self, bound: float) -> None:
-        if not 0 < bound < np.inf:
-            raise BadInput(f"--max-power {bound:g}: expected watts above 0")
+        if not 0.001 <= bound <= 1e09:
+            raise BadInput(f"--max-power {bound:g}: expected 0.001 to 1e+09 W")
         self.scale = np.array([float(bound)])
 
     @classmethod

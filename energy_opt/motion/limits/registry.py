@@ -8,20 +8,22 @@ from energy_opt.motion.limits.acceleration import Acceleration
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.effort import Effort
 from energy_opt.motion.limits.jerk import Jerk
-from energy_opt.motion.limits.line import Line
-from energy_opt.motion.limits.orientation import Orientation
+from energy_opt.motion.limits.keep_line import KeepLine
+from energy_opt.motion.limits.keep_orientation import KeepOrientation
+from energy_opt.motion.limits.keep_upright import KeepUpright
 from energy_opt.motion.limits.position import Position
 from energy_opt.motion.limits.power import Power
 from energy_opt.motion.limits.tool_acceleration import ToolAcceleration
 from energy_opt.motion.limits.tool_speed import ToolSpeed
-from energy_opt.motion.limits.upright import Upright
 from energy_opt.motion.limits.velocity import Velocity
 from energy_opt.motion.limits.via import ViaPoints
 from energy_opt.motion.move import Move, Settings
 from energy_opt.robot import Limits, Robot
 
 # besides the robot's own
-ASKED: tuple[type[Limit], ...] = (ViaPoints, Power, ToolSpeed, ToolAcceleration, Upright, Orientation, Line)
+ASKED: tuple[type[Limit], ...] = (
+    ViaPoints, Power, ToolSpeed, ToolAcceleration, KeepUpright, KeepOrientation, KeepLine,
+)  # fmt: skip
 
 
 def joint_limits(bounds: Limits) -> tuple[Limit, ...]:

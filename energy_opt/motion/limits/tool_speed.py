@@ -24,8 +24,8 @@ class ToolSpeed(Limit):
     squared = True
 
     def __init__(self, body: RigidBody, tool: Tool, bound: float) -> None:
-        if not 0 < bound < np.inf:
-            raise BadInput(f"--tool-speed {bound:g}: expected metres per second above 0")
+        if not 1e-06 <= bound <= 1e06:
+            raise BadInput(f"--tool-speed {bound:g}: expected 1e-06 to 1e+06 m/s")
         self.body, self.tool, self.most = body, tool, float(bound)
         self.scale = np.array([self.most**2])
 

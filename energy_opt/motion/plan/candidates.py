@@ -24,6 +24,7 @@ MENDS = 6  # times that limits are tightened where the judge finds them broken
 LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path
 SHORTEST = 0.2
 ROWS = 200  # of a first guess
+RESOLUTION = 1e-6  # [rad, m] below which no encoder of an arm tells two positions apart (23 bits a turn)
 TINY = 1e-3  # [rad] so small a move, in as little time as it likes, has no room for another way
 
 
@@ -42,6 +43,36 @@ class Made:
 def stands_still(move: Move) -> bool:
     """Is there nothing to reshape?"""
     return bool(not move.via and np.abs(move.goal - move.start).max() < 1e-12 and not np.any(move.end_velocities))
+
+
+def unseen(move: Move) -> bool:
+    """Is the move, from rest to rest, smaller than any encoder tells? Nothing about it is worth a search."""
+    if move.via or np.any(move.end_velocities) or np.abs(move.goal - move.start).max() >= RESOLUTION:
+        return False
+    knots = np.linspace(0.0, 1.0, ROWS)
+    return move.path is None or bool(np.abs(move.path(knots) - move.start).max() < RESOLUTION)
+
+
+def unsearched(context: Context, move: Move, timing: Timing) -> Made:
+    """The minimum-time timing, slowed evenly to what is asked for, in place of a search.
+
+    Raises:
+        Infeasible: less time is asked for than that.
+    """
+    wanted = timing.duration if move.duration is None else move.duration
+    longest = wanted if move.max_duration is None else move.max_duration
+    if timing.path.moves and timing.duration > min(wanted, longest) * (1 + 1e-9):
+        raise Infeasible(
+            f"a duration of {min(wanted, longest):.6g} s is too short: the shortest on this path is "
+            f"{timing.duration:.6g} s",
+            limit="duration",
+            shortest_duration=timing.duration,
+        )
+    return Made(
+        timing.slowed(wanted).trajectory(context.robot.joints),
+        message=f"no joint moves by {RESOLUTION:g} rad, which no encoder tells from standing: "
+        "answered by the minimum-time timing, without a search",
+    )
 
 
 def least_energy_timing(context: Context, move: Move, timing: Timing) -> RetimeSolution | None:

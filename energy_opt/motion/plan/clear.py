@@ -19,6 +19,8 @@ from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
+WORTH = 0.05  # a free optimum that is cheaper by this share is worth a second search
+SECOND = 7  # rounds of that
 PASSED = 400  # points of a path that a first curve is fitted to
 NOTHING = "reshaping found nothing that keeps clear and is better than the path as it is"
 
@@ -47,6 +49,8 @@ def kept_clear(
             best.take(found.best)
         if context.stopped():
             break
+    if best.best is not None and free.outcome is not None and not context.stopped():
+        spent += _again(context, search, task, best, free.outcome)
     if best.best is None:
         return Made(None, spent, True, NOTHING, free.starts)
     made = mended_clear(context, search, task, best.best)
@@ -55,6 +59,25 @@ def kept_clear(
         assert made.outcome is not None
         trajectory = trajectory_of(replace(made.outcome.curve, duration=move.duration), context.robot.joints)
     return replace(made, trajectory=trajectory, iterations=spent + made.iterations, starts=free.starts)
+
+
+def _again(context: Context, search: ClearSearch, task: Task, best: Cleared, free: Outcome) -> int:
+    """A search from half-way to the free optimum, where that is much cheaper; the better of both is kept in `best`.
+
+    It may be another valley that the way there leads to; the iterations spent are returned.
+    """
+    assert best.best is not None
+    here, there = best.best, free.curve
+    if task.cost(here) - task.cost(free) < WORTH * task.cost(here) or here.curve.shape is not there.shape:
+        return 0
+    points = (here.curve.points + there.points) / 2
+    duration = (here.curve.duration + there.duration) / 2
+    level = context.reshaper(context.settings.objective).fine(task.vias)
+    start = replace(here.curve, points=points, duration=duration)
+    found = search.run(level, task, start, context.stopped, SECOND)
+    if found.best is not None:
+        best.take(found.best)
+    return found.iterations
 
 
 def mended_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Made:

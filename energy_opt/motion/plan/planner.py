@@ -19,7 +19,15 @@ from energy_opt.motion.limits.check import check_pose
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.plan.candidates import Made, least_energy_timing, mended_timing, reshaped, stands_still
+from energy_opt.motion.plan.candidates import (
+    Made,
+    least_energy_timing,
+    mended_timing,
+    reshaped,
+    stands_still,
+    unsearched,
+    unseen,
+)
 from energy_opt.motion.plan.choice import Work, choose
 from energy_opt.motion.plan.clear import kept_clear
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
@@ -180,6 +188,11 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
         Infeasible: no timing or no path holds the limits.
     """
     timing = _first_timing(context, move)
+    if timing is not None and timing.path.moves and unseen(move):
+        made = unsearched(context, move, timing)
+        return Work(
+            timing, None, made if move.mode == "reshape" else None, made if move.mode == "retime" else None, warm
+        )
     if move.mode == "retime":
         assert timing is not None
         if context.settings.objective == "time":

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit, box_of
-from energy_opt.motion.limits.tool_pose import ToolPose
+from energy_opt.motion.limits.keep import Keep
 from energy_opt.motion.path import JointPath, through
 from energy_opt.motion.path_dynamics import PathDynamics, points_of
 from energy_opt.power import PowerModel
@@ -24,7 +24,7 @@ CHECKS = 401  # places at which the path is looked at
 def holds(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointPath) -> bool:
     """Does the tool keep along a path what it should keep?"""
     d = PathDynamics(robot, model, path, points_of(path, CHECKS))
-    found = [limit.fixed(d) for limit in limits if isinstance(limit, ToolPose)]
+    found = [limit.fixed(d) for limit in limits if isinstance(limit, Keep)]
     return all(fixed.excess.max() <= 0 for fixed in found)
 
 
@@ -33,7 +33,7 @@ def posed(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointP
 
     Damped least squares on what is off. None where that does not lead to a path on which it does.
     """
-    kept = [limit for limit in limits if isinstance(limit, ToolPose)]
+    kept = [limit for limit in limits if isinstance(limit, Keep)]
     lower, upper = box_of(limits, robot.n)
     kinematics, share = Kinematics(robot.body.tree()), np.linspace(0, 1, POINTS)
     q = path(share)

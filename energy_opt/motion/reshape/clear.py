@@ -47,12 +47,17 @@ class Cleared:
 
 
 @dataclass
-class _Places:
+class Places:
     """Where rows are wanted: places u, pairs that are forced near a time, and what pairs keep beyond the usual [m]."""
 
     u: np.ndarray
     more: np.ndarray
     forced: set[tuple[float, int]] = field(default_factory=set)
+
+    @classmethod
+    def evenly(cls, pairs: int) -> Places:
+        """The usual places, of a cell with that many pairs of bodies."""
+        return cls((np.arange(PLACES) + 0.5) / PLACES, np.zeros(pairs))
 
     def learn(self, proof: Clearance, duration: float) -> None:
         """Look where a proof failed, and keep more distance there."""
@@ -69,6 +74,27 @@ class _Places:
         """Places and pairs that get a row anyway."""
         near = ((int(np.argmin(np.abs(self.u - at))) + d, pair) for at, pair in self.forced for d in (-1, 0, 1))
         return frozenset((k, pair) for k, pair in near if 0 <= k < len(self.u))
+
+
+class Margins:
+    """What pairs of bodies keep along a move between two poses `ends` (2, n)."""
+
+    def __init__(self, cell: Cell, ends: np.ndarray) -> None:
+        self.wanted = cell.wanted(ends)  # (P,) to be proven, m
+        self._at_ends = np.full((2, len(self.wanted)), np.inf)  # what each pair can keep there, m
+        for held, q in zip(self._at_ends, ends, strict=True):
+            for pair, distance in cell.distances(q, 2 * (cell.asked + MARGIN + MOST)):
+                held[pair] = self.wanted[pair] + END_SHARE * (distance - self.wanted[pair])
+
+    def at(self, places: Places) -> np.ndarray:
+        """The margin (K, P) [m] of every pair: the full one, and less near an end that stands nearer."""
+        full = self.wanted + MARGIN + places.more
+        out = np.repeat(full[None], len(places.u), axis=0)
+        for held, way in zip(self._at_ends, (places.u, 1 - places.u), strict=True):
+            low = np.flatnonzero(held < full)
+            share = np.clip(way / RAMP, 0, 1)[:, None]
+            out[:, low] = np.minimum(out[:, low], held[low] + share * (full - held)[low])
+        return out
 
 
 class ClearSearch:
@@ -116,20 +142,15 @@ class _Rounds:
 
     def __init__(self, search: ClearSearch, level: Level, task: Task) -> None:
         self._search, self._level, self._task = search, level, task
-        cell, ends = search.cell, np.stack([task.ends.start, task.ends.goal])
-        self._wanted = cell.wanted(ends)
-        self._at_ends = np.full((2, len(self._wanted)), np.inf)  # what each pair can keep there, m
-        for held, q in zip(self._at_ends, ends, strict=True):
-            for pair, distance in cell.distances(q, 2 * (cell.asked + MARGIN + MOST)):
-                held[pair] = self._wanted[pair] + END_SHARE * (distance - self._wanted[pair])
-        self.places = _Places((np.arange(PLACES) + 0.5) / PLACES, np.zeros(len(self._wanted)))
+        self._kept = Margins(search.cell, np.stack([task.ends.start, task.ends.goal]))
+        self._wanted = self._kept.wanted
+        self.places = Places.evenly(len(self._wanted))
         self.found = Cleared()
 
     def one(self, start: Curve, rows: np.ndarray, reach: float, tolerance: float) -> tuple[Outcome, Clearance]:
         """Solve from `start`, at most `reach` away from it, and have it proven."""
         places, task = self.places, self._task
-        margin = _margins(places.u, self._wanted + MARGIN + places.more, self._at_ends)
-        held = ClearanceRows(self._search.near, places.u, margin, REACH, places.must)
+        held = ClearanceRows(self._search.near, places.u, self._kept.at(places), REACH, places.must)
         outcome = self._level.solve(
             start, task.ends, (*task.limits, held), task.parameters, task.durations,
             tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach,
@@ -146,13 +167,3 @@ def _broken(level: Level, outcome: Outcome, task: Task) -> float:
     """The worst excess over a limit, planes aside."""
     _, shares = level.shares(outcome.curve, task.parameters, task.limits)
     return max(float(share.max()) - 1 for share in shares.values())
-
-
-def _margins(u: np.ndarray, full: np.ndarray, at_ends: np.ndarray) -> np.ndarray:
-    """The margin (K, P) [m] of every pair at places u (K,): the full one, and less near an end that stands nearer."""
-    out = np.repeat(full[None], len(u), axis=0)
-    for held, way in zip(at_ends, (u, 1 - u), strict=True):
-        low = np.flatnonzero(held < full)
-        share = np.clip(way / RAMP, 0, 1)[:, None]
-        out[:, low] = np.minimum(out[:, low], held[low] + share * (full - held)[low])
-    return out

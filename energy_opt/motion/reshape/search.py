@@ -20,7 +20,7 @@ from energy_opt.motion.reshape.level import Curve, Level, Outcome, refined
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.starts import Optima, search, solved
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, row_step
 from energy_opt.numerics.bspline import Basis
 
 COARSE, COARSE_PACKING = 12, 0.5
@@ -29,7 +29,6 @@ RUNG = 1.5  # ratio of the durations at which starts are solved
 KEPT, WORTH_KEEPING = 3, 1.25  # so many optima of the starts are solved at the move's own duration, if so near the best
 REFINED, WORTH_REFINING = 2, 1.03  # so many of these are refined, if so near the best: coarse costs err by some percent
 MENDABLE = 0.05  # more control points may still mend an excess up to this share of a bound
-ROW_STEP, MIN_ROWS = 0.004, 200  # [s]
 
 Kept = dict[float, Optima]  # what starts led to, by the duration at which they were solved
 
@@ -162,9 +161,9 @@ class Reshaper:
 
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:
-    """Rows at most 4 ms apart, at least 200, one at every knot: between rows the curve is the quintic itself."""
+    """Rows as near as `row_step` says, one at every knot: between rows the curve is the quintic itself."""
     breaks = curve.shape.basis.breaks
-    count = max(MIN_ROWS, int(np.ceil(curve.duration / ROW_STEP)))
+    count = int(np.ceil(curve.duration / row_step(curve.duration)))
     parts = [max(1, int(np.ceil(width * count))) for width in np.diff(breaks)]
     spans = zip(breaks[:-1], breaks[1:], parts, strict=True)
     u = np.append(np.concatenate([np.linspace(a, b, k, endpoint=False) for a, b, k in spans]), 1.0)

@@ -17,11 +17,9 @@ from functools import cached_property
 import numpy as np
 
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, row_step
 from energy_opt.numerics.bspline import greville, quadratic_basis
 
-ROW_STEP = 0.004  # [s] largest time between two rows of a trajectory
-MIN_ROWS = 200
 CLOSE = 1e-3  # rows nearer to each other than this share of the row step are merged
 HOLD = 1e-3  # [s] duration of a move of no length that was given none
 
@@ -114,7 +112,7 @@ class Timing:
         return replace(self, control=self.control * (self.duration / duration) ** 2)
 
     def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
-        """Rows at most 4 ms apart and at least 200 of them, one at every knot of timing and path.
+        """Rows at most 4 ms apart (beyond 80 s, a 20,000th of the duration), at least 200, one at every knot.
 
         Position, velocity and acceleration of a row are exactly those of path(s(t)); the third derivative jumps only at
         rows, so that the quintic polynomials between them follow the curve closely.
@@ -132,7 +130,7 @@ class Timing:
 
     def _row_times(self) -> np.ndarray:
         duration = self.duration
-        step = min(ROW_STEP, duration / (MIN_ROWS - 1))
+        step = row_step(duration)
         marks = np.unique(np.concatenate([self.times, self.time_at(self.path.knots[1:-1])]))
         keep = np.concatenate([[True], np.diff(marks) > CLOSE * step])
         marks = marks[keep & (marks < duration - CLOSE * step)]

@@ -6,10 +6,10 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.dynamics.tool import ToolState
-from energy_opt.motion.limits.tool_pose import ToolPose
+from energy_opt.motion.limits.keep import Keep
 
 
-class Orientation(ToolPose):
+class KeepOrientation(Keep):
     """A bound [deg]; the reference is the rotation at the start, (9,) column by column."""
 
     name, unit, numbers = "orientation", "deg", 9

@@ -21,7 +21,7 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.robot import RigidBody, Robot, Tool, tool_of
 
 
-class ToolPose(Limit):
+class Keep(Limit):
     """A bound [deg or mm] of how far a tool's pose is from what is kept.
 
     Attributes:

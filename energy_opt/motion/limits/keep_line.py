@@ -11,7 +11,7 @@ import numpy as np
 
 from energy_opt.dynamics.tool import tool_state
 from energy_opt.motion.limits.base import State
-from energy_opt.motion.limits.tool_pose import ToolPose
+from energy_opt.motion.limits.keep import Keep
 from energy_opt.robot import RigidBody, Tool
 
 NO_LENGTH = 1e-9  # [m] a shorter segment is a point
@@ -19,7 +19,7 @@ BEYOND = 0.3  # of the bound: how far rows let the tool go beyond the segment's 
 ACROSS = np.sqrt(1 - BEYOND**2) * np.cos(np.pi / 8)  # and the octagon across it: its corners are within the bound
 
 
-class Line(ToolPose):
+class KeepLine(Keep):
     """A bound [mm]; the reference is where the segment begins (3,) [m], its direction (3,) and length [m]."""
 
     name, unit, numbers = "line", "mm", 7

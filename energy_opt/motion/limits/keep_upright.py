@@ -6,10 +6,10 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.dynamics.tool import ToolState
-from energy_opt.motion.limits.tool_pose import ToolPose
+from energy_opt.motion.limits.keep import Keep
 
 
-class Upright(ToolPose):
+class KeepUpright(Keep):
     """A bound [deg]; the reference is the axis in the tool's frame (3,), and up in the base frame (3,)."""
 
     name, unit, numbers = "upright", "deg", 6

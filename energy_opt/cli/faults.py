@@ -1,0 +1,57 @@
+"""The one place where faults of libraries, of the machine and of what nobody foresaw become one line and an exit code.
+
+What the package raises on purpose (`EnergyOptError`) passes; everything else that a verb lets through ends here.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import traceback
+
+from energy_opt.errors import BadInput, EnergyOptError
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+LONGEST = 1500  # characters of a line; what is left out of a longer one stands in its middle
+
+
+class Unforeseen(BadInput):
+    """A fault that no check foresaw, most likely by an extreme value; the line says where."""
+
+    status = "failed"
+
+
+def as_error(error: Exception) -> EnergyOptError:
+    """What went wrong as an error with one clear line."""
+    if isinstance(error, EnergyOptError):
+        return error
+    if isinstance(error, OSError) and error.errno is not None:
+        return BadInput(_of_system(error))
+    if isinstance(error, MemoryError):
+        what = str(error) or "an allocation failed"
+        return BadInput(f"not enough memory: {what}; ask for less: a shorter duration, fewer points, samples or rows")
+    if isinstance(error, RecursionError):
+        return BadInput("nested too deeply to be read; flatten it")
+    if isinstance(error, UnicodeError):
+        return BadInput(f"not text that can be encoded: {error}")
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
+    return Unforeseen(
+        f"cannot be computed with these values: {type(error).__name__}: {error or 'no reason given'} ({place}); "
+        "if they are sensible, this is a fault of the program: run again with -v and report it"
+    )
+
+
+def _of_system(error: OSError) -> str:
+    reason = error.strerror or str(error)
+    if error.errno in FULL:
+        reason = "the disk is full, or the file may not grow; nothing half written was left"
+    return f"{error.filename}: {reason}" if error.filename else reason
+
+
+def one_line(message: str) -> str:
+    """A message whose control characters show as escapes and which is not longer than a screen."""
+    text = "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in message)
+    if len(text) <= LONGEST:
+        return text
+    return f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"

@@ -1,0 +1,62 @@
+"""Folders of results: tried before the work begins, and written so that new and old never stand side by side."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from energy_opt.errors import BadInput
+
+
+def try_folder(out: Path) -> None:
+    """Make sure, before the work begins, that results can be written into `out`; it is left as it was.
+
+    Raises:
+        BadInput: it is a file, not permitted, has an impossible name, or the disk is full.
+    """
+    out = Path(out)
+    try:
+        made = [folder for folder in (out, *out.parents) if not folder.exists()]
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out) as stream:
+            stream.write(bytes(4096))
+        for folder in made:  # innermost first
+            folder.rmdir()
+    except (OSError, ValueError) as error:  # ValueError: NUL in the name
+        raise BadInput(f"--out {out}: cannot be written: {_reason(error)}") from None
+
+
+@contextmanager
+def written_whole(out: Path, last: str) -> Iterator[Path]:
+    """A folder aside, whose files take their places in `out` together when the block ends without an error.
+
+    The file `last` says that a result is whole: an old one goes before anything else changes, the new one comes last.
+    Whatever happens in between (a full disk, a kill), no part of a new result stands beside the `last` of an old one.
+
+    Raises:
+        BadInput: writing failed, say because the disk is full; `out` is as it was, or without `last`.
+    """
+    out = Path(out)
+    aside = None
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        aside = Path(tempfile.mkdtemp(prefix=".writing-", dir=out))
+        yield aside
+        names = sorted((p.relative_to(aside) for p in aside.rglob("*") if p.is_file()), key=lambda p: str(p) == last)
+        (out / last).unlink(missing_ok=True)
+        for name in names:
+            (out / name).parent.mkdir(parents=True, exist_ok=True)
+            os.replace(aside / name, out / name)
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written: {_reason(error)}; nothing in it was changed") from None
+    finally:
+        if aside is not None:
+            shutil.rmtree(aside, ignore_errors=True)
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

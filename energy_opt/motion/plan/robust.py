@@ -1,0 +1,187 @@
+"""Moves that hold under more than one model: the mean of their energies is minimised, or the largest of them.
+
+The mean is one program, with the mean of the models' powers as its cost. No answer may be dearer than a valid evenly
+slowed move under any of the models; where one is, that model's weight grows and the move is solved again. The largest
+energy is minimised in the same way, by weights that move towards the models under which the move is dearest: at the
+minimum of the largest, a mixture of the models is minimised (the minimax theorem, where energies are convex).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell
+from energy_opt.errors import BadInput
+from energy_opt.motion.judge.energy import Energy, Scorer
+from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.result import Optimality, Result
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import Mixture, PowerModel
+from energy_opt.robot import Robot
+
+Kind = Literal["mean", "worst"]
+ROUNDS = {"mean": 4, "worst": 6}  # solves at most; the first of "mean" is nearly always the last
+SAME = 1e-9  # relative: energies that differ by less are equal
+STEP = 1.0  # of the weights, per standard deviation of the models' energies above their mean
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A model by its name."""
+
+    name: str
+    model: PowerModel
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """A result with what each rival says: energies of the move, and of the evenly slowed one where that is valid."""
+
+    result: Result
+    energies: list[Energy]
+    slowed: list[Energy] | None
+
+    def dearer(self) -> np.ndarray:
+        """(K,) is the move dearer than the evenly slowed one?"""
+        if self.slowed is None:
+            return np.zeros(len(self.energies), dtype=bool)
+        pairs = zip(self.energies, self.slowed, strict=True)
+        return np.array([e.total > s.total + SAME * abs(s.total) for e, s in pairs])
+
+    def value(self, kind: Kind) -> float:
+        """What is minimised, J."""
+        totals = [e.total for e in self.energies]
+        return float(np.mean(totals) if kind == "mean" else np.max(totals))
+
+
+class RobustPlanner:
+    """Plans moves of one robot under several models; results are stated under the first one.
+
+    Args:
+        rivals: at least one; the first one's payload, and its torque within effort limits, are those that count.
+        kind: "mean" or "worst" of the energies.
+        settings, batch, cell, stopped: as for `Planner`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        rivals: Sequence[Rival],
+        kind: Kind = "mean",
+        settings: Settings | None = None,
+        *,
+        batch: bool = False,
+        cell: Cell | None = None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        if kind not in ROUNDS:
+            raise BadInput(f"--robust {kind!r}; expected mean or worst")
+        self.robot, self.rivals, self.kind = robot, tuple(rivals), kind
+        self._mixture = Mixture.of([rival.model for rival in rivals])
+        self._planner = Planner(robot, self._mixture, settings, batch=batch, cell=cell, stopped=stopped)
+        self._scorers = [Scorer(robot, model) for model in self._mixture.members]
+        self._stopped = stopped
+
+    def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
+        """The best move that is found; see `Planner.solve`. `Result.models` says what each model makes of it."""
+        best = self._least(lambda planner, known: planner.solve(move, [*warm, *known]))
+        if best.dearer().any():
+            best = self._answer(_slowed(best.result))
+        return self._stated(best)
+
+    def solve_by(self, find: Callable[[Planner], Result]) -> Result:
+        """As `solve`, of what `find` makes with a planner of the models' mean; it has the last word.
+
+        Where all that it finds is dearer than the evenly slowed move under a model, the result says so in a warning.
+        """
+        best = self._least(lambda planner, _: find(planner))
+        result = self._stated(best)
+        dear = [rival.name for rival, more in zip(self.rivals, best.dearer(), strict=True) if more]
+        said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in dear]
+        return replace(result, warnings=(*result.warnings, *said))
+
+    def _least(self, find: Callable[[Planner, list[Trajectory]], Result]) -> _Answer:
+        weights = np.ones(len(self.rivals)) / len(self.rivals)
+        best: _Answer | None = None
+        for _ in range(ROUNDS[self.kind]):
+            self._planner.set_model(self._mixture.reweighted(weights))
+            answer = self._answer(find(self._planner, [] if best is None else [best.result.trajectory]))
+            if best is None or self._rank(answer) < self._rank(best):
+                best = answer
+            dearer = answer.dearer()
+            if self._stopped() or (self.kind == "mean" and not dearer.any()):
+                break
+            weights = self._moved(weights, answer, dearer)
+        assert best is not None
+        return best
+
+    def _answer(self, result: Result) -> _Answer:
+        slowed = next((b for b in result.baselines if b.name == "scaled" and b.valid), None)
+        return _Answer(
+            result,
+            [scorer.energy(result.trajectory) for scorer in self._scorers],
+            None if slowed is None else [scorer.energy(slowed.trajectory) for scorer in self._scorers],
+        )
+
+    def _rank(self, answer: _Answer) -> tuple[bool, float]:
+        return bool(answer.dearer().any()), answer.value(self.kind)
+
+    def _moved(self, weights: np.ndarray, answer: _Answer, dearer: np.ndarray) -> np.ndarray:
+        totals = np.array([e.total for e in answer.energies])
+        if self.kind == "mean":
+            return weights * np.where(dearer, 3.0, 1.0)
+        spread = totals.std()
+        return weights * np.exp(STEP * (totals - totals.mean()) / spread) if spread > 0 else weights
+
+    def _stated(self, answer: _Answer) -> Result:
+        """The result with the first model's energies, and a row for every model."""
+        result, scorer = answer.result, self._scorers[0]
+        rows = [
+            row_of(rival.name, energy, None if answer.slowed is None else answer.slowed[k])
+            for k, (rival, energy) in enumerate(zip(self.rivals, answer.energies, strict=True))
+        ]
+        optimality = Optimality(result.optimality.kind, None, result.optimality.gap_percent)
+        return replace(
+            result,
+            trajectory=scorer.filled(result.trajectory),
+            energy=answer.energies[0],
+            baselines=tuple(
+                replace(b, trajectory=scorer.filled(b.trajectory), energy=scorer.energy(b.trajectory))
+                for b in result.baselines
+            ),
+            optimality=result.optimality if len(self.rivals) == 1 else optimality,
+            models=tuple(rows),
+        )
+
+
+def row_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, object]:
+    """What a model makes of a move, beside the evenly slowed one: a row of `Result.models`."""
+    share, joules = None, None
+    if slowed is not None:
+        joules = slowed.total - energy.total
+        share = 100 * (slowed.loss - energy.loss) / slowed.loss if slowed.loss > SAME * abs(slowed.total) else None
+    return {
+        "name": name,
+        "total": energy.total,
+        "loss": energy.loss,
+        "saving_loss_percent": share,
+        "saving_joules": joules,
+    }
+
+
+def _slowed(result: Result) -> Result:
+    """The evenly slowed move in the result's place: no other is cheaper under every model."""
+    slowed = result.baseline("scaled")
+    assert slowed is not None  # it is what the move was found dearer than
+    return replace(
+        result,
+        trajectory=slowed.trajectory,
+        energy=slowed.energy,
+        chosen="scaled",
+        message="no other move that was found is cheaper than the evenly slowed one under every model",
+    )

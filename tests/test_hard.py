@@ -1,0 +1,209 @@
+"""What careless and hostile users do: one line, exit 0, 2, 3 or 4, nothing lost, nothing half written."""
+
+from __future__ import annotations
+
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import energy_opt as eo
+from energy_opt.cli import faults
+from energy_opt.cli.main import main
+from energy_opt.folders import try_folder, written_whole
+
+START, GOAL = "0,0,0,-1.5,0,1.5,0", "0.3,0.2,0.1,-1.2,0.1,1.7,0.2"
+MOVE = [
+    "optimize",
+    "--model",
+    "source-method-2",
+    "--robot",
+    "panda",
+    "--mode",
+    "retime",
+    "--compile",
+    "never",
+    "--quiet",
+]
+ENDS = ["--start", START, "--goal", GOAL]
+COMMAND = [sys.executable, "-m", "energy_opt"]
+
+
+@pytest.fixture(autouse=True)
+def _nothing_unforeseen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fault that only the last net catches is a fault of the program: here it fails the test."""
+
+    def raised(error: Exception) -> None:
+        raise AssertionError("unforeseen") from error
+
+    foreseen = faults.as_error
+
+    def as_error(error: Exception) -> eo.EnergyOptError:
+        found = foreseen(error)
+        if isinstance(found, faults.Unforeseen):
+            raised(error)
+        return found
+
+    monkeypatch.setattr("energy_opt.cli.main.as_error", as_error)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--duration", "1e-300"], "1e-06 to 100000 s"),
+        (["--max-duration", "1e300"], "1e-06 to 100000 s"),
+        (["--verify-samples", "1000000000000"], "100 to 2000000"),
+        (["--controls", "1000000"], "10 to 400"),
+        (["--seed", "-1"], "--seed -1"),
+        (["--max-power", "1e-300"], "0.001 to 1e+09 W"),
+        (["--tool-speed", "nan"], "1e-06 to 1e+06 m/s"),
+        (["--payload", "nan"], "not finite"),
+        (["--lock", "panda_joint1"], "JOINT=VALUE"),
+        (["--robot", "x" * 5000], "x"),
+        (["--robot", "\0"], "\\x00"),
+        (["--model", "/dev/full"], "/dev/full"),
+        (["--out", "/dev/full"], "--out /dev/full"),
+        (["--out", "a\0b"], "--out"),
+        (["--controls", "9" * 4500], "…"),
+    ],
+)
+def test_extremes_are_one_line(words: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    begin = time.process_time()
+    assert main([*MOVE, *ENDS, "--out", str(tmp_path), *words]) == 2
+    said = capsys.readouterr().err
+    assert says in said and said.count("\n") == 1 and len(said) < 1600
+    assert time.process_time() - begin < 5 and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("words", [["--rest", "nan"], ["--static", "inf"], ["--repeat", "1000000"]])
+def test_simulate_refuses_what_is_no_number_or_without_end(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "plant.toml").write_text('format = "energy-opt/model/1"\nrobot = "z1"\n')
+    joints = [f"joint{k}.position" for k in range(1, 7)]
+    rows = [",".join(["time", *joints]), *(f"{t / 10},{t / 100},1,-1,0,0,0" for t in range(10))]
+    (tmp_path / "t.csv").write_text("\n".join(rows))
+    out = tmp_path / "set"
+    files = [str(tmp_path / "t.csv"), "--plant", str(tmp_path / "plant.toml"), "--out", str(out)]
+    assert main(["simulate", *files, *words]) == 2
+    assert capsys.readouterr().err.count("\n") == 1 and not out.exists()
+
+
+def test_a_move_that_no_encoder_sees_is_answered_at_once() -> None:
+    robot = eo.load_robot("xarm7")
+    planner = eo.Planner(robot, eo.source_model(robot), eo.Settings(compile="never"))
+    start, begin = np.zeros(7), time.process_time()
+    for size in (1e-9, 5e-7):
+        for mode in ("retime", "reshape"):
+            goal = start + size * np.eye(7)[2]
+            result = planner.solve(eo.Move(start, goal, mode))
+            assert result.status == "solved" and result.certificate.valid and "encoder" in result.message
+            assert np.abs(result.trajectory.position[-1] - goal).max() == 0
+            with pytest.raises(eo.Infeasible) as short:
+                planner.solve(eo.Move(start, goal, mode, duration=1e-6))
+            assert short.value.shortest_duration is not None
+    assert time.process_time() - begin < 10
+
+
+def test_rows_follow_the_motion_not_the_clock() -> None:
+    robot = eo.load_robot("z1")
+    planner = eo.Planner(robot, eo.source_model(robot), eo.Settings(compile="never"))
+    start, goal = np.array([0, 1, -1, 0, 0, 0.0]), np.array([1, 1.5, -1.5, 0.2, 0.3, 0.4])
+    energies = {}
+    for duration in (20.0, 3600.0):
+        result = planner.solve(eo.Move(start, goal, "retime", duration=duration))
+        assert result.certificate.valid and len(result.trajectory.time) < 21_000
+        energies[duration] = result.energy.loss
+    assert energies[3600.0] > energies[20.0]
+
+
+# Written whole or not at all
+
+
+def test_results_change_place_together_and_the_last_comes_last(tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text("old")
+    (tmp_path / "trajectory.csv").write_text("old")
+    with pytest.raises(RuntimeError), written_whole(tmp_path, "result.json") as aside:
+        (aside / "trajectory.csv").write_text("new")
+        raise RuntimeError
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"result.json": "old", "trajectory.csv": "old"}
+    (tmp_path / "trajectory.csv").unlink()
+    (tmp_path / "trajectory.csv").mkdir()  # its place cannot be taken: as if the process died there
+    with pytest.raises(eo.BadInput, match="cannot be written"), written_whole(tmp_path, "result.json") as aside:
+        (aside / "trajectory.csv").write_text("new")
+        (aside / "result.json").write_text("new")
+    assert not (tmp_path / "result.json").exists()
+
+
+def test_out_is_tried_before_the_work_and_left_as_it_was(tmp_path: Path) -> None:
+    try_folder(tmp_path / "a" / "b")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "file").touch()
+    for name in ("file", "file/below", "x" * 300, "\0"):
+        with pytest.raises(eo.BadInput, match="cannot be written"):
+            try_folder(tmp_path / name)
+
+
+def _small_files() -> None:
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+
+
+def test_a_full_disk_leaves_the_old_result_alone(tmp_path: Path) -> None:
+    words = [*COMMAND, *MOVE, *ENDS, "--duration", "2", "--out", str(tmp_path)]
+    (tmp_path / "result.json").write_text("{}")
+    (tmp_path / "trajectory.csv").write_text("old")
+    run = subprocess.run(words, capture_output=True, text=True, preexec_fn=_small_files, check=False)
+    assert run.returncode == 2 and run.stderr.count("\n") == 1 and "cannot be written" in run.stderr, run.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["result.json", "trajectory.csv"]
+    assert (tmp_path / "trajectory.csv").read_text() == "old"
+
+
+def test_stdout_that_is_full_is_one_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        run = subprocess.run(
+            [*COMMAND, "--example", "model"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert run.returncode == 2 and run.stderr.count("\n") == 1, run.stderr
+
+
+INTERRUPTED = """
+import os, signal, sys
+library = sys.argv.pop()
+class Press:  # Ctrl-C at the moment a library is first asked for
+    def find_spec(self, name, path=None, target=None):
+        if name == library:
+            os.kill(os.getpid(), signal.SIGINT)
+from energy_opt.__main__ import command
+sys.meta_path.insert(0, Press())
+sys.exit(command())
+"""
+
+
+@pytest.mark.parametrize("library", ["argparse", "numpy", "casadi", "pinocchio"])
+def test_an_interrupt_is_quiet_while_libraries_load(library: str, tmp_path: Path) -> None:
+    words = [sys.executable, "-c", INTERRUPTED, *MOVE, *ENDS, "--out", str(tmp_path), library]
+    run = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert run.returncode == 130 and "Traceback" not in run.stderr and run.stderr.count("\n") <= 1, run.stderr
+
+
+def test_simulated_data_do_not_replace_measured_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "plant.toml").write_text('format = "energy-opt/model/1"\nrobot = "z1"\n')
+    joints = [f"joint{k}.position" for k in range(1, 7)]
+    rows = [",".join(["time", *joints]), *(f"{t / 10},{t / 100},1,-1,0,0,0" for t in range(10))]
+    (tmp_path / "t.csv").write_text("\n".join(rows))
+    (tmp_path / "log.toml").write_text("measured")
+    words = ["simulate", str(tmp_path / "t.csv"), "--plant", str(tmp_path / "plant.toml"), "--out", str(tmp_path)]
+    assert main([*words, "--quiet"]) == 2 and "--force" in capsys.readouterr().err
+    assert (tmp_path / "log.toml").read_text() == "measured"
+
+
+def test_failures_have_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*MOVE, *ENDS, "--json", "--duration", "1e300", "--out", str(tmp_path)]) == 2
+    assert json.loads(capsys.readouterr().out)["status"] == "bad_input"

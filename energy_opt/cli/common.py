@@ -175,6 +175,8 @@ def rivals_of(args: argparse.Namespace, robot: Robot) -> tuple[list[Rival], Kind
 
     payload = None if args.payload is None else payload_from(args.payload)
     rivals, kind = rivals_from(args.model, args.robust, robot, payload)
+    if getattr(args, "base", None) is not None:  # gravity is the scene's -z
+        rivals = [replace(rival, model=rival.model.standing(*cell_of(args).base[3:5])) for rival in rivals]
     for rival in rivals:
         if rival.model.robot not in ("", robot.name):
             say(args, f"warning: {rival.name}: a model of {rival.model.robot}, used for {robot.name}")

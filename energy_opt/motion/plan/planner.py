@@ -39,6 +39,10 @@ from energy_opt.power import PowerModel
 from energy_opt.power.rigid import rigid_inputs
 from energy_opt.robot import Robot
 
+REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
+
+Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
+
 
 def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
     return model.without(Payload.name).structure
@@ -64,6 +68,7 @@ class Planner:
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
+        self._begun: list[tuple[Cell | None, Move, Begun]] = []  # first paths by the cell and the move they are of
         self.set_cell(cell)
         self._workshop, self._stopped = Workshop(batch), stopped
         self._structure = _but_payload(model)
@@ -90,7 +95,6 @@ class Planner:
         """Another body and cell to keep clear of; nothing is built again."""
         self.cell = cell if cell is not None and cell.checks else None
         self._cell_warnings = [] if cell is None else cell.warnings
-        self._first: tuple[Move, FirstPath, tuple[JointPath, ...], Move] | None = None  # of the move that it ends with
 
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""
@@ -109,7 +113,17 @@ class Planner:
         move, _, _ = self.first_path(move)
         return self.context(move).fastest(path_of(move)).duration
 
-    def first_path(self, move: Move) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
+    def slowed(self, move: Move, duration: float) -> Trajectory | None:
+        """The fastest timing of the move's first path, slowed evenly to `duration` s; None where that is not valid."""
+        move, _, _ = self.first_path(move)
+        context = self.context(move)
+        try:
+            trajectory = context.fastest(path_of(move)).slowed(duration).trajectory(self.robot.joints)
+        except Infeasible:
+            return None
+        return trajectory if context.judge(trajectory).certificate.valid else None
+
+    def first_path(self, move: Move) -> Begun:
         """The move with the path that it starts from, where this comes from, and further free paths.
 
         A move that is asked about at several durations has it looked for once.
@@ -118,10 +132,11 @@ class Planner:
             Infeasible: a move that keeps its path would touch something, or no way around was found.
         """
         timeless = replace(move, duration=None, max_duration=None)
-        if self._first is None or self._first[-1] != timeless:
+        found = next((b for cell, asked, b in self._begun if cell is self.cell and asked == timeless), None)
+        if found is None:
             found = first_path(self.robot, self.model, self.cell, self.settings, self.limits(timeless), timeless)
-            self._first = *found, timeless
-        begun, first, ways, _ = self._first
+            self._begun = [*self._begun[1 - REMEMBERED :], (self.cell, timeless, found)]
+        begun, first, ways = found
         return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:

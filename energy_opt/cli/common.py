@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput, near
 from energy_opt.files import finite_number
 
@@ -55,14 +56,16 @@ def add_model(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def add_output(parser: argparse.ArgumentParser, out: str) -> None:
-    """Where results go and what is said."""
+def add_output(parser: argparse.ArgumentParser, out: str, report: bool = True) -> None:
+    """Where results go and what is said; `report`: is there one to be viewed?"""
     group = parser.add_argument_group("output")
     group.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help=f"folder of results (default: {out})")
     group.add_argument("--json", action="store_true", help="the result as one JSON document on stdout")
     group.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random choices (0)")
     group.add_argument("--quiet", action="store_true", help="no progress and no messages")
     group.add_argument("--force", action="store_true", help="overwrite the result of another request")
+    if report:
+        add_view(group)
 
 
 def add_move(parser: argparse.ArgumentParser) -> None:

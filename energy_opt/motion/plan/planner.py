@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -39,6 +40,7 @@ from energy_opt.power import PowerModel
 from energy_opt.power.rigid import rigid_inputs
 from energy_opt.robot import Robot
 
+log = logging.getLogger(__name__)
 REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
 
 Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
@@ -151,6 +153,7 @@ class Planner:
         """
         self._check_ends(move)
         self._check_objective(move)
+        log.info("first path")
         built, begin = self._workshop.seconds, time.perf_counter()
         move, first, ways = self.first_path(move)
         context = replace(self.context(move), ways=ways)
@@ -202,6 +205,7 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
     Raises:
         Infeasible: no timing or no path holds the limits.
     """
+    log.info("timing of the first path", extra={"share": 0.05})
     timing = _first_timing(context, move)
     if timing is not None and timing.path.moves and unseen(move):
         made = unsearched(context, move, timing)
@@ -223,6 +227,7 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
     curve = None
     if not stands_still(move):
         curve = reshaped(context, move, timing, solution, warm)
+        log.info("keeping clear", extra={"share": 0.6})
         curve = kept_clear(context, move, timing, solution, curve, warm)
     return Work(timing, solution, curve, None, warm)
 

@@ -84,10 +84,13 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("conditions")
     group.add_argument("--max-power", type=float, metavar="W", help="bound of the arm's electrical power [W]")
     group.add_argument("--tool-speed", type=float, metavar="V", help="bound of the speed of the tool's origin [m/s]")
-    group.add_argument("--tool-acceleration", type=float, metavar="A", help="bound of its acceleration [m/s^2]")
     group.add_argument(
-        "--keep", action="append", default=[], metavar="WHAT", help="upright[:DEG], orientation[:DEG] or line[:MM]"
+        "--tool-acceleration", type=float, metavar="A", help="bound of the acceleration of the tool's origin [m/s^2]"
     )
+    group.add_argument(
+        "--keep", action="append", default=[], metavar="WHAT",
+        help="upright[:DEG] (5), orientation[:DEG] (2) or line[:MM] (1) of the tool (repeatable)",
+    )  # fmt: skip
     group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
@@ -336,8 +339,8 @@ def settings_of(args: argparse.Namespace) -> Settings:
         end_acceleration=args.end_acceleration,
         max_power=args.max_power,
         tool_speed=args.tool_speed,
-        tool=args.tool,
-        allow_large=getattr(args, "allow_large", False),
         tool_acceleration=args.tool_acceleration,
         keep=tuple(args.keep),
+        tool=args.tool,
+        allow_large=getattr(args, "allow_large", False),
     )

@@ -37,6 +37,7 @@ from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+from energy_opt.power.rigid import rigid_inputs
 from energy_opt.robot import Robot
 
 log = logging.getLogger(__name__)
@@ -103,7 +104,7 @@ class Planner:
 
     def limits(self, move: Move | None = None) -> tuple[Limit, ...]:
         """The limits in force: the robot's, those that the settings ask for, and the move's own."""
-        return limits_of(self.robot, self.settings, move)
+        return limits_of(self.robot, self.settings, move, rigid_inputs(self.model, self.robot.body)[1])
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """How far any trajectory stays inside the limits, those of the move it is for among them."""
@@ -135,7 +136,7 @@ class Planner:
         timeless = replace(move, duration=None, max_duration=None)
         found = next((b for cell, asked, b in self._begun if cell is self.cell and asked == timeless), None)
         if found is None:
-            found = first_path(self.robot, self.cell, self.settings, self.limits(timeless), timeless)
+            found = first_path(self.robot, self.model, self.cell, self.settings, self.limits(timeless), timeless)
             self._begun = [*self._begun[1 - REMEMBERED :], (self.cell, timeless, found)]
         begun, first, ways = found
         return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways

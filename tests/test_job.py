@@ -13,12 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.job import check_job, load_job, run_job
 from energy_opt.job.allocate import Front, Solved, allocate
 from energy_opt.job.example import EXAMPLE
+from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import source_method_2
@@ -132,7 +135,7 @@ def test_brakes_wait_without_holding_losses(panda: Robot, tmp_path: Path) -> Non
 FAULTS = [
     ('to = "tray"', 'to = "trai"', r"step 6 \(to the tray\).*'trai'; did you mean 'tray'"),
     ("wait = 0.3", "wait = -1", r"step 7 \(release\): wait"),
-    ('to = "home"\n', 'to = "tray"\n', r"step 8 \(back\).*does not return.*panda_joint1"),
+    ('to = "home"\n', 'to = "tray"\n', r"step 9 \(back\).*does not return.*panda_joint1"),
     ("cycle_time = 5.5", 'cycle_time = "5.5"', "cycle_time"),
     ("cycle_time = 5.5", "cycle_tim = 5.5", "unknown key 'cycle_tim'; did you mean 'cycle_time'"),
     ("payload = 2.0", "payload = -2.0", r"step 4 \(to the camera\): payload"),
@@ -185,3 +188,50 @@ def test_a_killed_job_goes_on_and_ends_the_same(panda: Robot, tmp_path: Path) ->
     first, second = (json.loads((out / "job.json").read_text()) for out in (whole, killed))
     assert second["energy_total"] == pytest.approx(first["energy_total"], rel=1e-9)
     assert not (killed / ".answers").exists()
+
+
+AROUND = """
+format = "energy-opt/job/1"
+robot = "panda"
+cycle_time = 3.2
+mode = "retime"
+[poses]
+left = [0.9, 0.35, 0.2, -1.9, 0.0, 2.2, 0.9]
+right = [-0.9, 0.35, -0.2, -1.9, 0.0, 2.2, 0.9]
+[[step]]
+name = "over"
+to = "right"
+payload = 2.0
+scene = "scene.yaml"
+[[step]]
+name = "back"
+to = "left"
+payload = 0.0
+"""
+POST = "{name: post, type: box, size: [0.1, 0.1, 0.5], position: [0.5, 0.1, 0.25]}"
+
+
+def test_a_job_goes_around_what_stands_in_its_way(panda: Robot, tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(f"objects:\n  - {POST}\n")
+    (tmp_path / "empty.yaml").write_text("objects: []\n")
+    there, out = AROUND.replace("payload = 0.0", 'scene = "empty.yaml"'), tmp_path / "out"
+    assert main(["job", str(_written(tmp_path, there)), "--out", str(out), "--quiet"]) == 0
+    found = json.loads((out / "job.json").read_text())
+    over, back = (next(row for row in found["steps"] if row["name"] == name) for name in ("over", "back"))
+    assert over["first_path"] in ("own", "ompl") and back["first_path"] == "straight"
+    cell = load_cell(panda, CellRequest(scene=tmp_path / "scene.yaml"))
+    assert cell is not None
+    for number, proven in ((1, True), (2, False)):  # the way back is made in the empty scene, through the post
+        t = read_trajectory(out / f"step_{number:02d}.csv", panda.joints)
+        assert clearance_of(cell, t).proven is proven
+    assert found["optimality"]["gap_percent"] < 0.1
+    assert [row["name"] for row in found["models"]] == ["source-method-2", "careful"]
+    assert found["request"]["job"]["cycle_time"] == 3.2 and "careful" in found["warnings"][0]
+    again = ["job", str(tmp_path / "job.toml"), "--out", str(out), "--quiet", "--clearance", "0.002"]
+    assert main(again) == 2  # another request's answer is not overwritten
+
+
+def test_a_pose_in_a_new_scene_is_named_with_its_step(panda: Robot, tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(f"objects:\n  - {POST.replace('0.5, 0.1, 0.25', '0.37, -0.47, 0.5')}\n")
+    with pytest.raises(Infeasible, match=r"^over, at its end: .*post"):
+        run_job(load_job(_written(tmp_path, AROUND), lambda _: panda), source_method_2())

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.cli.common import add_model, add_output, add_prefix, load_model_of, say
+from energy_opt.cli.common import add_cell, add_model, add_output, add_prefix, cell_of, load_model_of, say
+from energy_opt.errors import Infeasible
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,46 +25,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping")
     group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never (auto)")
     group.add_argument("--resume", action="store_true", help="take the answers that an earlier run into --out left")
-    group.add_argument("--allow-outside", action="store_true", help="the job's files may lie outside its folder")
+    add_cell(parser)
     add_output(parser, "energy_opt_job")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.cli.interrupt import stop_on_interrupt
-    from energy_opt.files import to_json
-    from energy_opt.folders import try_folder, written_whole
+    from energy_opt.cli.progress import Progress
+    from energy_opt.cli.view import view
+    from energy_opt.files import to_json, write_json
+    from energy_opt.folders import written_whole
+    from energy_opt.front.request import guard, request_of_job
+    from energy_opt.front.rivals import judges_of, said
     from energy_opt.job import load_job, run_job
-    from energy_opt.job.cycle import joined
+    from energy_opt.job.models import compared
     from energy_opt.job.output import write
     from energy_opt.job.resume import Answers
     from energy_opt.motion import Settings
-    from energy_opt.reports.job import page
 
     job = load_job(args.job, lambda name: _robot(args, name), allow_outside=args.allow_outside)
-    try_folder(args.out)
     args.payload = None
     model = load_model_of(args, job.robot)
     given = {"seed": args.seed, "compile": args.compile}
     settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}))
-    limits = vars(job.robot.limits)
-    about = [model.to_document(), job.robot.name, limits, vars(settings)]
+    cell, limits = cell_of(args), vars(job.robot.limits)
+    request = request_of_job(
+        args.job, job.robot, model, args.seed, limits=args.limits, cell=cell.document(), command=args.command
+    )
+    guard(args.out / "job.json", request, args.force)
+    about = [model.to_document(), job.robot.name, limits, vars(settings), cell.document()]
     answers = Answers(args.out, job.robot.joints, about, args.resume)
-    with stop_on_interrupt() as stopped:
-        result = run_job(
-            job,
-            model,
-            settings,
-            stopped=stopped,
-            known=answers.known,
-            answered=answers.keep,
-            progress=lambda text: say(args, text),
-        )
+    with stop_on_interrupt() as stopped, Progress(args) as progress:
+        try:
+            result = run_job(
+                job, model, settings,
+                cell=cell, stopped=stopped, known=answers.known, answered=answers.keep,
+                progress=progress,
+            )  # fmt: skip
+        except Infeasible as error:
+            error.about = {"robot": job.robot.name, "cycle_time": job.cycle_time, "request": request}
+            write_json(args.out / "job.json", error.document())
+            raise
+        result = compared(result, judges_of(args.model[0] if args.model else None, model, job.robot))
+        result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
         with written_whole(args.out, "job.json") as aside:
-            found = write(result, aside)
-            page(found, joined(result.pieces), job.robot).write(aside / "report.html")
+            found = write(result, request, aside)
     if result.solved:
         answers.forget()
+    for warning in result.warnings:
+        say(args, f"warning: {warning}")
+    view(args, args.out)
     if args.json:
         sys.stdout.write(to_json(found))
     elif not args.quiet:

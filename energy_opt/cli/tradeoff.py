@@ -43,10 +43,14 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.cell.load import load_cell
     from energy_opt.cli.interrupt import stop_on_interrupt
+    from energy_opt.cli.progress import Progress
+    from energy_opt.cli.view import view
     from energy_opt.files import to_json
     from energy_opt.front.request import guard, request_of_move
+    from energy_opt.front.rivals import judges_of, said
     from energy_opt.motion import Planner
     from energy_opt.tradeoff import trace
+    from energy_opt.tradeoff.models import models_of
     from energy_opt.tradeoff.output import document, text, write
 
     if args.objective != "energy":
@@ -63,17 +67,17 @@ def run(args: argparse.Namespace) -> int:
             args, f"warning: {robot.name}: electrical values are assumed (those of the Panda); give --model for its own"
         )
 
-    named = {"path": args.path, "limits": args.limits, "scene": getattr(args, "scene", None)}
+    named = {"path": args.path, "limits": args.limits, "scene": args.scene}
+    named["cell"] = cell_of(args).document()
     over = {"durations": durations, "longest": args.max_duration, "cycle": args.cycle, "idle_power": args.idle_power}
     request = request_of_move(robot, model, move, args.seed, **named, command=args.command, **over)
     guard(args.out / "tradeoff.json", request, args.force)
 
-    def progress(front: Front, expected: int) -> None:
-        if not args.quiet and sys.stderr.isatty():
-            end = "\n" if front.solves == expected else ""
-            print(f"\r{front.solves}/{expected} solves", end=end, file=sys.stderr, flush=True)
+    with stop_on_interrupt() as stopped, Progress(args) as show:
 
-    with stop_on_interrupt() as stopped:
+        def progress(front: Front, expected: int) -> None:
+            show(f"{front.solves}/{expected} solves", front.solves / expected)
+
         planner = Planner(robot, model, settings_of(args), cell=load_cell(robot, cell_of(args)), stopped=stopped)
         front = trace(
             planner,
@@ -85,8 +89,14 @@ def run(args: argparse.Namespace) -> int:
             stopped=stopped,
         )
         found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
+        judges = judges_of(args.model[0] if args.model else None, model, robot)
+        found["models"] = models_of(planner, move, front, judges)
+        found["warnings"] = said(found["models"], "the front's minimum")
         found["request"] = request
-        write(args.out, front, found, robot)
+        write(args.out, front, found, robot, planner.cell)
+    for warning in found["warnings"]:
+        say(args, f"warning: {warning}")
+    view(args, args.out)
     if args.json:
         sys.stdout.write(to_json(found))
     elif not args.quiet:

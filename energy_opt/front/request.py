@@ -9,7 +9,7 @@ from typing import Any
 
 from energy_opt import __version__
 from energy_opt.errors import BadInput
-from energy_opt.files import plain, read_json
+from energy_opt.files import plain, read_json, read_toml
 from energy_opt.folders import try_folder
 from energy_opt.motion import Move
 from energy_opt.power import PowerModel
@@ -74,6 +74,20 @@ def request_of_set(
         "model": None if model is None else model.to_document(),
         "limits": None if limits is None else str(limits),
         "seed": seed,
+        **stamp(command),
+    }
+
+
+def request_of_job(
+    file: Path, robot: Robot, model: PowerModel, seed: int, *, command: list[str] | None = None, **more: Any
+) -> dict[str, Any]:
+    """The same for a job: its whole text (but for comments), robot, model, seed, `more`, version, command."""
+    return {
+        "job": read_toml(file),
+        "robot": robot.name,
+        "model": model.to_document(),
+        "seed": seed,
+        **more,
         **stamp(command),
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -11,6 +11,7 @@ from energy_opt.front.given import DEFAULT, AnyModel, AnyPayload, model_from, pa
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Kind, Rival, row_of
+from energy_opt.power import PowerModel
 from energy_opt.power.named import is_named, named_model
 from energy_opt.robot import Robot
 
@@ -48,6 +49,44 @@ def _name(given: AnyModel, number: int) -> str:
     return f"model {number}" if given is None or not isinstance(given, str) else given
 
 
+def judges_of(given: AnyModel, model: PowerModel, robot: Robot) -> list[Rival]:
+    """The one model that a plan was made under, by its name, and the careful one where it knows no friction.
+
+    Args:
+        given: as `model_from` takes it; None for the model of the source paper.
+        model: that model with payload and base.
+    """
+    return _with_careful([Rival(_name(DEFAULT if given is None else given, 1), model)], robot)
+
+
+def _with_careful(rivals: Sequence[Rival], robot: Robot) -> list[Rival]:
+    """The models, and the careful one where the first is one of the source paper's, which knows no friction."""
+    if not rivals[0].name.startswith("source-method"):
+        return list(rivals)
+    careful = named_model(CAREFUL, robot.name)
+    for name in ("payload", "base_tilt"):  # of the move, not of the model
+        effect = rivals[0].model.get(name)
+        careful = careful if effect is None else careful.replaced(effect)
+    return [*rivals, Rival(CAREFUL, careful)]
+
+
+def said(rows: Sequence[Mapping[str, Any]], what: str) -> list[str]:
+    """What models that a plan was not made under make of it, in words; `what` names it.
+
+    Args:
+        rows: name, total [J] and saving_joules beside the same slowed evenly; of the model it was made under first.
+    """
+    out = []
+    for row in rows[1:]:
+        joules = row["saving_joules"]
+        text = f"planned under {rows[0]['name']} alone, without friction; under {row['name']} {what} takes "
+        text += f"{row['total']:.5g} J"
+        if joules is not None:
+            text += f", {abs(joules):.3g} J {'less' if joules >= 0 else 'more'} than the same slowed evenly"
+        out.append(text if joules is None or joules >= 0 else f"{text}; plan with a model that was calibrated")
+    return out
+
+
 def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     """The result with what models that were not planned with make of it, and a warning where it is dear under one.
 
@@ -55,11 +94,7 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     """
     if result.models:
         return result
-    payload = rivals[0].model.get("payload")
-    judges = list(rivals)
-    if rivals[0].name.startswith("source-method"):
-        careful = named_model(CAREFUL, robot.name)
-        judges.append(Rival(CAREFUL, careful if payload is None else careful.replaced(payload)))
+    judges = _with_careful(rivals, robot)
     slowed = result.baseline("scaled")
     rows: list[dict[str, Any]] = []
     warnings = list(result.warnings)

@@ -9,7 +9,8 @@ second that is left over costs the power of waiting. So the best shares solve, f
 weak duality, the sum of their bounds plus price times the time to be shared is a bound of the whole job's energy.
 
 Between solves the price is found on a model of each leg: slowing down by a little saves k / T^4 (losses of a motion go
-with T^-3) and costs its holding power h, E'(T) = h - k / T^4.
+with T^-3) and costs its holding power h, E'(T) = h - k / T^4. So T^-4 is linear in the price: between two prices that
+were solved for, one too high and one too low, it is interpolated.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ROUNDS = 5  # prices tried at most; three are usual
+ROUNDS = 9  # prices tried at most; three are usual
+SLOW = 5.0  # times its shortest duration: no leg is sensibly slower
+INSIDE = 0.02  # a price between two others keeps this share of their distance from both
 NEAR = 1e-3  # relative: durations that add up to what is to be shared this nearly are scaled to it
 FLAT = 1e-3  # [W] least distance of a price from a leg's holding power: below it the leg would never arrive
 
@@ -50,40 +53,102 @@ class Shares:
     Attributes:
         durations: (L,) s of the legs; left: s to wait.
         bound: J of the legs and that wait that nothing goes below; None where not proven.
-        saved: (L,) k of the legs' models [J s^3]; energies: (L,) J at the durations, by the last solves.
+        saved, holding: (L,) k [J s^3] and h [W] of the legs' models; energies: (L,) J, by the solves nearest to this.
     """
 
     durations: np.ndarray
     left: float
     bound: float | None
     saved: np.ndarray
+    holding: np.ndarray
     energies: np.ndarray
 
 
-def allocate(fronts: Sequence[Front], time: float, waiting: float) -> Shares:
-    """Share `time` s among the legs and a wait that takes `waiting` W; their shortest durations must fit into it."""
+@dataclass(frozen=True)
+class _Seen:
+    """What a price [W] led to: durations (L,) [s] and energies (L,) [J]."""
+
+    price: float
+    durations: np.ndarray
+    energies: np.ndarray
+
+    @property
+    def total(self) -> float:
+        """s"""
+        return float(self.durations.sum())
+
+
+def allocate(fronts: Sequence[Front], time: float, waiting: float, guess: float | None = None) -> Shares:
+    """Share `time` s among the legs and a wait that takes `waiting` W; their shortest durations must fit into it.
+
+    Args:
+        guess: a first price [W] that may be near.
+    """
     if not fronts:
         none = np.zeros(0)
-        return Shares(none, time, waiting * time, none, none)
+        return Shares(none, time, waiting * time, none, none, none)
     low, high = (np.array([getattr(front, name) for front in fronts]) for name in ("shortest", "longest"))
     holding = np.maximum([front.holding for front in fronts], waiting + FLAT)
-    price, bound = waiting, -np.inf
+    price, bound = waiting if guess is None else min(guess, waiting), -np.inf
+    seen: list[_Seen] = []
     for _ in range(ROUNDS):
         solved = [front.at_price(price) for front in fronts]
         durations = np.clip([s.duration for s in solved], low, high)
-        saved = (holding - price) * durations**4
+        seen.append(_Seen(price, durations, np.array([s.energy for s in solved])))
         bounds = [s.bound for s in solved if s.bound is not None]
         if len(bounds) == len(solved):  # the wait adds nothing below zero, as the price is at most what it takes
             bound = max(bound, sum(bounds) + price * time)
         total = durations.sum()
         if (price == waiting and total <= time) or abs(total / time - 1) < NEAR:
             break
-        price = _price(saved, holding, low, high, time, waiting)
-    left = time - total if price == waiting and total <= time else 0.0
-    if not left:
-        durations = _scaled(durations, low, high, time)
-    energies = np.array([s.energy for s in solved])
-    return Shares(durations, left, None if np.isinf(bound) else bound, saved, energies)
+        price = _next(seen, holding, low, high, time, waiting)
+    best = min(seen, key=lambda s: abs(s.total / time - 1))
+    ended = next((s for s in seen if s.price == waiting and s.total <= time), None)
+    best = ended or best
+    left = time - best.total if ended is not None else 0.0
+    durations = best.durations if left else _scaled(best.durations, low, high, time)
+    saved, holding = _fitted(seen, best, holding)
+    return Shares(durations, left, None if np.isinf(bound) else bound, saved, holding, best.energies)
+
+
+def _next(
+    seen: Sequence[_Seen], holding: np.ndarray, low: np.ndarray, high: np.ndarray, time: float, waiting: float
+) -> float:
+    """The price to try after those that were."""
+    short = max((s for s in seen if s.total < time), key=lambda s: s.price, default=None)
+    long = min((s for s in seen if s.total >= time), key=lambda s: s.price, default=None)
+    if short is None or long is None:
+        only = short or long
+        assert only is not None
+        durations = np.minimum(only.durations, SLOW * low)  # a leg that would rather rest on its way tells nothing of k
+        k = np.maximum(holding - only.price, FLAT) * durations**4
+        price = _price(k, holding, low, high, time, waiting)
+        if short is not None:
+            return waiting if price >= waiting - FLAT else max(price, (only.price + waiting) / 2)
+        return min(price, only.price - FLAT)
+    a, b = short.durations**-4.0, long.durations**-4.0
+    below, above = INSIDE, 1 - INSIDE
+    for _ in range(60):
+        share = (below + above) / 2
+        if (((1 - share) * a + share * b) ** -0.25).sum() > time:
+            above = share
+        else:
+            below = share
+    return short.price + below * (long.price - short.price)
+
+
+def _fitted(seen: Sequence[_Seen], best: _Seen, holding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """k [J s^3] and h [W] (L,) of the legs: through the best price and the next where that tells, else by `holding`."""
+    k, h = (holding - best.price) * best.durations**4, holding.copy()
+    others = [s for s in seen if s is not best]
+    if others:
+        other = min(others, key=lambda s: abs(s.total / best.total - 1))
+        change = other.durations**-4.0 - best.durations**-4.0
+        tells = np.abs(np.log(other.durations / best.durations)) > NEAR
+        tells &= (best.price - other.price) * change > 0
+        k = np.where(tells, (best.price - other.price) / np.where(tells, change, 1.0), k)
+        h = np.where(tells, best.price + k * best.durations**-4.0, h)
+    return np.maximum(k, 0.0), h
 
 
 def modelled(

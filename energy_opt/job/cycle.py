@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,7 @@ class Piece:
         steps: the job's steps that it does, none for time that is left over.
         energy: J, standby included; payload: kg.
         source: of a motion as in `Answer`, else "wait".
+        begins: where a motion's first path comes from; empty for a wait.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Piece:
     payload: float
     source: str
     status: str = "solved"
+    begins: str = ""
 
 
 class Scorers:
@@ -66,10 +68,11 @@ class Scorers:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where the arm stands while time is left over: after step `after`, at `power` W."""
+    """Where the arm stands while time is left over: after step `after`, at `power` W, held by brakes or by motors."""
 
     after: int
     power: float
+    brakes: bool = False
 
 
 def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
@@ -82,11 +85,8 @@ def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
 
 def cheapest_rest(job: Job, scorers: Scorers) -> Rest:
     """The place where waiting costs least, late ones first among equals."""
-    rests = [
-        Rest(k, standing_power(scorers, step, step.brakes or job.brakes))
-        for k, step in enumerate(job.steps)
-        if step.stop
-    ]
+    held = [(k, step, step.brakes or job.brakes) for k, step in enumerate(job.steps) if step.stop]
+    rests = [Rest(k, standing_power(scorers, step, brakes), brakes) for k, step, brakes in held]
     return min(reversed(rests), key=lambda rest: rest.power)
 
 
@@ -95,14 +95,30 @@ def last_rest(job: Job, scorers: Scorers) -> Rest:
     return Rest(len(job.steps) - 1, standing_power(scorers, job.steps[-1], False))
 
 
-def assembled(
-    job: Job, scorers: Scorers, legs: Sequence[Leg], answers: Sequence[Answer], rest: Rest, left: float
-) -> tuple[Piece, ...]:
-    """All pieces in order, with `left` s of waiting where `rest` says."""
-    by_step = {leg.steps[0]: (leg, answer) for leg, answer in zip(legs, answers, strict=True)}
+@dataclass(frozen=True)
+class Plan:
+    """What a cycle is put together from: its legs' motions, and `left` s of waiting where `rest` says."""
+
+    legs: tuple[Leg, ...]
+    answers: tuple[Answer, ...]
+    rest: Rest
+    left: float
+
+    def under(self, job: Job, scorers: Scorers) -> Plan:
+        """The same motions and waits, scored by other models."""
+        pairs = zip(self.legs, self.answers, strict=True)
+        answers = tuple(replace(a, energy=scorers.of(leg.step).energy(a.trajectory)) for leg, a in pairs)
+        power = standing_power(scorers, job.steps[self.rest.after], self.rest.brakes)
+        return replace(self, answers=answers, rest=replace(self.rest, power=power))
+
+
+def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
+    """All pieces of a cycle in order."""
+    by_step = {leg.steps[0]: (leg, answer) for leg, answer in zip(plan.legs, plan.answers, strict=True)}
+    rest = plan.rest
     out: list[Piece] = []
     for k, step in enumerate(job.steps):
-        more = left if k == rest.after and left > SHORTEST_WAIT else 0.0
+        more = plan.left if k == rest.after and plan.left > SHORTEST_WAIT else 0.0
         if step.wait is not None:
             energy = standing_power(scorers, step, step.brakes) * step.wait + rest.power * more
             standing = _standing(job.robot, step.goal, step.wait + more)
@@ -112,15 +128,10 @@ def assembled(
             leg, answer = by_step[k]
             out.append(
                 Piece(
-                    leg.name,
-                    leg.steps,
-                    answer.trajectory,
-                    answer.energy.total,
-                    step.payload[0],
-                    answer.source,
-                    answer.status,
+                    leg.name, leg.steps, answer.trajectory, answer.energy.total, step.payload[0], answer.source,
+                    answer.status, leg.begins,
                 )
-            )
+            )  # fmt: skip
         if more:
             standing = _standing(job.robot, step.goal, more)
             out.append(Piece("time left over", (), standing, rest.power * more, step.payload[0], "wait"))

@@ -11,14 +11,15 @@ from energy_opt.job.allocate import Front, Solved
 from energy_opt.job.legs import Leg
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.retime.program import Retiming
 from energy_opt.motion.retime.solve import FLOOR
 from energy_opt.motion.timing.law import Timing
-from energy_opt.motion.timing.toppra import fastest
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
 LONGEST = 50.0  # a leg's duration ends at this multiple of its shortest
+SLOWER = 1.02  # step of a difference quotient
 SAMPLES = 40  # of the path, for the power that holding it takes
 
 
@@ -29,7 +30,7 @@ def fastest_timing(robot: Robot, model: PowerModel, leg: Leg, limits: Sequence[L
         Infeasible: the path breaks limits at any timing; says which leg.
     """
     try:
-        return fastest(robot, model, leg.path, limits=limits)
+        return minimum_time(robot, model, leg.path, limits)
     except Infeasible as error:
         raise Infeasible(
             f"{leg.name}: {error}", joint=error.joint, limit=error.limit, position=error.position
@@ -55,6 +56,8 @@ def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit]) 
 
     def at_price(price: float) -> Solved:
         found = work.optimise(last[0], price=price, longest=longest, floor=FLOOR)
+        if not found.solved and last[0] is not timing:
+            found = work.optimise(timing, price=price, longest=longest, floor=FLOOR)
         if not found.solved:
             slowed = timing.slowed(float(np.clip(last[0].duration, shortest, longest)))
             return Solved(slowed.duration, work.energy(slowed), None)
@@ -63,3 +66,15 @@ def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit]) 
         return Solved(found.timing.duration, found.energy, bound)
 
     return Front(shortest, longest, holding, at_price)
+
+
+def slope_of_slowing(legs: Sequence[Leg], timings: Sequence[Timing], scorers: Sequence[Scorer], factor: float) -> float:
+    """W that another second is worth to legs that are all slowed evenly, by `factor`."""
+    energy, time = [0.0, 0.0], [0.0, 0.0]
+    for leg, timing, scorer in zip(legs, timings, scorers, strict=True):
+        for k, more in enumerate((factor, SLOWER * factor)):
+            duration = float(np.clip(more * timing.duration, max(timing.duration, leg.least), leg.most))
+            slowed = timing.slowed(duration).trajectory(scorer.robot.joints)
+            energy[k] += scorer.energy(slowed).total
+            time[k] += duration
+    return (energy[1] - energy[0]) / (time[1] - time[0]) if time[1] > time[0] else 0.0

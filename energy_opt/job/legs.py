@@ -19,6 +19,8 @@ class Leg:
     Attributes:
         steps: their places in the job.
         points: (K, n) [rad] the start, what is passed, and the end.
+        way: the first path, where that is neither the straight line nor the curve through what is passed.
+        begins: where the first path comes from, as `first_path.source` of a result says it.
     """
 
     steps: tuple[int, ...]
@@ -28,6 +30,8 @@ class Leg:
     least: float
     most: float
     step: Step
+    way: JointPath | None = None
+    begins: str = "straight"
 
     @property
     def name(self) -> str:
@@ -41,14 +45,16 @@ class Leg:
 
     @property
     def path(self) -> JointPath:
-        """The straight line, or the smooth curve through what is passed."""
+        """The first path: the straight line, the smooth curve through what is passed, or a way around."""
+        if self.way is not None:
+            return self.way
         return through(self.points) if len(self.points) > 2 else straight(self.points[0], self.points[-1])
 
-    def move(self, duration: float) -> Move:
-        """The leg as a move of exactly so many seconds."""
+    def move(self, duration: float | None) -> Move:
+        """The leg as a move of exactly so many seconds, from ends and via points alone; None: of any duration."""
         start, goal = self.points[0], self.points[-1]
         if self.mode == "retime":
-            return Move(start, goal, "retime", duration, path=self.path if len(self.points) > 2 else None)
+            return Move(start, goal, "retime", duration, path=through(self.points) if len(self.points) > 2 else None)
         return Move(start, goal, "reshape", duration, via=tuple(self.points[1:-1]))
 
 

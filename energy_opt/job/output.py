@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from energy_opt import formats
-from energy_opt.files import write_json
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.files import plain, write_json
 from energy_opt.job.cycle import Piece, joined
 from energy_opt.job.run import JobResult
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.reports.job import page
+from energy_opt.reports.solids import drawn
 
 FORMAT = "energy-opt/job-result/1"
 
@@ -38,6 +43,8 @@ def document(result: JobResult) -> dict[str, Any]:
             "lower_bound": result.bound,
             "gap_percent": gap,
         },
+        "models": list(result.models),
+        "warnings": list(result.warnings),
         "interrupted": result.interrupted,
     }
 
@@ -54,6 +61,7 @@ def rows(result: JobResult) -> list[dict[str, Any]]:
                 "energy_total": part.energy,
                 "payload": part.payload,
                 "source": part.source,
+                "first_path": part.begins or None,
                 "status": part.status,
             }
             out.append(row)
@@ -76,7 +84,7 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
     energies = np.array([scorer.energy(part).total for part in parts])
     energies += (piece.energy - energies.sum()) * energies / energies.sum()  # of kinks between rows
     return [
-        Piece(step.name, (k,), part, float(energy), piece.payload, piece.source, piece.status)
+        Piece(step.name, (k,), part, float(energy), piece.payload, piece.source, piece.status, piece.begins)
         for k, step, part, energy in zip(piece.steps, steps, parts, energies, strict=True)
     ]
 
@@ -86,8 +94,8 @@ def _rows(t: Trajectory, first: int, last: int) -> Trajectory:
     return Trajectory(t.joints, t.time[rows] - t.time[first], t.position[rows], t.velocity[rows], t.acceleration[rows])
 
 
-def write(result: JobResult, out: Path) -> dict[str, Any]:
-    """Write step_01.csv ..., cycle.csv and job.json, this last; returns the document."""
+def write(result: JobResult, request: Mapping[str, Any], out: Path) -> dict[str, Any]:
+    """Write step_01.csv ..., cycle.csv, report.html and job.json, this last; returns the document."""
     number = 0
     for piece in result.pieces:
         scorer: Scorer = result.scorer(result.job.steps[piece.steps[0]] if piece.steps else result.job.steps[0])
@@ -95,6 +103,8 @@ def write(result: JobResult, out: Path) -> dict[str, Any]:
             number += 1
             formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
     formats.write(joined(result.pieces), Path(out) / "cycle.csv")
-    found = document(result)
+    found = {**document(result), "request": plain(request)}
+    bodies, scene = drawn(result.cell or Cell(result.job.robot, CellRequest()))
+    page(found, joined(result.pieces), result.job.robot, bodies, scene).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

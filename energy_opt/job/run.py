@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from energy_opt.effects import Payload
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.job.allocate import Front, Shares, allocate, modelled
 from energy_opt.job.cycle import (
     Answer,
     Piece,
+    Plan,
     Scorers,
     assembled,
     cheapest_rest,
@@ -21,25 +25,27 @@ from energy_opt.job.cycle import (
     standing_power,
 )
 from energy_opt.job.file import Job, Step
-from energy_opt.job.fronts import fastest_timing, front_of
+from energy_opt.job.fronts import slope_of_slowing
 from energy_opt.job.legs import Leg, legs_of
+from energy_opt.job.work import Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
-from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 
+SHARING = 0.05  # of the work, about, and as much again for first paths
 AGAIN = 1e-2  # of a leg's duration: shares that change less are not worth solving again
 Known = Callable[[Leg, float], Trajectory | None]
 
 
 @dataclass(frozen=True)
 class Plain:
-    """A plain way to run the job: its energy [J], None where a limit or a body is in its way."""
+    """A plain way to run the job: its energy [J] and plan, None where a limit or a body is in its way."""
 
     name: str
     energy: float | None
+    plan: Plan | None
 
 
 @dataclass(frozen=True)
@@ -47,18 +53,29 @@ class JobResult:
     """A job as it is to be run.
 
     Attributes:
-        pieces: motions and waits in order; their durations add up to the cycle.
+        plan: its motions and where it waits.
         baselines: "fastest_then_wait" and "evenly_slowed".
         bound: J that no timing of the legs' first paths and no share of the time goes below; None where not proven.
+        cells: what was kept clear of, by step.
         interrupted: stopped early: legs that had not been solved run evenly slowed.
+        models: what other models make of the cycle: name, total [J], and beside the evenly slowed one saving_joules and
+            saving_total_percent.
     """
 
     job: Job
-    pieces: tuple[Piece, ...]
+    plan: Plan
     baselines: tuple[Plain, ...]
     bound: float | None
     scorers: Scorers
+    cells: Cells
     interrupted: bool = False
+    models: tuple[dict[str, Any], ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """Motions and waits in order; their durations add up to the cycle."""
+        return assembled(self.job, self.scorers, self.plan)
 
     def scorer(self, step: Step) -> Scorer:
         """Scores motions under a step's payload."""
@@ -70,53 +87,15 @@ class JobResult:
         return energy_of(self.pieces)
 
     @property
+    def cell(self) -> Cell | None:
+        """That in which most of the moves are made."""
+        cells = [self.cells.of(leg.step) for leg in self.plan.legs]
+        return max(cells, key=cells.count, default=None)
+
+    @property
     def solved(self) -> bool:
         """Did every leg end as solved?"""
         return not self.interrupted and all(piece.status == "solved" for piece in self.pieces)
-
-
-class _Worker:
-    """Solves legs: one planner for all payloads."""
-
-    def __init__(self, job: Job, model: PowerModel, settings: Settings, stopped: Callable[[], bool]) -> None:
-        model = model.replaced(Payload(mass=0.0, com=[0.0, 0.0, 0.0]))
-        self.job, self.scorers, self.stopped = job, Scorers(job.robot, model), stopped
-        self._planner = Planner(job.robot, model, settings, batch=True, stopped=stopped)
-
-    def planner(self, leg: Leg) -> Planner:
-        """The planner under a leg's payload."""
-        self._planner.set_model(self.scorers.of(leg.step).model)
-        return self._planner
-
-    def timing(self, leg: Leg) -> Timing:
-        """The fastest of the leg's first path."""
-        planner = self.planner(leg)
-        return fastest_timing(self.job.robot, self.scorers.of(leg.step).model, leg, planner.limits())
-
-    def front(self, leg: Leg, timing: Timing) -> Front:
-        """The leg's front over the timing of its first path."""
-        return front_of(leg, timing, self.scorers.of(leg.step), self.planner(leg).limits())
-
-    def slowed(self, leg: Leg, timing: Timing, duration: float, name: str = "scaled") -> Answer:
-        """The leg's fastest timing, slowed evenly; not solved where it is beyond a limit."""
-        trajectory = timing.slowed(duration).trajectory(self.job.robot.joints)
-        valid = self.planner(leg).certify(trajectory).valid
-        energy = self.scorers.of(leg.step).energy(trajectory)
-        return Answer(trajectory, energy, name, "solved" if valid else "infeasible")
-
-    def solved(self, leg: Leg, timing: Timing, duration: float, known: Trajectory | None) -> Answer:
-        """The leg in `duration` s with the least energy that is found."""
-        planner = self.planner(leg)
-        if known is not None and planner.certify(known).valid:
-            return Answer(known, planner.score(known), "resumed")
-        try:
-            result = planner.solve(leg.move(duration))
-        except Infeasible as error:
-            slowed = self.slowed(leg, timing, duration)
-            if slowed.status == "solved":
-                return slowed
-            raise Infeasible(f"{leg.name}: {error}", joint=error.joint, limit=error.limit) from None
-        return Answer(result.trajectory, result.energy, result.chosen, result.status)
 
 
 def run_job(
@@ -124,24 +103,29 @@ def run_job(
     model: PowerModel,
     settings: Settings | None = None,
     *,
+    cell: CellRequest | None = None,
     stopped: Callable[[], bool] = lambda: False,
     known: Known = lambda leg, duration: None,
     answered: Callable[[Leg, float, Trajectory], None] = lambda leg, duration, trajectory: None,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> JobResult:
     """Share the cycle's time over its legs for least energy, and solve them.
 
     Args:
+        cell: what the arm keeps clear of besides the scenes that steps name; by default its own body.
         stopped: asked between solves; True ends the work with the best so far.
         known: an earlier run's answer to a leg of that duration, which is judged again before it is taken.
         answered: told every answer.
-        progress: told what is being done.
+        progress: told what is being done, and what share of the work is done.
 
     Raises:
         Infeasible: a leg cannot be done, or the cycle is too short; says which step binds and what would work.
     """
-    work = _Worker(job, model, settings or Settings(), stopped)
-    legs = legs_of(job.steps)
+    work = Worker(job, model, settings or Settings(), Cells(job, cell or CellRequest()), stopped)
+    work.check_poses()
+    progress("first paths", 0.0)
+    asked = legs_of(job.steps)
+    legs = tuple(work.begun(leg) for leg in asked)
     timings = [work.timing(leg) for leg in legs]
     time = job.cycle_time - job.waiting
     shortest = np.array([max(t.duration, leg.least) for t, leg in zip(timings, legs, strict=True)])
@@ -149,37 +133,49 @@ def run_job(
     rest = cheapest_rest(job, work.scorers)
     plain = _plain(work, legs, timings, shortest, time)
 
-    def answers_to(durations: np.ndarray) -> list[Answer]:
+    def plan_of(durations: np.ndarray, first: float, last: float) -> Plan:
+        """Every leg solved; `first` and `last` are shares of the work."""
         out = []
         for k, (leg, timing, duration) in enumerate(zip(legs, timings, durations.tolist(), strict=True)):
-            progress(f"{k + 1}/{len(legs)} {leg.name}: {duration:.3f} s")
+            progress(f"{k + 1}/{len(legs)} {leg.name}: {duration:.3f} s", first + (last - first) * k / len(legs))
             if stopped():
                 out.append(work.slowed(leg, timing, duration))
                 continue
             out.append(work.solved(leg, timing, duration, known(leg, duration)))
             answered(leg, duration, out[-1].trajectory)
-        return out
+        return Plan(legs, tuple(out), rest, time - sum(answer.trajectory.duration for answer in out))
 
-    def cycle(answers: Sequence[Answer]) -> tuple[Piece, ...]:
-        left = time - sum(answer.trajectory.duration for answer in answers)
-        return assembled(job, work.scorers, legs, answers, rest, left)
+    def energy(plan: Plan) -> float:
+        return energy_of(assembled(job, work.scorers, plan))
 
-    progress("sharing the cycle's time")
+    progress("sharing the cycle's time", SHARING)
     fronts = [work.front(leg, timing) for leg, timing in zip(legs, timings, strict=True)]
-    shares = allocate(fronts, time, rest.power)
-    answers = answers_to(shares.durations)
-    best = cycle(answers)
+    scorers = [work.scorers.of(leg.step) for leg in legs]
+    guess = slope_of_slowing(legs, timings, scorers, time / shortest.sum()) if legs else None
+    shares = allocate(fronts, time, rest.power, guess)
     retimed = all(leg.mode == "retime" for leg in legs)
+    best = plan_of(shares.durations, 2 * SHARING, 1.0 if retimed else 0.6)
     if not retimed and not stopped():
-        durations = _anew(fronts, shares, answers, time, rest.power)
+        durations = _anew(fronts, shares, best.answers, time, rest.power)
         if np.abs(durations / shares.durations - 1).max() > AGAIN:
-            best = min(best, cycle(answers_to(durations)), key=energy_of)
-    for pieces in plain.values():
-        if pieces is not None and energy_of(pieces) < energy_of(best):
-            best = pieces
+            best = min(best, plan_of(durations, 0.6, 1.0), key=energy)
+    for other in plain.values():
+        if other is not None and energy(other) < energy(best):
+            best = other
     bound = None if shares.bound is None or not retimed else shares.bound + _declared_waits(job, work.scorers)
-    baselines = tuple(Plain(name, None if p is None else energy_of(p)) for name, p in plain.items())
-    return JobResult(job, best, baselines, bound, work.scorers, stopped())
+    baselines = tuple(Plain(name, None if p is None else energy(p), p) for name, p in plain.items())
+    return JobResult(
+        job, best, baselines, bound, work.scorers, work.cells, stopped(), warnings=tuple(_changed(asked, legs))
+    )
+
+
+def _changed(asked: Sequence[Leg], legs: Sequence[Leg]) -> list[str]:
+    """What legs are done otherwise than was asked for."""
+    return [
+        f"{leg.name}: the path that it would keep is not free; it is reshaped"
+        for before, leg in zip(asked, legs, strict=True)
+        if before.mode != leg.mode
+    ]
 
 
 def _declared_waits(job: Job, scorers: Scorers) -> float:
@@ -188,6 +184,13 @@ def _declared_waits(job: Job, scorers: Scorers) -> float:
 
 
 def _check_time(job: Job, legs: Sequence[Leg], shortest: np.ndarray, time: float) -> None:
+    for leg, least in zip(legs, shortest.tolist(), strict=True):
+        if least > leg.most * (1 + 1e-12):
+            raise Infeasible(
+                f"{leg.name}: max_duration = {leg.most:g} s is too short; its first path takes {least:.6g} s at least",
+                limit="duration",
+                shortest_duration=least,
+            )
     if shortest.sum() <= time * (1 + 1e-12):
         return
     longest = legs[int(np.argmax(shortest))]
@@ -201,22 +204,21 @@ def _check_time(job: Job, legs: Sequence[Leg], shortest: np.ndarray, time: float
 
 
 def _plain(
-    work: _Worker, legs: Sequence[Leg], timings: Sequence[Timing], shortest: np.ndarray, time: float
-) -> dict[str, tuple[Piece, ...] | None]:
+    work: Worker, legs: tuple[Leg, ...], timings: Sequence[Timing], shortest: np.ndarray, time: float
+) -> dict[str, Plan | None]:
     """The cycle as it is run without thought: at full speed and then waiting, or all slowed evenly."""
-    job, out = work.job, {}
-    rest = last_rest(job, work.scorers)
+    out: dict[str, Plan | None] = {}
+    rest = last_rest(work.job, work.scorers)
     # what a least duration holds back takes no part in slowing down
     factor = time / shortest.sum() if shortest.sum() > 0 else 1.0
     most = np.array([leg.most for leg in legs])
     for name, durations in (("fastest_then_wait", shortest), ("evenly_slowed", np.minimum(factor * shortest, most))):
-        answers = [
+        answers = tuple(
             work.slowed(leg, timing, float(duration), "toppra" if name == "fastest_then_wait" else "scaled")
             for leg, timing, duration in zip(legs, timings, durations, strict=True)
-        ]
+        )
         valid = all(answer.status == "solved" for answer in answers)
-        left = float(time - durations.sum())
-        out[name] = assembled(job, work.scorers, legs, answers, rest, left) if valid else None
+        out[name] = Plan(legs, answers, rest, float(time - durations.sum())) if valid else None
     return out
 
 
@@ -228,5 +230,5 @@ def _anew(
     overhead = np.array([a.energy.total - a.energy.loss for a in answers])  # standby and what the ends decide
     ratio = np.array([a.energy.loss for a in answers]) / np.maximum(shares.energies - overhead, 1e-12)
     ratio = np.clip(ratio, 0.05, 1.0)
-    holding = standby + ratio * (np.array([front.holding for front in fronts]) - standby)
+    holding = standby + ratio * (shares.holding - standby)
     return modelled(fronts, ratio * shares.saved, holding, time, waiting)

@@ -11,6 +11,8 @@ from energy_opt.reports.optimize import motion_charts
 from energy_opt.reports.page import Report
 from energy_opt.robot import Robot
 
+COLUMNS = ("start", "duration", "energy_total", "payload", "source", "first_path", "status")
+
 
 def page(
     document: Mapping[str, Any],
@@ -29,6 +31,8 @@ def page(
     report.headline(headline(document))
     if document["status"] != "solved":
         report.warning("Not every step is solved; the table says which.")
+    for warning in document.get("warnings", ()):
+        report.warning(warning)
     steps = document["steps"]
     names = [f"{k}. {row['name']}" for k, row in enumerate(steps, start=1)]
     report.player(player(robot, [Played("result", cycle)], bodies, scene))
@@ -38,11 +42,8 @@ def page(
         Chart("Energy of each step", "energy, standby included [J]", "", bars={"result": energies}),
     )
     report.table(
-        ["step", "begins [s]", "takes [s]", "energy [J]", "payload [kg]", "from", "status"],
-        [
-            [name, *(row[key] for key in ("start", "duration", "energy_total", "payload", "source", "status"))]
-            for name, row in zip(names, steps, strict=True)
-        ],
+        ["step", "begins [s]", "takes [s]", "energy [J]", "payload [kg]", "from", "first path", "status"],
+        [[name, *(row.get(key) for key in COLUMNS)] for name, row in zip(names, steps, strict=True)],
     )
     report.section("Against plain ways of running it").table(
         ["", "energy of the cycle [J]"],
@@ -52,6 +53,12 @@ def page(
             ["proven lower bound of retiming", document["optimality"]["lower_bound"]],
         ],
     )
+    models = document.get("models") or []
+    if models:
+        report.section("The same cycle under other models").table(
+            ["model", "energy of the cycle [J]", "saved against evenly slowed [J]", "saved [%]"],
+            [[m["name"], m["total"], m["saving_joules"], m["saving_total_percent"]] for m in models],
+        )
     report.section("Motion").charts(*motion_charts(cycle, {}, robot))
     if document.get("request", {}).get("command"):
         report.section("The command that made this").code(document["request"]["command"])

@@ -61,6 +61,12 @@ def page(
     played = [Played(f"{d:.4g} s", motion, shown=d == chosen) for d, motion in sorted(motions.items())]
     if played:
         report.section("Any of its points, moving").player(player(robot, played, bodies, scene))
+    models = document.get("models") or []
+    if models:
+        report.section("The front's minimum under other models").table(
+            ["model", "total [J]", "loss [J]", "saved against evenly slowed [J]"],
+            [[m["name"], m["total"], m["loss"], m["saving_joules"]] for m in models],
+        )
     names = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
     report.section("Points").table(
         ["duration [s]", "total [J]", "standby [J]", "loss [J]", "status", "reason"],

@@ -106,7 +106,10 @@ def trace(
     Raises:
         Infeasible: no duration works at all, or none that is within the cycle.
     """
-    tracer = _Tracer(planner, steps or Neighbours(planner.context(move), move), move, cycle, progress, stopped)
+    if steps is None:
+        begun, _, ways = planner.first_path(replace(move, duration=None, max_duration=None))
+        steps = Neighbours(replace(planner.context(begun), ways=ways), begun)
+    tracer = _Tracer(planner, steps, move, cycle, progress, stopped)
     try:
         tracer.run(durations, longest)
     except KeyboardInterrupt:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -36,7 +37,13 @@ from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+from energy_opt.power.rigid import rigid_inputs
 from energy_opt.robot import Robot
+
+log = logging.getLogger(__name__)
+REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
+
+Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
 
 def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
@@ -63,6 +70,7 @@ class Planner:
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
+        self._begun: list[tuple[Cell | None, Move, Begun]] = []  # first paths by the cell and the move they are of
         self.set_cell(cell)
         self._workshop, self._stopped = Workshop(batch), stopped
         self._structure = _but_payload(model)
@@ -89,7 +97,6 @@ class Planner:
         """Another body and cell to keep clear of; nothing is built again."""
         self.cell = cell if cell is not None and cell.checks else None
         self._cell_warnings = [] if cell is None else cell.warnings
-        self._first: tuple[Move, FirstPath, tuple[JointPath, ...], Move] | None = None  # of the move that it ends with
 
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""
@@ -97,7 +104,7 @@ class Planner:
 
     def limits(self, move: Move | None = None) -> tuple[Limit, ...]:
         """The limits in force: the robot's, those that the settings ask for, and the move's own."""
-        return limits_of(self.robot, self.settings, move)
+        return limits_of(self.robot, self.settings, move, rigid_inputs(self.model, self.robot.body)[1])
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """How far any trajectory stays inside the limits, those of the move it is for among them."""
@@ -108,7 +115,17 @@ class Planner:
         move, _, _ = self.first_path(move)
         return self.context(move).fastest(path_of(move)).duration
 
-    def first_path(self, move: Move) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
+    def slowed(self, move: Move, duration: float) -> Trajectory | None:
+        """The fastest timing of the move's first path, slowed evenly to `duration` s; None where that is not valid."""
+        move, _, _ = self.first_path(move)
+        context = self.context(move)
+        try:
+            trajectory = context.fastest(path_of(move)).slowed(duration).trajectory(self.robot.joints)
+        except Infeasible:
+            return None
+        return trajectory if context.judge(trajectory).certificate.valid else None
+
+    def first_path(self, move: Move) -> Begun:
         """The move with the path that it starts from, where this comes from, and further free paths.
 
         A move that is asked about at several durations has it looked for once.
@@ -117,10 +134,11 @@ class Planner:
             Infeasible: a move that keeps its path would touch something, or no way around was found.
         """
         timeless = replace(move, duration=None, max_duration=None)
-        if self._first is None or self._first[-1] != timeless:
-            found = first_path(self.robot, self.cell, self.settings, self.limits(timeless), timeless)
-            self._first = *found, timeless
-        begun, first, ways, _ = self._first
+        found = next((b for cell, asked, b in self._begun if cell is self.cell and asked == timeless), None)
+        if found is None:
+            found = first_path(self.robot, self.model, self.cell, self.settings, self.limits(timeless), timeless)
+            self._begun = [*self._begun[1 - REMEMBERED :], (self.cell, timeless, found)]
+        begun, first, ways = found
         return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
@@ -135,6 +153,7 @@ class Planner:
         """
         self._check_ends(move)
         self._check_objective(move)
+        log.info("first path")
         built, begin = self._workshop.seconds, time.perf_counter()
         move, first, ways = self.first_path(move)
         context = replace(self.context(move), ways=ways)
@@ -186,6 +205,7 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
     Raises:
         Infeasible: no timing or no path holds the limits.
     """
+    log.info("timing of the first path", extra={"share": 0.05})
     timing = _first_timing(context, move)
     if timing is not None and timing.path.moves and unseen(move):
         made = unsearched(context, move, timing)
@@ -207,6 +227,7 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
     curve = None
     if not stands_still(move):
         curve = reshaped(context, move, timing, solution, warm)
+        log.info("keeping clear", extra={"share": 0.6})
         curve = kept_clear(context, move, timing, solution, curve, warm)
     return Work(timing, solution, curve, None, warm)
 

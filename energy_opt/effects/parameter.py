@@ -13,6 +13,13 @@ from energy_opt.errors import BadInput
 Size = str | int | tuple[str | int, ...]
 
 
+def _words(value: Any) -> bool:
+    """Are there words or truth values among the numbers? NumPy would take them for numbers."""
+    if isinstance(value, (list, tuple)):
+        return any(map(_words, value))
+    return isinstance(value, (str, bytes, bool, np.bool_)) or getattr(value, "dtype", np.dtype(float)).kind in "bSU"
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A named number (or one per joint, or a fixed-size vector, or a table) of an effect.
@@ -84,10 +91,12 @@ class Parameter:
         """
         try:
             number = np.atleast_1d(np.asarray(value, dtype=float))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise BadInput(f"effect {effect}: {self.name} = {value!r} is not a number [{self.unit}]") from None
         most = max(1, len(self.dimensions))
-        if isinstance(value, bool) or number.ndim > most or not number.size or not np.isfinite(number).all():
+        if _words(value):
+            raise BadInput(f"effect {effect}: {self.name} = {value!r}: numbers stand without quotes [{self.unit}]")
+        if number.ndim > most or not number.size or not np.isfinite(number).all():
             raise BadInput(f"effect {effect}: {self.name} = {value!r} is not a finite number or list [{self.unit}]")
         if not self.per_joint and not self.free and number.size != self.count(1):
             raise BadInput(f"effect {effect}: {self.name} has {number.size} values; expected {self.count(1)}")

@@ -150,7 +150,7 @@ def effect_class(name: str) -> type[Effect]:
         BadInput: there is none; says which come near.
     """
     kinds = known_effects()
-    if name not in kinds:
+    if not isinstance(name, str) or name not in kinds:
         raise BadInput(f"unknown name {name!r}{near(str(name), kinds)}; known: {', '.join(kinds)}")
     return kinds[name]
 

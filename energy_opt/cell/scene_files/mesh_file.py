@@ -21,8 +21,8 @@ def read_mesh(reading: Reading, name: Any) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         BadInput: no such file, outside of the folder, too large, of another kind, or not readable.
     """
-    if not isinstance(name, str) or not name:
-        raise BadInput("a mesh without file; expected file: NAME.stl or NAME.obj in the scene's folder")
+    if not isinstance(name, str) or not name or not name.isprintable():
+        raise BadInput("a mesh without a file of that name; expected file: NAME.stl or NAME.obj in the scene's folder")
     folder = reading.path.resolve().parent
     path = (folder / name).resolve()
     if not reading.allow_outside and not path.is_relative_to(folder):

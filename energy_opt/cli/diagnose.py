@@ -45,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
+    from energy_opt.cli.progress import Progress
+    from energy_opt.cli.view import view
     from energy_opt.diagnose import diagnose, write
     from energy_opt.files import to_json
     from energy_opt.folders import written_whole
@@ -62,7 +64,8 @@ def run(args: argparse.Namespace) -> int:
     basis = {"model": declared, "payload": args.payload, "limits": args.limits}
     request = request_of_set(args.set, robot, args.seed, **basis, command=args.command)
     guard(args.out / "diagnosis.json", request, args.force)
-    result = diagnose(measured, declared, args.seed, args.tolerance, given)
+    with Progress(args):
+        result = diagnose(measured, declared, args.seed, args.tolerance, given)
     result.document["request"] = request
     if said:
         result.document["remarks"].insert(0, said)
@@ -71,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
             _next_motion(result, aside, args.seed)
         write(result, aside)
     say(args, _summary(result, args.out))
+    view(args, args.out)
     if args.json:
         sys.stdout.write(to_json(result.document))
     return 0

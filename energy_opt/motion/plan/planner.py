@@ -24,6 +24,7 @@ from energy_opt.motion.plan.candidates import (
     least_energy_timing,
     mended_timing,
     reshaped,
+    small_enough,
     stands_still,
     unsearched,
     unseen,
@@ -223,6 +224,8 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
     if not stands_still(move):
         curve = reshaped(context, move, timing, solution, warm)
         curve = kept_clear(context, move, timing, solution, curve, warm)
+        if not curve.converged and not context.stopped():
+            curve = small_enough(move, solution, curve)
     return Work(timing, solution, curve, None, warm)
 
 

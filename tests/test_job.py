@@ -135,7 +135,7 @@ def test_brakes_wait_without_holding_losses(panda: Robot, tmp_path: Path) -> Non
 FAULTS = [
     ('to = "tray"', 'to = "trai"', r"step 6 \(to the tray\).*'trai'; did you mean 'tray'"),
     ("wait = 0.3", "wait = -1", r"step 7 \(release\): wait"),
-    ('to = "home"\n', 'to = "tray"\n', r"step 8 \(back\).*does not return.*panda_joint1"),
+    ('to = "home"\n', 'to = "tray"\n', r"step 9 \(back\).*does not return.*panda_joint1"),
     ("cycle_time = 5.5", 'cycle_time = "5.5"', "cycle_time"),
     ("cycle_time = 5.5", "cycle_tim = 5.5", "unknown key 'cycle_tim'; did you mean 'cycle_time'"),
     ("payload = 2.0", "payload = -2.0", r"step 4 \(to the camera\): payload"),

@@ -218,4 +218,5 @@ def _settings(table: Any, faults: Faults) -> tuple[tuple[str, Any], ...]:
         Settings(**{key: value for key, value in table.items() if key in known})
     except (BadInput, TypeError, ValueError) as error:
         faults.add("settings", str(error))
-    return tuple(sorted((key, value) for key, value in table.items() if key in known))
+    plain = {key: tuple(value) if isinstance(value, list) else value for key, value in table.items()}
+    return tuple(sorted((key, value) for key, value in plain.items() if key in known))

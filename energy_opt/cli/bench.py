@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput
 
 HELP = "a batch of moves, in parallel, resumable, with a report"
@@ -33,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--model", type=Path, metavar="MODEL.toml", help="power model")
     group.add_argument("--seed", type=int, metavar="N", help="seed of random moves and of the solver's starts")
     parser.add_argument("--json", action="store_true", help="the summary as one JSON document on stdout")
+    add_view(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress and no messages")
 
 
@@ -58,6 +60,7 @@ def _compare(args: argparse.Namespace) -> int:
 
 def _batch(args: argparse.Namespace) -> int:
     from energy_opt.bench import load_suite, run_batch
+    from energy_opt.cli.view import view
     from energy_opt.files import to_json
 
     jobs = _free_cores() if args.jobs is None else args.jobs
@@ -74,6 +77,7 @@ def _batch(args: argparse.Namespace) -> int:
     )
     if batch.left_out and not args.quiet:
         print(f"{batch.left_out} earlier results belong to another version of the suite; left out", file=sys.stderr)
+    view(args, out)
     sys.stdout.write(to_json(batch.summary) if args.json else _text(batch.summary, out))
     if batch.interrupted and not args.quiet:
         print(f"interrupted; what is done is in {out}, --resume does what is left", file=sys.stderr)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput, near
 from energy_opt.files import finite_number
 
@@ -55,14 +56,16 @@ def add_model(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def add_output(parser: argparse.ArgumentParser, out: str) -> None:
-    """Where results go and what is said."""
+def add_output(parser: argparse.ArgumentParser, out: str, report: bool = True) -> None:
+    """Where results go and what is said; `report`: is there one to be viewed?"""
     group = parser.add_argument_group("output")
     group.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help=f"folder of results (default: {out})")
     group.add_argument("--json", action="store_true", help="the result as one JSON document on stdout")
     group.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random choices (0)")
     group.add_argument("--quiet", action="store_true", help="no progress and no messages")
     group.add_argument("--force", action="store_true", help="overwrite the result of another request")
+    if report:
+        add_view(group)
 
 
 def add_move(parser: argparse.ArgumentParser) -> None:
@@ -81,10 +84,13 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("conditions")
     group.add_argument("--max-power", type=float, metavar="W", help="bound of the arm's electrical power [W]")
     group.add_argument("--tool-speed", type=float, metavar="V", help="bound of the speed of the tool's origin [m/s]")
-    group.add_argument("--tool-acceleration", type=float, metavar="A", help="bound of its acceleration [m/s^2]")
     group.add_argument(
-        "--keep", action="append", default=[], metavar="WHAT", help="upright[:DEG], orientation[:DEG] or line[:MM]"
+        "--tool-acceleration", type=float, metavar="A", help="bound of the acceleration of the tool's origin [m/s^2]"
     )
+    group.add_argument(
+        "--keep", action="append", default=[], metavar="WHAT",
+        help="upright[:DEG] (5), orientation[:DEG] (2) or line[:MM] (1) of the tool (repeatable)",
+    )  # fmt: skip
     group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
@@ -333,8 +339,8 @@ def settings_of(args: argparse.Namespace) -> Settings:
         end_acceleration=args.end_acceleration,
         max_power=args.max_power,
         tool_speed=args.tool_speed,
-        tool=args.tool,
-        allow_large=getattr(args, "allow_large", False),
         tool_acceleration=args.tool_acceleration,
         keep=tuple(args.keep),
+        tool=args.tool,
+        allow_large=getattr(args, "allow_large", False),
     )

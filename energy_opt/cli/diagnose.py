@@ -37,6 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
+    from energy_opt.cli.progress import Progress
+    from energy_opt.cli.view import view
     from energy_opt.diagnose import diagnose, write
     from energy_opt.files import to_json
     from energy_opt.folders import written_whole
@@ -57,13 +59,15 @@ def run(args: argparse.Namespace) -> int:
     given = {"model": declared, "payload": args.payload, "limits": args.limits}
     request = request_of_set(args.set, robot, args.seed, **given, command=args.command)
     guard(args.out / "diagnosis.json", request, args.force)
-    result = diagnose(measured, declared, args.seed)
+    with Progress(args):
+        result = diagnose(measured, declared, args.seed)
     result.document["request"] = request
     with written_whole(args.out, "diagnosis.json") as aside:
         if result.document["verdict"] in ("ambiguous", "insufficient"):
             _next_motion(result, aside, args.seed)
         write(result, aside)
     say(args, _summary(result, args.out))
+    view(args, args.out)
     if args.json:
         sys.stdout.write(to_json(result.document))
     return 0

@@ -32,6 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.cli.interrupt import stop_on_interrupt
+    from energy_opt.cli.progress import Progress
+    from energy_opt.cli.view import view
     from energy_opt.files import to_json, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_job
@@ -54,12 +56,12 @@ def run(args: argparse.Namespace) -> int:
     guard(args.out / "job.json", request, args.force)
     about = [model.to_document(), job.robot.name, limits, vars(settings), cell.document()]
     answers = Answers(args.out, job.robot.joints, about, args.resume)
-    with stop_on_interrupt() as stopped:
+    with stop_on_interrupt() as stopped, Progress(args) as progress:
         try:
             result = run_job(
                 job, model, settings,
                 cell=cell, stopped=stopped, known=answers.known, answered=answers.keep,
-                progress=lambda text, share: say(args, text),
+                progress=progress,
             )  # fmt: skip
         except Infeasible as error:
             error.about = {"robot": job.robot.name, "cycle_time": job.cycle_time, "request": request}
@@ -73,6 +75,7 @@ def run(args: argparse.Namespace) -> int:
         answers.forget()
     for warning in result.warnings:
         say(args, f"warning: {warning}")
+    view(args, args.out)
     if args.json:
         sys.stdout.write(to_json(found))
     elif not args.quiet:

@@ -151,6 +151,6 @@ def parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
         if verb in words:  # only the verb that is run is imported
             _module(verb).add_arguments(sub)
         sub.add_argument("--effects", action="append", default=[], metavar="FILE.py", help="effects of your own")
-        sub.add_argument("-v", dest="verbose", action="store_true", help="where it fails, also where in the program")
+        sub.add_argument("-v", dest="verbose", action="store_true", help="what the solver does; where it fails, where")
         verbs[verb] = sub
     return parser, verbs

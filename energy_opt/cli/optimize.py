@@ -39,6 +39,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.cell.load import load_cell
     from energy_opt.cli.interrupt import stop_on_interrupt
+    from energy_opt.cli.progress import Progress
+    from energy_opt.cli.view import view
     from energy_opt.errors import Infeasible
     from energy_opt.files import to_json, write_json
     from energy_opt.folders import written_whole
@@ -59,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     standard = None if args.as_ is None else {"as": args.as_, "vias": args.vias or 0}
     request = request_of_move(robot, model, move, args.seed, **named, standard=standard, command=args.command)
     guard(args.out / "result.json", request, args.force)
-    with stop_on_interrupt() as stopped:
+    with stop_on_interrupt() as stopped, Progress(args):
         cell, settings = load_cell(robot, asked), settings_of(args)
         planner = Planner(robot, model, settings, cell=cell, stopped=stopped)
         robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, cell=cell, stopped=stopped)
@@ -85,6 +87,7 @@ def run(args: argparse.Namespace) -> int:
         say(args, f"warning: {warning}")
     if result.message:
         say(args, f"{result.status}: {result.message}")
+    view(args, args.out)
     if args.json:
         sys.stdout.write(to_json(result.document()))
     elif not args.quiet:

@@ -57,11 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--log", nargs="*", default=[], metavar="SIGNAL", help="also log velocity, effort")
     parser.add_argument("--allow-large", action="store_true", help="simulate more than an hour of motion")
-    add_output(parser, "simulated")
+    add_output(parser, "simulated", report=False)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
+    from energy_opt.cli.progress import Progress
     from energy_opt.files import to_json
     from energy_opt.folders import written_whole
     from energy_opt.power import load_model
@@ -88,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     references, sources = _references(args, robot)
     request = {"command": _words(args)}
     _guard(args, request)
-    with written_whole(args.out, "log.toml") as aside:
+    with Progress(args), written_whole(args.out, "log.toml") as aside:
         runs = simulate(references, plant, robot, aside, seed=args.seed, instruments=instruments, truth=request)
         if declared is not None:
             declared.save(aside / "declared.toml")

@@ -43,6 +43,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
     from energy_opt.cell.load import load_cell
     from energy_opt.cli.interrupt import stop_on_interrupt
+    from energy_opt.cli.progress import Progress
+    from energy_opt.cli.view import view
     from energy_opt.files import to_json
     from energy_opt.front.request import guard, request_of_move
     from energy_opt.front.rivals import judges_of, said
@@ -71,12 +73,11 @@ def run(args: argparse.Namespace) -> int:
     request = request_of_move(robot, model, move, args.seed, **named, command=args.command, **over)
     guard(args.out / "tradeoff.json", request, args.force)
 
-    def progress(front: Front, expected: int) -> None:
-        if not args.quiet and sys.stderr.isatty():
-            end = "\n" if front.solves == expected else ""
-            print(f"\r{front.solves}/{expected} solves", end=end, file=sys.stderr, flush=True)
+    with stop_on_interrupt() as stopped, Progress(args) as show:
 
-    with stop_on_interrupt() as stopped:
+        def progress(front: Front, expected: int) -> None:
+            show(f"{front.solves}/{expected} solves", front.solves / expected)
+
         planner = Planner(robot, model, settings_of(args), cell=load_cell(robot, cell_of(args)), stopped=stopped)
         front = trace(
             planner,
@@ -95,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
         write(args.out, front, found, robot, planner.cell)
     for warning in found["warnings"]:
         say(args, f"warning: {warning}")
+    view(args, args.out)
     if args.json:
         sys.stdout.write(to_json(found))
     elif not args.quiet:

@@ -15,6 +15,7 @@ above = [0.9, 0.1, 0.2, -1.9, 0.0, 2.0, 0.9]
 part = [0.9, 0.35, 0.2, -1.9, 0.0, 2.2, 0.9]
 camera = [-0.3, -0.4, 0.0, -2.0, 0.0, 1.7, 0.4]
 tray = [-1.2, 0.3, 0.1, -1.8, 0.0, 2.1, 0.0]
+clear = [-1.2, 0.0, 0.1, -1.9, 0.0, 1.9, 0.0]
 
 [[step]]
 name = "over the part"
@@ -49,7 +50,11 @@ name = "release"
 wait = 0.3
 
 [[step]]
+name = "up from the tray"
+to = "clear"
+payload = 0.0
+
+[[step]]
 name = "back"
 to = "home"
-payload = 0.0
 """

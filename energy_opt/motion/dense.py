@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.robot import RigidBody
+from energy_opt.robot import RigidBody, Tool
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,18 @@ class Dense:
     effort: np.ndarray
     power: np.ndarray
     parts: np.ndarray
+    _tools: dict[Tool, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict, repr=False)
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints."""
         return self.trajectory.joints
+
+    def tool_motion(self, tool: Tool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A tool's poses (M, 4, 4), velocity [m/s] and acceleration [m/s^2] of its origin (M, 3), in the base frame."""
+        if tool not in self._tools:
+            self._tools[tool] = self.body.frame_motion(tool.joint, np.array(tool.pose), self.q, self.v, self.a)
+        return self._tools[tool]
 
     @cached_property
     def weight(self) -> np.ndarray:

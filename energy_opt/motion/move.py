@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.motion.conditions import kept
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
 
@@ -100,9 +101,6 @@ def _same(a: object, b: object) -> bool:
     return bool(a == b)
 
 
-KEPT = ("upright", "orientation", "line")  # what `Settings.keep` can name
-
-
 @dataclass(frozen=True)
 class Settings:
     """How to solve.
@@ -120,10 +118,11 @@ class Settings:
         controls: control points per joint of a reshaped move.
         max_power: bound of the arm's electrical power [W]; None for none.
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
+        tool_acceleration: bound of the acceleration of the tool's origin [m/s^2]; None for none.
+        keep: "upright[:DEG]", "orientation[:DEG]", "line[:MM]": what of the tool's pose is kept; one word, words with
+            commas between them, or a sequence of words.
         allow_large: more starts, samples and control points than a careful user would ask for.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
-        tool_acceleration: bound of the acceleration of the tool's origin [m/s^2]; None for none.
-        keep: of "upright[:DEG]", "orientation[:DEG]" and "line[:MM]", what the tool keeps.
         ways: how many free ways are looked for, and started from, where the straight line is not free.
     """
 
@@ -138,13 +137,16 @@ class Settings:
     controls: int = 40
     max_power: float | None = None
     tool_speed: float | None = None
+    tool_acceleration: float | None = None
+    keep: str | tuple[str, ...] = ()
     tool: str | None = None
     allow_large: bool = False
-    tool_acceleration: float | None = None
-    keep: tuple[str, ...] = ()
     ways: int = 2
 
     def __post_init__(self) -> None:
+        words = self.keep.split(",") if isinstance(self.keep, str) else self.keep
+        object.__setattr__(self, "keep", tuple(words))
+        kept(tuple(words))
         for name, least, most in COUNTS:
             value = getattr(self, name)
             larger = self.allow_large and name != "seed"
@@ -157,6 +159,3 @@ class Settings:
             raise BadInput(f"--solver {self.solver!r}; expected ipopt")
         if self.end_acceleration not in ("zero", "free"):
             raise BadInput(f"--end-acceleration {self.end_acceleration!r}; expected zero or free")
-        for word in self.keep:
-            if word.partition(":")[0] not in KEPT:
-                raise BadInput(f"--keep {word}: expected one of {', '.join(KEPT)}, with :NUMBER or without")

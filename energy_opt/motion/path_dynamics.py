@@ -57,7 +57,7 @@ def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
 @lru_cache(maxsize=16)
 def _exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
     """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
-    function, _ = drive_function(shared_by.model, n)
+    function, _ = drive_function(shared_by.model, n, holds=True)
     inputs = function.sx_in()
     return ca.Function("exact_power", inputs, [function(*inputs)[1]])
 
@@ -74,7 +74,7 @@ class PathDynamics:
         self.robot, self.model, self.path, self.s = robot, model, path, s
         self.q, self.q1, self.q2, self.q3 = (path(s, order) for order in range(4))
         self._affine: bool | None = None
-        self._tools: dict[Tool, np.ndarray] = {}
+        self._tools: dict[Tool, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     @property
     def M(self) -> np.ndarray:
@@ -125,13 +125,15 @@ class PathDynamics:
         law = Batch(_exact_power(SharedByStructure(self.model), self.robot.n), len(self.s))
         return law(*columns, self.model.values(self.robot.n))[0].ravel()
 
-    def tool_velocity(self, tool: Tool) -> np.ndarray:
-        """Velocity of a tool's origin per path speed, (M, 3) [m]."""
+    def tool_motion(self, tool: Tool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A tool's poses (M, 4, 4) in the base frame, and how its origin moves there.
+
+        Velocity per path speed [m] and acceleration per squared path speed [m], (M, 3) each; what path acceleration
+        adds to acceleration is its multiple of the former.
+        """
         if tool not in self._tools:
-            still = np.zeros_like(self.q)
-            _, self._tools[tool], _ = self.robot.body.frame_motion(
-                tool.joint, np.array(tool.pose), self.q, self.q1, still
-            )
+            pose = np.array(tool.pose)
+            self._tools[tool] = self.robot.body.frame_motion(tool.joint, pose, self.q, self.q1, self.q2)
         return self._tools[tool]
 
     def affine_torque(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

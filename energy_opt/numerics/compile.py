@@ -10,6 +10,7 @@ or the cache cannot be used, `auto` goes on without compiling, and `always` comp
 from __future__ import annotations
 
 import atexit
+import logging
 import os
 import shutil
 import tempfile
@@ -22,6 +23,8 @@ import casadi as ca
 from energy_opt.errors import BadInput
 from energy_opt.numerics import library
 
+log = logging.getLogger(__name__)
+RATE = 2e4  # [characters of C a second], about: for the time that is said to be left
 POLICIES = ("auto", "always", "never")
 
 
@@ -46,6 +49,12 @@ def _own_folder() -> Path:
     return Path(out)
 
 
+def _built(cache: Path, key: str, source: str, cc: str) -> Path:
+    """The library, built now."""
+    log.info("compiling node functions, once and for all later runs", extra={"expected": len(source) / RATE})
+    return library.build(cache, key, source, cc)
+
+
 def _always(source: str, cc: str, key: str) -> Path:
     """The library, built now where the cache has none.
 
@@ -55,10 +64,10 @@ def _always(source: str, cc: str, key: str) -> Path:
     try:
         try:
             cache = library.folder()
-            return library.find(cache, key) or library.build(cache, key, source, cc)
+            return library.find(cache, key) or _built(cache, key, source, cc)
         except library.Unusable:
             cache = _own_folder()
-            return library.find(cache, key) or library.build(cache, key, source, cc)
+            return library.find(cache, key) or _built(cache, key, source, cc)
     except (library.Unusable, OSError) as error:
         raise BadInput(f"--compile always: {error}") from None
 
@@ -69,7 +78,7 @@ def _auto(source: str, cc: str, key: str, batch: bool) -> Path | None:
         cache = library.folder()
         found = library.find(cache, key)
         if found is None and batch:
-            return library.build(cache, key, source, cc)
+            return _built(cache, key, source, cc)
         if found is None and not library.mark(cache, f"{key}.seen"):
             library.build_in_background(cache, key, source, cc)
         return found

@@ -162,7 +162,9 @@ class Limit:
         scale: (m,) what symbolic rows are divided by, so that they lie in [-1, 1]; inf: no bound. Empty: no such rows.
         one_sided: symbolic rows have no lower bound.
         squared: `linear` and `use` are of the limited value's square.
+        everywhere: a reshaping holds symbolic rows at all nodes from the beginning, not where they were found broken.
         local: `tangent` is of use only about a timing that is inside the limit.
+        inner: `tangent` stands for a part of what the limit allows: a fastest timing within it is not the fastest.
         values: numbers that `expression` takes as its p.
         via: (vias, n) points to pass, in order.
     """
@@ -173,14 +175,16 @@ class Limit:
     one_sided: ClassVar[bool] = False
     squared: ClassVar[bool] = False
     local: ClassVar[bool] = False
+    inner: ClassVar[bool] = False
+    everywhere: ClassVar[bool] = False
     bound: np.ndarray = NOTHING
     scale: np.ndarray = NOTHING
     values: np.ndarray = NOTHING
     via: np.ndarray = np.zeros((0, 0))
 
     @classmethod
-    def asked(cls, robot: Robot, settings: Settings, move: Move | None) -> Self | None:
-        """The limit that settings or move ask for; None where they do not.
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
+        """The limit that settings or move ask for, where gravity is (3,) [m/s^2] in the base frame; None for none.
 
         Without a move, one of the same structure that serves to build expressions.
         """

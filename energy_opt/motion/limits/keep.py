@@ -1,4 +1,8 @@
-"""What `--keep` asks of the tool's pose, whatever the timing: the base of limits on it, and how they are written."""
+"""What conditions on a tool's pose have in common: a size that is zero where they hold exactly, and a bound of it.
+
+A size x grows from zero with a kink, its square does not, but runs away where a first path is far outside; so rows are
+of sqrt((x^2 + w^2) / 2) with w the bound: smooth, at most w if and only if x is, and growing like x far outside.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.dynamics.tool import ToolState, tool_state
-from energy_opt.errors import BadInput
+from energy_opt.motion.conditions import kept
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Fixed, Limit, State, Violation, worst_of
 from energy_opt.motion.move import Move, Settings
@@ -18,39 +22,60 @@ from energy_opt.robot import RigidBody, Robot, Tool, tool_of
 
 
 class Keep(Limit):
-    """The tool's deviation from what it was, or should be, stays within a bound; it depends on the position alone.
-
-    A kind of keeping says how far a pose deviates (`deviation`), in numbers, and gives the solver `expression`, an
-    increasing function of that which is smooth, with `row` its value at the bound.
+    """A bound [deg or mm] of how far a tool's pose is from what is kept.
 
     Attributes:
-        word: as the option says it; usual: the bound where none is given, in units of `per` in the limit's own unit.
+        reference: numbers of what is kept, as `squared_size` takes them.
     """
 
     one_sided = True
-    word: ClassVar[str]
-    usual: ClassVar[float]
-    per: ClassVar[float]
+    everywhere = True
+    numbers: ClassVar[int]  # how many the reference has
 
-    def __init__(self, body: RigidBody, tool: Tool, most: float, reference: np.ndarray) -> None:
-        self.body, self.tool, self.most, self.values = body, tool, most, reference
-        self.scale = np.array([self.row(most)])
+    def __init__(self, body: RigidBody, tool: Tool, reference: np.ndarray, bound: float) -> None:
+        self.body, self.tool, self.reference, self.most = body, tool, reference, float(bound)
+        self.scale = np.array([self.width(self.most)])
+        self.values = np.append(reference, self.scale)
 
     @classmethod
-    def asked(cls, robot: Robot, settings: Settings, move: Move | None) -> Self | None:
-        words = [word for word in settings.keep if word.partition(":")[0] == cls.word]
-        if not words:
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
+        bound = kept(tuple(settings.keep)).get(cls.name)
+        if bound is None:
             return None
-        _, colon, number = words[-1].partition(":")
-        try:
-            most = cls.usual if not colon else float(number)
-        except ValueError:
-            most = np.nan
-        if not 0 < most <= 1e4:
-            raise BadInput(f"--keep {words[-1]}: expected {cls.word} or {cls.word}:{cls.usual:g}, above 0")
         tool = tool_of(robot.body, settings.tool)
-        ends = np.zeros((2, robot.n)) if move is None else np.stack([move.start, move.goal])
-        return cls(robot.body, tool, most * cls.per, cls.reference(poses_of(robot.body, tool, ends)))
+        if move is None:
+            return cls(robot.body, tool, np.zeros(cls.numbers), bound)
+        ends = np.stack([move.start, move.goal])
+        still = np.zeros_like(ends)
+        poses, _, _ = robot.body.frame_motion(tool.joint, np.array(tool.pose), ends, still, still)
+        return cls(robot.body, tool, cls.kept(poses, -gravity), bound)
+
+    @classmethod
+    def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
+        """The reference that poses (2, 4, 4) at start and goal, and what points up (3,), stand for."""
+        raise NotImplementedError
+
+    @staticmethod
+    def width(bound: float) -> float:
+        """The size that a bound stands for."""
+        raise NotImplementedError
+
+    @staticmethod
+    def squared_size(place: ToolState, p: ca.SX) -> ca.SX:
+        """The square of the size at a pose, for a reference p."""
+        raise NotImplementedError
+
+    def measure(self, poses: np.ndarray) -> np.ndarray:
+        """How far poses (M, 4, 4) are from what is kept, (M,) in the limit's unit."""
+        raise NotImplementedError
+
+    def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The way back from poses (M, 4, 4) at shares (M,) of a path.
+
+        Returns: displacement and rotation vector (M, 6) [m, rad] in the base frame, and what of the pose they are of:
+        projections (M, 6, 6), so that moves which are free are left alone.
+        """
+        raise NotImplementedError
 
     @property
     def structure(self) -> Hashable:
@@ -59,52 +84,28 @@ class Keep(Limit):
     def where(self, joints: Sequence[str], column: int) -> str:
         return self.tool.name
 
-    def scaled(self, share: float) -> Self:
-        return type(self)(self.body, self.tool, self.most * share, self.values)
-
     def worst(self, x: Dense) -> Violation:
-        value = self.deviation(poses_of(self.body, self.tool, x.q))[:, None]
+        value = self.measure(x.tool_motion(self.tool)[0])[:, None]
         return worst_of(self, x, value, np.array([self.most]), value / self.most - 1)
 
+    def scaled(self, share: float) -> Self:
+        return type(self)(self.body, self.tool, self.reference, self.most * share)
+
     def fixed(self, d: PathDynamics) -> Fixed:
-        value = self.deviation(poses_of(self.body, self.tool, d.path(d.s)))[:, None]
+        value = self.measure(d.tool_motion(self.tool)[0])[:, None]
 
         def text(k: int, j: int) -> str:
-            return f"{self.name} is off by {value[k, j]:.4g} {self.unit}, beyond {self.most:.4g} {self.unit}"
+            above = np.ceil(1e3 * value.max()) / 1e3
+            return (
+                f"the tool is {value[k, j]:.4g} {self.unit} from {_OF[self.name]}, allowed are {self.most:.4g} "
+                f"(--keep {self.name}:{above:g} would let it pass)"
+            )
 
-        return Fixed(value / self.most - 1 - SLACK, text)
+        return Fixed(value / self.most - 1, text)
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
-        return self.smooth(tool_state(self.body.tree(), self.tool, x.q, x.v, x.a), p)
-
-    @staticmethod
-    def reference(ends: np.ndarray) -> np.ndarray:
-        """The numbers that deviations are counted from, of the tool's poses (2, 4, 4) at the move's ends."""
-        raise NotImplementedError
-
-    @staticmethod
-    def row(most: float) -> float:
-        """What `smooth` is at the bound."""
-        raise NotImplementedError
-
-    def deviation(self, poses: np.ndarray) -> np.ndarray:
-        """How far off (N,) the tool is at poses (N, 4, 4), in the limit's unit."""
-        raise NotImplementedError
-
-    def smooth(self, tool: ToolState, p: ca.SX) -> ca.SX:
-        """An increasing function of the deviation that can be differentiated twice where it is none, too."""
-        raise NotImplementedError
+        place = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a)
+        return ca.sqrt((self.squared_size(place, p[:-1]) + p[-1] ** 2) / 2)
 
 
-SLACK = 1e-9  # share of a bound that rounding may take
-
-
-def poses_of(body: RigidBody, tool: Tool, q: np.ndarray) -> np.ndarray:
-    """Poses (N, 4, 4) of a tool in the base frame at q (N, n)."""
-    still = np.zeros_like(q)
-    return body.frame_motion(tool.joint, np.array(tool.pose), q, still, still)[0]
-
-
-def angle_between(cosine: np.ndarray) -> np.ndarray:
-    """Radians, of cosines that rounding may have taken beyond 1."""
-    return np.arccos(np.clip(cosine, -1.0, 1.0))
+_OF = {"upright": "upright", "orientation": "its orientation at the start", "line": "the line between its ends"}

@@ -32,7 +32,7 @@ class Power(Limit):
         self.scale = np.array([float(bound)])
 
     @classmethod
-    def asked(cls, robot: Robot, settings: Settings, move: Move | None) -> Self | None:
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
         return None if settings.max_power is None else cls(settings.max_power)
 
     def where(self, joints: Sequence[str], column: int) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from energy_opt.motion.limits.acceleration import Acceleration
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.effort import Effort
@@ -35,11 +37,17 @@ def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
     )
 
 
-def limits_of(robot: Robot, settings: Settings, move: Move | None = None) -> tuple[Limit, ...]:
+def limits_of(
+    robot: Robot, settings: Settings, move: Move | None = None, gravity: np.ndarray | None = None
+) -> tuple[Limit, ...]:
     """All limits in force for a robot's moves, or for one of them.
+
+    Args:
+        gravity: (3,) [m/s^2] in the base frame; None for a base that stands upright.
 
     Raises:
         BadInput: a bound or a frame that cannot be.
     """
-    asked = (kind.asked(robot, settings, move) for kind in ASKED)
+    pull = robot.body.gravity if gravity is None else gravity
+    asked = (kind.asked(robot, settings, move, pull) for kind in ASKED)
     return (*joint_limits(robot.limits), *(limit for limit in asked if limit is not None))

@@ -1,4 +1,9 @@
-"""Acceleration of the tool's origin, gravity aside: |J(q) a + J'(q, v) v| <= A. What an open container stands."""
+"""Acceleration of the tool's origin, gravity aside: |dv/dt| <= A. What stands open on a tool spills beyond it.
+
+Along a path it is |g a + c b| with g the tool's velocity per path speed and c its acceleration per squared path
+speed: the norm of a linear function, so a limit on it is convex. For what knows linear limits alone, a polygon in the
+plane of g and c stands for the circle that it lies in.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +16,12 @@ import numpy as np
 from energy_opt.dynamics.tool import tool_state
 from energy_opt.errors import BadInput
 from energy_opt.motion.dense import Dense
-from energy_opt.motion.limits.base import Limit, State, Violation, worst_of
+from energy_opt.motion.limits.base import Limit, Linear, State, Violation, worst_of
 from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.robot import RigidBody, Robot, Tool, tool_of
+
+SIDES = 32  # of the polygon: it keeps 99.5 % of the bound in every direction, 0.3 % of a duration
 
 
 class ToolAcceleration(Limit):
@@ -21,6 +29,8 @@ class ToolAcceleration(Limit):
 
     name, unit = "tool_acceleration", "m/s^2"
     one_sided = True
+    squared = True
+    inner = True
 
     def __init__(self, body: RigidBody, tool: Tool, bound: float) -> None:
         if not 0 < bound < np.inf:
@@ -29,7 +39,7 @@ class ToolAcceleration(Limit):
         self.scale = np.array([self.most**2])
 
     @classmethod
-    def asked(cls, robot: Robot, settings: Settings, move: Move | None) -> Self | None:
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
         if settings.tool_acceleration is None:
             return None
         return cls(robot.body, tool_of(robot.body, settings.tool), settings.tool_acceleration)
@@ -42,9 +52,8 @@ class ToolAcceleration(Limit):
         return self.tool.name
 
     def worst(self, x: Dense) -> Violation:
-        _, _, acceleration = self.body.frame_motion(self.tool.joint, np.array(self.tool.pose), x.q, x.v, x.a)
-        value = np.linalg.norm(acceleration, axis=1)[:, None]
-        return worst_of(self, x, value, np.array([self.most]), value / self.most - 1)
+        size = np.linalg.norm(x.tool_motion(self.tool)[2], axis=1)[:, None]
+        return worst_of(self, x, size, np.array([self.most]), size / self.most - 1)
 
     def scaled(self, share: float) -> Self:
         return type(self)(self.body, self.tool, self.most * share)
@@ -52,3 +61,22 @@ class ToolAcceleration(Limit):
     def expression(self, x: State, p: ca.SX) -> ca.SX:
         acceleration = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).acceleration
         return ca.dot(acceleration, acceleration)
+
+    def linear(self, d: PathDynamics, b: float) -> Linear | None:
+        return None
+
+    def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear:
+        _, along, across = d.tool_motion(self.tool)
+        # an orthonormal basis of the plane of both vectors, and the polygon's normals in it
+        first = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        rest = across - np.sum(across * first, axis=1, keepdims=True) * first
+        second = rest / np.maximum(np.linalg.norm(rest, axis=1, keepdims=True), 1e-12)
+        angle = 2 * np.pi * np.arange(SIDES // 2) / SIDES
+        normal = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
+        inside = self.most * np.cos(np.pi / SIDES)
+        ra, rb = (np.einsum("mki,mi->mk", normal, x) / inside for x in (along, across))
+        return Linear(ra, rb, np.zeros_like(ra))
+
+    def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        _, along, across = d.tool_motion(self.tool)
+        return np.sum((along * a[:, None] + across * b[:, None]) ** 2, axis=1)[:, None] / self.scale

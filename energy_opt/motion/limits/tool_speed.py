@@ -30,7 +30,7 @@ class ToolSpeed(Limit):
         self.scale = np.array([self.most**2])
 
     @classmethod
-    def asked(cls, robot: Robot, settings: Settings, move: Move | None) -> Self | None:
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
         if settings.tool_speed is None:
             return None
         return cls(robot.body, tool_of(robot.body, settings.tool), settings.tool_speed)
@@ -43,8 +43,7 @@ class ToolSpeed(Limit):
         return self.tool.name
 
     def worst(self, x: Dense) -> Violation:
-        _, velocity, _ = self.body.frame_motion(self.tool.joint, np.array(self.tool.pose), x.q, x.v, x.a)
-        speed = np.linalg.norm(velocity, axis=1)[:, None]
+        speed = np.linalg.norm(x.tool_motion(self.tool)[1], axis=1)[:, None]
         return worst_of(self, x, speed, np.array([self.most]), speed / self.most - 1)
 
     def scaled(self, share: float) -> Self:
@@ -55,7 +54,7 @@ class ToolSpeed(Limit):
         return ca.dot(velocity, velocity)
 
     def linear(self, d: PathDynamics, b: float) -> Linear:
-        share = np.sum(d.tool_velocity(self.tool) ** 2, axis=1)[:, None] / self.scale
+        share = np.sum(d.tool_motion(self.tool)[1] ** 2, axis=1)[:, None] / self.scale
         return Linear(np.zeros_like(share), share, np.zeros_like(share))
 
     def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ class ViaPoints(Limit):
         self.via = np.asarray(via, dtype=float)
 
     @classmethod
-    def asked(cls, robot: Robot, settings: Settings, move: Move | None) -> Self | None:
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
         return cls(np.stack(move.via)) if move is not None and move.via else None
 
     def worst(self, x: Dense) -> Violation:

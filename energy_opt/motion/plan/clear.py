@@ -20,7 +20,7 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 WORTH = 0.05  # a free optimum that is cheaper by this share is worth a second search
-SECOND = 7  # rounds of that
+SECOND = 8  # rounds of that
 PASSED = 400  # points of a path that a first curve is fitted to
 NOTHING = "reshaping found nothing that keeps clear and is better than the path as it is"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -37,8 +38,10 @@ from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+from energy_opt.power.rigid import rigid_inputs
 from energy_opt.robot import Robot
 
+log = logging.getLogger(__name__)
 REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
 
 Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
@@ -102,7 +105,7 @@ class Planner:
 
     def limits(self, move: Move | None = None) -> tuple[Limit, ...]:
         """The limits in force: the robot's, those that the settings ask for, and the move's own."""
-        return limits_of(self.robot, self.settings, move)
+        return limits_of(self.robot, self.settings, move, rigid_inputs(self.model, self.robot.body)[1])
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """How far any trajectory stays inside the limits, those of the move it is for among them."""
@@ -134,7 +137,7 @@ class Planner:
         timeless = replace(move, duration=None, max_duration=None)
         found = next((b for cell, asked, b in self._begun if cell is self.cell and asked == timeless), None)
         if found is None:
-            found = first_path(self.robot, self.cell, self.settings, self.limits(timeless), timeless)
+            found = first_path(self.robot, self.model, self.cell, self.settings, self.limits(timeless), timeless)
             self._begun = [*self._begun[1 - REMEMBERED :], (self.cell, timeless, found)]
         begun, first, ways = found
         return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways
@@ -151,6 +154,7 @@ class Planner:
         """
         self._check_ends(move)
         self._check_objective(move)
+        log.info("first path")
         built, begin = self._workshop.seconds, time.perf_counter()
         move, first, ways = self.first_path(move)
         context = replace(self.context(move), ways=ways)
@@ -202,6 +206,7 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
     Raises:
         Infeasible: no timing or no path holds the limits.
     """
+    log.info("timing of the first path", extra={"share": 0.05})
     timing = _first_timing(context, move)
     if timing is not None and timing.path.moves and unseen(move):
         made = unsearched(context, move, timing)
@@ -223,6 +228,7 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
     curve = None
     if not stands_still(move):
         curve = reshaped(context, move, timing, solution, warm)
+        log.info("keeping clear", extra={"share": 0.6})
         curve = kept_clear(context, move, timing, solution, curve, warm)
         if not curve.converged and not context.stopped():
             curve = small_enough(move, solution, curve)

@@ -15,10 +15,12 @@ from energy_opt.motion.limits.base import Limit, box_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.context import path_of
+from energy_opt.motion.plan.posed import holds, posed
 from energy_opt.motion.result import FirstPath
 from energy_opt.motion.ways import find_ways, ompl
-from energy_opt.motion.ways.find import Ends
+from energy_opt.motion.ways.find import Ends, Source
 from energy_opt.motion.ways.room import Room, steps
+from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
 
@@ -33,7 +35,7 @@ def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
 
 
 def first_path(
-    robot: Robot, cell: Cell | None, settings: Settings, limits: Sequence[Limit], move: Move
+    robot: Robot, model: PowerModel, cell: Cell | None, settings: Settings, limits: Sequence[Limit], move: Move
 ) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
     """The move with a first path that is free, where this comes from, and further free paths.
 
@@ -41,7 +43,11 @@ def first_path(
         Infeasible: a move that keeps its path would touch something, or no way around was found.
     """
     begin = time.perf_counter()
-    source = "straight" if move.path is None and not move.via else "given"
+    source: Source = "straight" if move.path is None and not move.via else "given"
+    if source == "straight" and not holds(robot, model, limits, path_of(move)):
+        path = posed(robot, model, limits, path_of(move))
+        if path is not None and (cell is None or clearance_along(cell, path).proven):
+            return replace(move, path=path), FirstPath("own", time.perf_counter() - begin), ()
     if cell is None:
         return move, FirstPath(source), ()
     found = clearance_along(cell, path_of(move))

@@ -7,6 +7,7 @@ best curve that was proven stays the answer while the search goes on from the la
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -19,6 +20,7 @@ from energy_opt.motion.reshape.level import Curve, Level, Outcome
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import FEASIBLE, Task, all_rows
 
+log = logging.getLogger(__name__)
 PLACES = 60  # along a curve, evenly in time, where pairs are looked at
 ROUNDS, BOLD = 12, 6  # rounds, and those of them in which a failed proof does not make the next step shorter
 REACH = 0.1  # [m] pairs that are nearer get rows
@@ -111,6 +113,10 @@ class ClearSearch:
             before = np.inf if found.best is None else found.best.cost
             outcome, proof = work.one(curve, rows, trust, LOOSE)
             curve, rows = outcome.curve, outcome.rows
+            share = {"share": 0.6 + 0.35 * (turn + 1) / rounds}
+            log.info(
+                "round %d of at most %d: %s, cost %.6g", turn + 1, rounds, proof.verdict, outcome.cost, extra=share
+            )
             if proof.proven:
                 trust *= GROWTH
                 small = abs(before - outcome.cost) < DONE * max(outcome.cost - task.offset * curve.duration, 1e-9)

@@ -9,6 +9,7 @@ move itself is hardly. The best coarse optima are carried to the fine problem, w
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -23,6 +24,7 @@ from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory, row_step
 from energy_opt.numerics.bspline import Basis
 
+log = logging.getLogger(__name__)
 COARSE, COARSE_PACKING = 12, 0.5
 PER_VIA = 2  # control points more for every via point
 RUNG = 1.5  # ratio of the durations at which starts are solved
@@ -129,6 +131,7 @@ class Reshaper:
             near = task.cost(outcome) <= WORTH_REFINING * task.cost(optima[0])
             if outcome.broken > MENDABLE or (best is not None and not (near and count < REFINED)):
                 break
+            log.info("refining optimum %d of %d", count + 1, len(optima), extra={"share": 0.5})
             better = self._refine(refined(outcome.curve, fine.shape, task.ends), task)
             spent, count = spent + better.iterations, count + 1
             if better.broken <= FEASIBLE and (best is None or better.cost < best.cost):

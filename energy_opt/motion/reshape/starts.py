@@ -11,6 +11,7 @@ and the best optimum has been found twice, or when the budget of starts is spent
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,7 @@ from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.reshape.level import Curve, Level, Outcome
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 
+log = logging.getLogger(__name__)
 UNSEEN = 0.05  # share of starts that would find something new at which the search ends: 7, 12 or 16 starts for 1, 2, 3
 TWICE = 2  # so often must the best have been found
 NEAR = 0.01  # relative: coarse costs that differ less count as one
@@ -58,6 +60,8 @@ def search(
     used = iterations = 0
     for outcome in solved(level, task, guesses(), stopped):
         used, iterations = used + 1, iterations + outcome.iterations
+        text = "start %d of at most %d: cost %.6g, %d iterations"
+        log.info(text, used, starts, task.cost(outcome), outcome.iterations, extra={"share": 0.1 + 0.4 * used / starts})
         if not any(_same(known, outcome, task) for known in found):
             found.append(outcome)
         if outcome.broken <= FEASIBLE:

@@ -104,7 +104,12 @@ class Task:
 
 
 def all_rows(shape: Shape, limits: Sequence[Limit], orders: Sequence[int] = (1, 2)) -> np.ndarray:
-    """Rows of limits on the derivatives of those orders, at every site; (R, 3) limit, site, joint."""
+    """Rows of limits on the derivatives of those orders, at every site, and of those that are held everywhere.
+
+    (R, 3) limit, site or node, joint or column.
+    """
     sites = [(k, site) for k, limit in enumerate(limits) if limit.order in orders
              for site in range(len(shape.sites[limit.order - 1]))]  # fmt: skip
-    return np.array([(k, site, j) for k, site in sites for j in range(shape.joints)])
+    nodes = [(k, node, j) for k, limit in enumerate(limits) if limit.everywhere
+             for node in range(len(shape.grid[0])) for j in range(limit.scale.size)]  # fmt: skip
+    return np.array([(k, site, j) for k, site in sites for j in range(shape.joints)] + nodes)

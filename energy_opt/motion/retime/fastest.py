@@ -16,7 +16,7 @@ from energy_opt.robot import Robot
 
 FLOOR = 1e-6  # least squared speed, as a share of the start's largest
 CHECKS = 1001  # places of a path that are looked at
-BINDING = 0.999  # share of a bound that is used where it binds
+BINDING = 0.99  # share of a bound that is used where it binds
 ROUNDING = 1e-7  # relative: by so much the fastest timing is slowed, for what lies between the grid's points
 
 
@@ -39,7 +39,7 @@ def minimum_time(
         return first
     d = PathDynamics(robot, model, path, points_of(path, CHECKS))
     b, a, w = first.speed(d.s)
-    unknown = [limit for limit in limits if limit.tangent(d, a, b) is None]
+    unknown = [limit for limit in limits if limit.inner or limit.tangent(d, a, b) is None]
     if not any(use.worst[0] > BINDING for use in used(unknown, d, a, b, w)):
         return first
     return quickest(Retiming(robot, model, first, tuple(limits)), first)

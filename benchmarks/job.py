@@ -1,0 +1,114 @@
+"""A job of six moves: against plain ways of running it, against a fine grid of durations, and its time.
+
+    python benchmarks/job.py
+
+The shipped example (`energy-opt --example job`) with the source paper's model: once as it is, reshaped, and once
+retimed. The retimed one is held against a grid: every leg is retimed at durations 0.25 % apart around its own, and the
+best sums that fill the cycle are found by dynamic programming. Time is that of the process: the reshaped job against
+six single solves of the same moves at the same durations, one planner after the other, each built anew without compiled
+functions, as six calls of `optimize` are. Exit code 1 where a bound is missed.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.errors import Infeasible
+from energy_opt.files import to_json
+from energy_opt.job import Job, JobResult, load_job, run_job
+from energy_opt.job.example import EXAMPLE
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.retime.solve import retime
+from energy_opt.power import source_method_2
+from energy_opt.robot import Robot, load_robot
+
+MUST_RATIO, MUST_GRID = 3.0, 1.001
+STEP, AROUND = 0.0025, 24  # of the cycle: the grid's step as a share of what moves take, and points on either side
+SETTINGS = Settings(compile="never")
+
+
+def job_of(robot: Robot, mode: str) -> Job:
+    """The shipped example, every step in that mode."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "job.toml"
+        path.write_text(EXAMPLE.replace('mode = "reshape"', f'mode = "{mode}"'))
+        return load_job(path, lambda _: robot)
+
+
+def grid(result: JobResult) -> float:
+    """J of the best cycle on a grid of durations, waits as in the result."""
+    plan, robot = result.plan, result.job.robot
+    moving = [(leg, a) for leg, a in zip(plan.legs, plan.answers, strict=True)]
+    step = STEP * sum(a.trajectory.duration for _, a in moving) / len(moving)
+    best = {0: 0.0}  # by how many steps are used beyond the result's own durations, the least energy
+    for leg, answer in moving:
+        scorer = result.scorer(leg.step)
+        found: dict[int, float] = {}
+        for k in range(-AROUND, AROUND + 1):
+            duration = answer.trajectory.duration + k * step
+            try:
+                at = retime(robot, scorer.model, leg.path, duration=duration).trajectory
+            except Infeasible:
+                continue
+            found[k] = scorer.energy(at).total
+        best = {
+            total: min(best[total - k] + e for k, e in found.items() if total - k in best)
+            for total in {a + k for a in best for k in found}
+        }
+    waits = result.energy - sum(a.energy.total for _, a in moving)
+    return min(e + waits - plan.rest.power * total * step for total, e in best.items() if total * step <= plan.left)
+
+
+def single_solves(result: JobResult) -> tuple[float, float]:
+    """Seconds of one planner a move, each built anew; and J of these moves."""
+    job, seconds, energy = result.job, 0.0, 0.0
+    durations = {row: p.trajectory.duration / len(p.steps) for p in result.pieces for row in p.steps}
+    for k, step in enumerate(job.steps):
+        if step.wait is not None:
+            continue
+        begin = time.process_time()
+        model = result.scorer(step).model
+        planner = Planner(job.robot, model, SETTINGS, cell=Cell(job.robot, CellRequest()))
+        move = Move(step.start, step.goal, "reshape")
+        move = replace(move, duration=max(durations[k], 1.05 * planner.minimum_time(move)))
+        energy += planner.solve(move).energy.total
+        seconds += time.process_time() - begin
+    return seconds, energy
+
+
+def main() -> int:
+    robot, out = load_robot("panda"), {}
+    for mode in ("reshape", "retime"):
+        job = job_of(robot, mode)
+        begin = time.process_time()
+        result = run_job(job, source_method_2(), SETTINGS)
+        seconds = time.process_time() - begin
+        out[mode] = {
+            "seconds": seconds,
+            "energy": result.energy,
+            "lower_bound": result.bound,
+            **{b.name: b.energy for b in result.baselines},
+        }
+        if mode == "reshape":
+            alone, _ = single_solves(result)
+            out[mode] |= {"single_solves": alone, "time_ratio": seconds / alone, "must": MUST_RATIO}
+        else:
+            least = grid(result)
+            out[mode] |= {"grid": least, "over_grid": result.energy / least, "must": MUST_GRID}
+    sys.stdout.write(to_json(out))
+    plain = all(
+        row[name] is None or row["energy"] <= row[name]
+        for row in out.values()
+        for name in ("fastest_then_wait", "evenly_slowed")
+    )
+    return 0 if plain and out["reshape"]["time_ratio"] <= MUST_RATIO and out["retime"]["over_grid"] <= MUST_GRID else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+"""What is said while work goes on: on a terminal and with -v only, with the time left; and the report that opens."""
+
+from __future__ import annotations
+
+import io
+import logging
+import time
+import webbrowser
+from argparse import Namespace
+from pathlib import Path
+
+import pytest
+
+from energy_opt.cli import progress, view
+from energy_opt.cli.progress import Progress
+
+LOG = logging.getLogger("energy_opt.somewhere")
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "TICK", 0.02)
+
+
+def _said(stream: io.StringIO, **options: bool) -> str:
+    with Progress(Namespace(**{"quiet": False, "verbose": False, **options}), stream) as show:
+        LOG.info("compiling", extra={"expected": 30.0})
+        time.sleep(0.1)
+        show("leg 1", 0.25)
+        LOG.info("start %d", 3, extra={"share": 0.9})
+        time.sleep(0.1)
+    return stream.getvalue()
+
+
+def test_a_terminal_sees_what_is_done_and_how_long_it_takes() -> None:
+    said = _said(Terminal())
+    assert "about 30 s left | compiling" in said and "leg 1: start 3" in said
+    assert said.endswith("\r" + " " * progress.WIDTH + "\r") and "\n" not in said  # the line is gone in the end
+    assert LOG.parent is not None and not LOG.parent.handlers
+
+
+def test_the_time_left_goes_by_the_share_that_the_verb_says() -> None:
+    shown = Progress(Namespace(quiet=False, verbose=False), Terminal())
+    shown("half", 0.25)
+    begin = time.monotonic()
+    assert shown.left(begin + 10.0) == pytest.approx(30.0, abs=1.0)
+    shown("unknown")
+    assert shown.left(begin + 10.0) is None
+
+
+def test_elsewhere_there_is_nothing_but_with_v() -> None:
+    assert _said(io.StringIO()) == "" == _said(Terminal(), quiet=True)
+    lines = _said(io.StringIO(), verbose=True).splitlines()
+    assert [line.split("] ")[1] for line in lines] == ["compiling", "leg 1", "  start 3"]
+
+
+def test_the_report_opens_where_there_is_a_display(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or True)
+    (tmp_path / "report.html").write_text("")
+    asked = Namespace(view=True, quiet=False)
+    monkeypatch.setattr(view, "has_display", lambda: False)
+    view.view(asked, tmp_path)
+    assert not opened and str(tmp_path / "report.html") in capsys.readouterr().err
+    monkeypatch.setattr(view, "has_display", lambda: True)
+    view.view(asked, tmp_path)
+    view.view(Namespace(view=False, quiet=False), tmp_path)
+    assert opened == [(tmp_path / "report.html").resolve().as_uri()]

@@ -1,0 +1,207 @@
+"""Conditions on the tool: acceleration, and what of its pose is kept; solved moves by Pinocchio on a dense grid."""
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+from poses import GOAL, START
+
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.limits.base import Limit, State
+from energy_opt.motion.limits.registry import limits_of
+from energy_opt.motion.path import straight
+from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.motion.timing.toppra import fastest
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel, source_method_2
+from energy_opt.robot import Robot, load_robot
+
+MOVE = {"starts": 1, "controls": 16, "compile": "never"}
+TCP = "panda_hand_tcp"
+
+
+class Watched:
+    """A robot's tool frame by Pinocchio."""
+
+    def __init__(self, robot: Robot, frame: str) -> None:
+        model = pin.buildModelFromUrdf(str(robot.urdf))
+        locked = [model.getJointId(name) for name in robot.locked or {}]
+        self.model = pin.buildReducedModel(model, locked, pin.neutral(model)) if locked else model
+        self.data, self.frame = self.model.createData(), self.model.getFrameId(frame)
+
+    def pose(self, q: np.ndarray) -> pin.SE3:
+        pin.framesForwardKinematics(self.model, self.data, q)
+        return self.data.oMf[self.frame].copy()
+
+    def moved(self, q: np.ndarray, shift: list[float]) -> np.ndarray:
+        """Joint positions near q at which the tool stands shifted [m] and not turned."""
+        place = self.pose(q)
+        wanted = pin.SE3(place.rotation, place.translation + shift)
+        for _ in range(100):
+            error = pin.log6(self.pose(q).actInv(wanted)).vector
+            jacobian = pin.computeFrameJacobian(self.model, self.data, q, self.frame, pin.ReferenceFrame.LOCAL)
+            q = q + jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-6 * np.eye(6), error)
+        assert np.linalg.norm(error) < 1e-9
+        return q
+
+    def worst(self, trajectory: Trajectory) -> dict[str, float]:
+        """The largest of all that can be bounded, at 3001 times."""
+        place, axis = [], None
+        size = {"tool_acceleration": 0.0, "tool_speed": 0.0, "upright": 0.0, "orientation": 0.0}
+        for q, v, a, _ in zip(*trajectory.sample(np.linspace(*trajectory.time[[0, -1]], 3001)), strict=True):
+            pin.forwardKinematics(self.model, self.data, q, v, a)
+            pin.updateFramePlacements(self.model, self.data)
+            here, local = self.data.oMf[self.frame], pin.ReferenceFrame.LOCAL
+            if axis is None:
+                first, k = here.rotation.copy(), np.argmax(np.abs(here.rotation[2]))
+                axis = np.sign(first[2, k]) * np.eye(3)[k]
+            found = {
+                "tool_acceleration": pin.getFrameClassicalAcceleration(self.model, self.data, self.frame, local).linear,
+                "tool_speed": pin.getFrameVelocity(self.model, self.data, self.frame, local).linear,
+                "upright": np.degrees(np.arccos(np.clip((here.rotation @ axis)[2], -1, 1))),
+                "orientation": np.degrees(pin.log3(first.T @ here.rotation)),
+            }
+            size = {name: max(size[name], float(np.linalg.norm(x))) for name, x in found.items()}
+            place.append(here.translation.copy())
+        begin, way = place[0], place[-1] - place[0]
+        off = np.array(place) - begin
+        along = np.clip(off @ way / (way @ way), 0, 1)
+        return {**size, "line": 1000 * float(np.linalg.norm(off - along[:, None] * way, axis=1).max())}
+
+
+@pytest.fixture(scope="module")
+def hand(panda: Robot) -> Watched:
+    return Watched(panda, TCP)
+
+
+@pytest.fixture(scope="module")
+def aside(hand: Watched) -> np.ndarray:
+    """The goal of a move from START that only shifts the tool."""
+    return hand.moved(START, [0.1, 0.35, -0.15])
+
+
+@pytest.mark.parametrize("mode", ["retime", "reshape"])
+def test_tool_acceleration_binds_and_holds(panda: Robot, model: PowerModel, hand: Watched, mode: str) -> None:
+    settings = Settings(**MOVE, tool_acceleration=1.5, tool=TCP)
+    result = Planner(panda, model, settings).solve(Move(START, GOAL, mode, duration=1.9))
+    most = hand.worst(result.trajectory)["tool_acceleration"]
+    assert result.status == "solved" and 1.4 < most <= 1.5 * (1 + 1e-6)
+    assert result.certificate.max_violation["tool_acceleration"] == pytest.approx(most / 1.5 - 1, abs=2e-4)
+    assert result.saving["loss_percent"] > 4
+
+
+def test_tool_acceleration_along_a_path(panda: Robot, model: PowerModel, hand: Watched) -> None:
+    limits = limits_of(panda, Settings(tool_acceleration=1.5, tool=TCP))
+    path = straight(START, GOAL)
+    d = PathDynamics(panda, model, path, np.linspace(0.05, 0.95, 9))
+    a, b = np.random.default_rng(3).normal(size=9), np.full(9, 0.3)
+    exact, polygon = np.sqrt(limits[-1].use(d, a, b)[:, 0]), limits[-1].tangent(d, a, b).use(a, b).max(axis=1)
+    assert (exact <= polygon * (1 + 1e-9)).all() and (polygon <= exact / np.cos(np.pi / 32) * (1 + 1e-9)).all()
+    timing = fastest(panda, model, path, limits=limits)
+    most = hand.worst(timing.trajectory(panda.joints))["tool_acceleration"]
+    assert 0.99 * 1.5 < most <= 1.5 * (1 + 1e-6)
+
+
+def rows_of(limit: Limit, q: np.ndarray) -> np.ndarray:
+    """Symbolic rows at q (N, n), as shares of their bounds (N, m)."""
+    x, p = [ca.SX.sym(c, q.shape[1]) for c in "qva"], ca.SX.sym("p", len(limit.values))
+    row = ca.Function("row", [*x, p], [limit.expression(State(*x, ca.SX(0), ca.SX(0), ca.SX(0)), p)])
+    still = np.zeros(q.shape[1])
+    return np.array([np.array(row(one, still, still, limit.values)).ravel() for one in q]) / limit.scale
+
+
+def asked(planner: Planner, move: Move, name: str) -> Limit:
+    return next(limit for limit in planner.limits(move) if limit.name == name)
+
+
+@pytest.mark.parametrize("name", ["upright", "orientation", "line"])
+def test_the_rows_are_the_certificates(panda: Robot, model: PowerModel, hand: Watched, name: str) -> None:
+    """What the judge measures is what Pinocchio says, and rows are within bounds only where that is."""
+    move = Move(START, START + 0.3 * np.random.default_rng(5).normal(size=7))
+    u, way = np.linspace(0, 1, 60)[:, None], move.goal - START
+    q, v = START + (10 - 15 * u + 6 * u**2) * u**3 * way, 30 * u**2 * (1 - u) ** 2 * way
+    motion = Trajectory(panda.joints, u[:, 0], q, v, 60 * u * (1 - u) * (1 - 2 * u) * way)
+    size = hand.worst(motion)[name]
+    for share in (1 + 1e-4, 1 - 1e-4):
+        planner = Planner(panda, model, Settings(keep=f"{name}:{share * size}", tool=TCP))
+        found = next(one for one in planner.certify(motion, move).found if one.limit == name)
+        assert found.value == pytest.approx(size, rel=1e-5) and np.sign(found.excess) == np.sign(1 - share)
+        rows = rows_of(asked(planner, move, name), motion.sample(np.array([found.time]))[0])
+        if name == "line":  # they are a little stricter
+            assert np.abs(rows).max() > 1
+        else:
+            assert np.sign(rows[0, 0] - 1) == np.sign(1 - share)
+
+
+def test_rows_about_a_line_are_within_the_bound(panda: Robot, model: PowerModel, hand: Watched) -> None:
+    move, rng = Move(START, GOAL), np.random.default_rng(6)
+    limit = asked(Planner(panda, model, Settings(keep="line:60", tool=TCP)), move, "line")
+    begin, end = hand.pose(START).translation, hand.pose(GOAL).translation
+    q = np.concatenate([[START, GOAL], rng.choice([START, GOAL], 400) + 0.06 * rng.normal(size=(400, 7))])
+    rows = np.abs(rows_of(limit, q)).max(axis=1)
+    place = np.array([hand.pose(one).translation for one in q])
+    along = np.clip((place - begin) @ (end - begin) / np.sum((end - begin) ** 2), 0, 1)
+    off = 1000 * np.linalg.norm(place - begin - along[:, None] * (end - begin), axis=1)
+    assert (off[rows <= 1] <= 60).all() and (rows <= 1).sum() > 50 and (rows > 1).sum() > 50
+    assert (rows[:2] < 1).all()
+
+
+@pytest.mark.parametrize("keep", [("upright", 5.0), ("orientation", 2.0), ("line", 1.0)])
+def test_a_reshaped_move_keeps_the_tool(
+    panda: Robot, model: PowerModel, hand: Watched, aside: np.ndarray, keep: tuple[str, float]
+) -> None:
+    (name, bound), move = keep, Move(START, aside, duration=2.0)
+    result = Planner(panda, model, Settings(**MOVE, keep=name, tool=TCP)).solve(move)
+    found = hand.worst(result.trajectory)[name]
+    assert result.status == "solved" and 0.9 * bound < found <= bound * (1 + 1e-6)
+    with pytest.raises(Infeasible, match=f"{TCP}: the tool is .* would let it pass.* at path position 0.5") as caught:
+        Planner(panda, model, Settings(**MOVE, keep=name, tool=TCP)).solve(
+            Move(START, aside, "retime", duration=2.0, path=straight(START, aside))
+        )
+    assert caught.value.limit == name
+
+
+def test_another_arm_keeps_a_path_that_is_upright() -> None:
+    ur5e = load_robot("ur5e")
+    tool, start = Watched(ur5e, "tool0"), np.array([0.3, -1.2, 1.6, -1.97, -1.57, 0.2])
+    goal = tool.moved(start, [-0.2, 0.4, 0.15])
+    settings = Settings(**MOVE, keep=("upright:0.5", "orientation:0.5"), tool="tool0")
+    planner = Planner(ur5e, source_method_2(), settings)
+    for mode in ("retime", "reshape"):  # three parallel joints carry the tool: the straight line turns it hardly
+        result = planner.solve(Move(start, goal, mode, duration=2.0))
+        found = tool.worst(result.trajectory)
+        assert result.status == "solved" and max(found["upright"], found["orientation"]) <= 0.5 * (1 + 1e-6)
+
+
+def test_up_is_against_gravity(panda: Robot, model: PowerModel) -> None:
+    settings = Settings(keep="upright:170", tool=TCP)
+    axes = [
+        asked(Planner(panda, m, settings), Move(START, GOAL), "upright").reference
+        for m in (model, model.standing(np.pi / 2, 0.0))
+    ]
+    assert axes[0][3:] == pytest.approx([0, 0, 1]) and axes[1][3:] == pytest.approx([0, 1, 0], abs=1e-12)
+
+
+def test_ends_and_words_that_cannot_be(panda: Robot, model: PowerModel) -> None:
+    with pytest.raises(Infeasible, match=r"goal: panda_hand_tcp: the tool is .* deg from upright") as caught:
+        Planner(panda, model, Settings(keep="upright", tool=TCP)).solve(Move(START, GOAL, duration=2.0))
+    assert caught.value.limit == "upright" and caught.value.excess > 0
+    wrong = ["level", "upright:-1", "upright:x", "orientation:180", "line:0", "line,line:2"]
+    for keep in wrong:
+        with pytest.raises(BadInput, match="keep"):
+            Settings(keep=keep)
+    with pytest.raises(BadInput, match="acceleration"):
+        Planner(panda, model, Settings(tool_acceleration=0.0))
+
+
+def test_options(tmp_path, capsys) -> None:
+    words = ["optimize", "--robot", "panda", "--start", "0,-0.785,0,-2.356,0,1.571,0.785", "--goal"]
+    words += ["0.2,-0.6,0.1,-2.2,0,1.6,0.7", "--mode", "retime", "--out", str(tmp_path), "--json", "--quiet"]
+    assert main([*words, "--keep", "orientation:3"]) == 3
+    capsys.readouterr()
+    assert main([*words, "--keep", "upright:30", "--keep", "line:200", "--tool-acceleration", "2"]) == 0
+    found = capsys.readouterr().out
+    assert all(f'"{name}": ' in found for name in ("upright", "line", "tool_acceleration"))
+    assert main([*words, "--keep", "upright:wide"]) == 2

@@ -57,7 +57,7 @@ def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
 @lru_cache(maxsize=16)
 def _exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
     """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
-    function, _ = drive_function(shared_by.model, n)
+    function, _ = drive_function(shared_by.model, n, holds=True)
     inputs = function.sx_in()
     return ca.Function("exact_power", inputs, [function(*inputs)[1]])
 

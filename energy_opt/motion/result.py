@@ -43,7 +43,8 @@ class Optimality:
 
     What is proven: no timing of this path whose squared speed is a quadratic spline on the program's grid, and which
     holds the limits (less a margin of 5e-7) at the grid's points, takes less than `lower_bound` by the grid's
-    quadrature. Of timings off the grid, and of other paths, it says nothing.
+    quadrature, with dry friction against the motion wherever the path moves a joint, however slowly. Of timings off
+    the grid, and of other paths, it says nothing.
     """
 
     kind: str

@@ -4,10 +4,15 @@ tau_m = tau + sum of torque effects
 d_j   = tau_m,j v_j + c_j               drive power of joint j, c_j its heat (copper loss, warmer windings)
 p     = drawn(d) + sum of power effects
 P     = supply(p)                       at the meter, meter effects aside
+
+Where friction `holds`, a joint at rest is held by it as far as it goes, and only the rest of its load is the motor's:
+plans are made and judged so, as friction that is nothing at v = 0 makes creeping cheaper than standing still. That help
+is in the heat alone: friction never does work, and what limits hold is tau_m without it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -24,6 +29,7 @@ from energy_opt.effects import (
     TorqueEffect,
     WindingEffect,
 )
+from energy_opt.effects.kinks import Along
 from energy_opt.power.model import PowerModel
 
 
@@ -44,12 +50,12 @@ class DriveTerms:
     bus: ca.SX
 
 
-def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT) -> DriveTerms:
-    """The law as expressions; `p` is laid out as `PowerModel.values`.
+def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT, holds: bool = False) -> DriveTerms:
+    """The law as expressions; `p` is laid out as `PowerModel.values`; `holds`: does friction hold joints at rest?
 
     Of a mixture (see `mixture`): the weighted sums of its members', and the first one's motor torque.
     """
-    members = [(w, _terms_of_one(model, x, part, kinks)) for w, model, part in model.shares(x.q.numel(), p)]
+    members = [(w, _terms_of_one(model, x, part, kinks, holds)) for w, model, part in model.shares(x.q.numel(), p)]
     if len(members) == 1:
         return members[0][1]
     names = dict.fromkeys(name for _, terms in members for name in terms.parts)
@@ -62,23 +68,39 @@ def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT) -
     )
 
 
-def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks) -> DriveTerms:
+def _held(x: Signals, torques: Callable[[Kinks], list[ca.SX]], kinks: Kinks) -> list[ca.SX]:
+    """Added torques where friction holds: the sign of v in them is the direction that friction has."""
+    way = ca.SX.sym("way", x.v.numel())
+    along = torques(Along(kinks, x.v, way))
+    total = sum(along, ca.SX.zeros(x.v.numel()))
+    if not ca.depends_on(total, way):
+        return along
+    forwards, backwards = (ca.substitute(total, way, sign * ca.SX.ones(way.numel())) for sign in (1, -1))
+    load, level = x.tau + (forwards + backwards) / 2, ca.fabs(forwards - backwards) / 2
+    return [ca.substitute(torque, way, kinks.direction(x.v, load, level)) for torque in along]
+
+
+def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks, holds: bool) -> DriveTerms:
     n = x.q.numel()
     named = [(e, e.named(p[s], n)) for e, s in zip(model.effects, model.slices(n), strict=True)]
     parts: dict[str, ca.SX] = {"mechanical": ca.dot(x.tau, x.v)}
 
-    tau_m = x.tau
-    for effect, values in named:
-        if isinstance(effect, TorqueEffect):
-            added = effect.torque(x, values, kinks)
-            parts[effect.name] = ca.dot(added, x.v)
-            tau_m = tau_m + added
+    adding = [(effect, values) for effect, values in named if isinstance(effect, TorqueEffect)]
+
+    def torques(kinks: Kinks) -> list[ca.SX]:
+        return [effect.torque(x, values, kinks) for effect, values in adding]
+
+    moved, tau_m = torques(kinks), x.tau
+    for (torque, _), added in zip(adding, moved, strict=True):
+        parts[torque.name] = ca.dot(added, x.v)
+        tau_m = tau_m + added
 
     drive = tau_m * x.v
+    borne = sum(_held(x, torques, kinks), x.tau) if holds else tau_m
     heats: dict[str, ca.SX] = {}
     for effect, values in named:
         if isinstance(effect, HeatEffect):
-            heats[effect.name] = heat = effect.heat(x, tau_m, values, kinks)
+            heats[effect.name] = heat = effect.heat(x, borne, values, kinks)
             parts[effect.name] = ca.sum1(heat)
             drive = drive + heat
     for effect, values in named:
@@ -98,7 +120,7 @@ def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks) -> Driv
 
     for effect, values in named:
         if isinstance(effect, PowerEffect):
-            parts[effect.name] = effect.power(x, tau_m, values, kinks)
+            parts[effect.name] = effect.power(x, borne, values, kinks)
             power = power + parts[effect.name]
 
     for effect, values in named:
@@ -114,7 +136,7 @@ def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks) -> Driv
 
 
 def drive_function(
-    model: PowerModel, joints: int, kinks: Kinks = EXACT, past: bool = False
+    model: PowerModel, joints: int, kinks: Kinks = EXACT, past: bool = False, holds: bool = False
 ) -> tuple[ca.Function, tuple[str, ...]]:
     """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order.
 
@@ -124,7 +146,7 @@ def drive_function(
     known = {name: ca.SX.sym(name) for name in ("idle", "returned")} if past else {}
     x = Signals(q, v, a, tau, ca.SX.sym("t"), **known)
     p = model.symbols(joints)
-    terms = drive_terms(model, x, p, kinks)
+    terms = drive_terms(model, x, p, kinks, holds)
     inputs = [x.q, x.v, x.a, x.tau, x.t, *known.values(), p]
     parts = ca.vertcat(*terms.parts.values())
     function = ca.Function(

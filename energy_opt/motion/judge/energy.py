@@ -49,7 +49,7 @@ class Scorer:
     def __init__(self, robot: Robot, model: PowerModel) -> None:
         model.check(robot.n)
         self.robot, self.model = robot, model
-        self._drive, self.parts = drive_function(model, robot.n, past=True)
+        self._drive, self.parts = drive_function(model, robot.n, past=True, holds=True)
         self._values = model.values(robot.n)
 
     def drive(
@@ -57,6 +57,7 @@ class Scorer:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Motor torque (N, n) [N m], power (N,) [W] and its parts (N, len(self.parts)) [W] by the exact laws.
 
+        Friction holds what stands still: that is in the power, not in the torque, which limits are held against.
         Instants are in order of time; each stands for half the time to both neighbours.
         """
         tau = rigid_torque(self.model, self.robot.body, q, v, a)

@@ -12,6 +12,7 @@ from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import Made, mended_timing
 from energy_opt.motion.plan.context import Context, Judged
+from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
@@ -67,6 +68,8 @@ def choose(context: Context, move: Move, work: Work, build_seconds: float, solve
         if mended.trajectory is not None and answers(move, mended.trajectory):
             best = context.judge(mended.trajectory)
             valid += [("retime", best)] if best.certificate.valid else []
+    if energy_counts:
+        valid += _rested(context, move, valid)
     if not valid:
         raise Infeasible(work.asked.message or "no trajectory within limits was found", limit="duration")
     wanted = None if energy_counts else move.mode
@@ -92,6 +95,18 @@ def choose(context: Context, move: Move, work: Work, build_seconds: float, solve
         interrupted=interrupted,
         warnings=tuple(_warnings(context)),
     )
+
+
+def _rested(context: Context, move: Move, valid: Sequence[tuple[str, Judged]]) -> list[tuple[str, Judged]]:
+    """The best of them with its creeping joints at rest, where there are any and it stays within limits."""
+    if not valid:
+        return []
+    name, best = min(valid, key=lambda v: v[1].energy.total)
+    trajectory = at_rest(best.trajectory, context.model)
+    if trajectory is None or not answers(move, trajectory):
+        return []
+    rested = context.judge(trajectory)
+    return [(name, rested)] if rested.certificate.valid else []
 
 
 def _may_win(solution: RetimeSolution, valid: Sequence[tuple[str, Judged]], energy_counts: bool) -> bool:
@@ -153,8 +168,8 @@ def _optimality(move: Move, name: str, best: Judged, solution: RetimeSolution | 
     if name != "retime" or move.mode != "retime" or solution is None or solution.lower_bound is None:
         return Optimality("local")
     total = best.energy.total
-    gap = 100 * (total - solution.lower_bound) / max(abs(total), 1e-12)
-    return Optimality(solution.kind, solution.lower_bound, gap)
+    bound = min(solution.lower_bound, total)  # slower than standstill, friction may help by a little more than it knows
+    return Optimality(solution.kind, bound, 100 * (total - bound) / max(abs(total), 1e-12))
 
 
 def _warnings(context: Context) -> list[str]:

@@ -113,7 +113,10 @@ class ClearSearch:
             before = np.inf if found.best is None else found.best.cost
             outcome, proof = work.one(curve, rows, trust, LOOSE)
             curve, rows = outcome.curve, outcome.rows
-            log.info("round %d of at most %d: %s, cost %.6g", turn + 1, rounds, proof.verdict, outcome.cost)
+            share = {"share": 0.6 + 0.35 * (turn + 1) / rounds}
+            log.info(
+                "round %d of at most %d: %s, cost %.6g", turn + 1, rounds, proof.verdict, outcome.cost, extra=share
+            )
             if proof.proven:
                 trust *= GROWTH
                 small = abs(before - outcome.cost) < DONE * max(outcome.cost - task.offset * curve.duration, 1e-9)

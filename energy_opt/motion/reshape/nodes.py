@@ -101,7 +101,7 @@ def node_functions(
     x = NodeSymbols.of(n)
     p, v, a = model.symbols(n), x.v, x.a
     tau = symbolic_torque(model, body, x.q, v, a, p, dynamics)
-    terms = drive_terms(model, Signals(x.q, v, a, tau, x.t), p, Smooth())
+    terms = drive_terms(model, Signals(x.q, v, a, tau, x.t), p, Smooth(), holds=True)
     rate = {
         "energy": lambda: x.duration * (terms.power - terms.conservative),
         "torque": lambda: x.duration * ca.dot(terms.tau_m, terms.tau_m),

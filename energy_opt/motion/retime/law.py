@@ -2,7 +2,8 @@
 
 A point's share of the energy is weight P(a, b) / sqrt(b), with the power law of the model. In it
 
-    sign(v)      is that of q', exactly: the path is passed forwards
+    sign(v)      is that of q', exactly: the path is passed forwards; a joint that the path leaves where it is is held
+                 by friction: max(|tau| - level, 0) is convex in (a, b), and so is its square over sqrt(b)
     max(x, 0)    of a drive power x becomes sqrt(b) psi(x / sqrt(b)), psi(y) = (y + sqrt(y^2 + d^2) - d) / 2
 
 x / sqrt(b), energy per length, is convex in (a, b) (quadratic over concave), and psi is convex and does not fall, so
@@ -18,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects import EXACT, Signals
+from energy_opt.effects.kinks import bearing
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.numerics.batch import Batch
@@ -41,6 +43,9 @@ class AlongPath:
 
     def sign(self, x: ca.SX, width: float) -> ca.SX:
         return ca.sign(x)
+
+    def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
+        return ca.if_else(v == 0, bearing(load, level), ca.sign(v))
 
     def magnitude(self, x: ca.SX, width: float) -> ca.SX:
         w = width * self.width
@@ -120,7 +125,7 @@ def law(shared_by: SharedByStructure, n: int, tangents: bool = False) -> Law:
     tau = inertial * a + centrifugal * b + gravity
     signals = Signals(q, q1 * rate, q1 * a + q2 * b, tau, at[-1])
     kinks = Tangents if tangents else AlongPath
-    drive = drive_terms(shared_by.model, signals, p, kinks(rate, ca.sqrt(unit), width))
+    drive = drive_terms(shared_by.model, signals, p, kinks(rate, ca.sqrt(unit), width), holds=True)
     state = State(signals.q, signals.v, signals.a, drive.tau_m, drive.power, signals.t)
     return Law(z, at, ca.vertcat(p, unit, width), state)
 

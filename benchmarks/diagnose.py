@@ -27,9 +27,8 @@ from common import finish, table
 
 from energy_opt.diagnose import diagnose
 from energy_opt.diagnose.errors import errors
-from energy_opt.diagnose.fit import fit
-from energy_opt.diagnose.samples import take_samples
-from energy_opt.diagnose.terms import Term, chart
+from energy_opt.diagnose.predict import predict
+from energy_opt.diagnose.samples import Samples, take_samples
 from energy_opt.effects import ALL_EFFECTS, Effect
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
@@ -138,25 +137,50 @@ def _ratio(made: MadeSet, model: PowerModel, folder: Path, train: list[str]) -> 
     samples, _ = take_samples(read_set(fresh.folder, made.robot))
     whole, _ = take_samples(read_set(made.folder, made.robot))
     fitted = whole.part([whole.files.index(name) for name in train])
-    n = made.robot.n
-    terms, starts = [], []
+    n, truth = made.robot.n, made.declared
     for effect in made.model.effects:
-        if effect.name in ("standby", "copper_loss"):
-            continue
-        per_joint = any(p.size == "joint" for p in effect.parameters)
-        options = tuple(f"{k}={v}" for k, v in sorted(effect.choices.items()))
-        spring = effect.name == "gravity_spring"
-        joints = tuple(int(j) for j in np.flatnonzero(effect.full(n)[:n])) if spring else None
-        term = Term(effect.name, "joint" if per_joint else "number", options, joints)
-        c = chart(term, made.declared, n)
-        x = effect.to_chart(effect.full(n), n)
-        terms.append(term)
-        starts.append(np.linalg.lstsq(c.matrix, x - c.base, rcond=None)[0])
-    knowing = fit(fitted, made.declared, terms, starts)
+        if effect.name not in ("standby", "copper_loss"):
+            truth = truth.replaced(effect)
+    knowing = _polished(fitted, truth, n)
     every = list(range(len(samples.files)))
-    mine, best = errors(model, samples, every), errors(knowing.model, samples, every)
+    mine, best = errors(model, samples, every), errors(knowing, samples, every)
     assert mine is not None and best is not None
     return float(mine["power_rmse"] / best["power_rmse"])
+
+
+def _polished(samples: Samples, truth: PowerModel, n: int) -> PowerModel:
+    """The true effects with their numbers fitted to the readings, by plain least squares from the truth on."""
+    from scipy.optimize import least_squares
+
+    start = truth.values(n)
+    free = np.zeros(len(start), dtype=bool)
+    for effect, where in zip(truth.effects, truth.slices(n), strict=True):
+        free[where] = effect.name not in ("standby", "copper_loss")
+        if effect.name == "gravity_spring":  # where there is one
+            free[where] = np.tile(effect.full(n)[:n] != 0, 2)
+    if not free.any():
+        return truth
+
+    def model(x: np.ndarray) -> PowerModel:
+        values = start.copy()
+        values[free] = x
+        return truth.with_values(values, n)
+
+    found = least_squares(
+        lambda x: predict(model(x), samples).reading - samples.power,
+        start[free],
+        lambda x: predict(model(x), samples).jacobian[:, free],
+        x_scale=np.maximum(np.abs(start[free]), 1e-2),
+        max_nfev=20,
+        bounds=_bounds(truth, n, free),
+    )
+    return model(found.x)
+
+
+def _bounds(truth: PowerModel, n: int, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    rows = [(p.lower, p.upper) for e in truth.effects for p in e.parameters for _ in range(p.count(n))]
+    low, high = np.array(rows, dtype=float).T
+    return low[free] - 1e-9, high[free] + 1e-9
 
 
 def _inside(made: MadeSet, effects: list[dict[str, Any]]) -> list[bool]:

@@ -207,3 +207,22 @@ def test_simulated_data_do_not_replace_measured_data(tmp_path: Path, capsys: pyt
 def test_failures_have_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*MOVE, *ENDS, "--json", "--duration", "1e300", "--out", str(tmp_path)]) == 2
     assert json.loads(capsys.readouterr().out)["status"] == "bad_input"
+
+
+RELEASED = sorted((Path(__file__).parent / "released").glob("*/*"))
+
+
+@pytest.mark.parametrize("file", RELEASED, ids=lambda file: f"{file.parent.name} {file.name}")
+def test_files_of_released_versions_are_read_for_ever_after(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [] if file.suffix != ".csv" else ["--robot", "z1"]
+    assert main(["check", str(file), "--self-collision", "off", *words]) == 0
+    assert capsys.readouterr().out.endswith("usable\n")
+
+
+def test_a_later_format_is_refused_with_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for kind in ("model", "log", "suite", "job"):
+        file = tmp_path / ("log.toml" if kind == "log" else f"{kind}.toml")
+        file.write_text(f'format = "energy-opt/{kind}/9"\nrobot = "z1"\n')
+        assert main(["check", str(file)]) == 2
+        said = capsys.readouterr().err
+        assert f"energy-opt/{kind}/1" in said and "energy-opt/" + kind + "/9" in said, said

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from energy_opt.cli.common import add_output, payload_from, say
 
@@ -25,7 +25,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model",
         type=Path,
         metavar="DECLARED.toml",
-        help="the declared model (default: mechanical power and the set's own mean power at standstill)",
+        help="the declared model (default: the set's own declared.toml, else mechanical power with standby and copper "
+        "loss fitted)",
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=3.0,
+        metavar="PERCENT",
+        help="energy error within which a model is good enough to plan with (default 3)",
     )
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument(
@@ -45,23 +53,22 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.front.request import guard, request_of_set
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
-    from energy_opt.power import load_model
     from energy_opt.robot import load_robot
 
     log = read_log(args.set, args.allow_outside)
     robot = load_robot(args.robot, limits=args.limits) if args.robot else robot_of(log, args.limits)
     measured = read_set(args.set, robot, allow_outside=args.allow_outside)
-    for remark in measured.remarks:
-        say(args, f"note: {remark}")
-    declared = load_model(args.model) if args.model else _level(measured, args.seed)
+    declared, given, said = _declared(args, measured)
     if args.payload:
         declared = declared.replaced(payload_from(args.payload))
-    given = {"model": declared, "payload": args.payload, "limits": args.limits}
-    request = request_of_set(args.set, robot, args.seed, **given, command=args.command)
+    basis = {"model": declared, "payload": args.payload, "limits": args.limits}
+    request = request_of_set(args.set, robot, args.seed, **basis, command=args.command)
     guard(args.out / "diagnosis.json", request, args.force)
     with Progress(args):
-        result = diagnose(measured, declared, args.seed)
+        result = diagnose(measured, declared, args.seed, args.tolerance, given)
     result.document["request"] = request
+    if said:
+        result.document["remarks"].insert(0, said)
     with written_whole(args.out, "diagnosis.json") as aside:
         if result.document["verdict"] in ("ambiguous", "insufficient"):
             _next_motion(result, aside, args.seed)
@@ -73,20 +80,27 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _level(measured: MeasuredSet, seed: int) -> PowerModel:
-    """Mechanical power and the mean power while every joint stands still in the training runs."""
-    from energy_opt.diagnose.samples import take_samples
-    from energy_opt.diagnose.split import split
-    from energy_opt.effects import Standby
-    from energy_opt.errors import BadInput
-    from energy_opt.power import PowerModel
+def _declared(args: argparse.Namespace, measured: MeasuredSet) -> tuple[PowerModel, tuple[str, ...], str]:
+    """The model to start from, its effects that are free without being news, and what to say of it."""
+    import numpy as np
 
-    samples, _ = take_samples(measured)
-    samples = samples.part(split(samples, seed)[0])
-    still = (samples.v == 0).all(axis=1)
-    if not still.any():
-        raise BadInput(f"{measured.path}: the arm never stands still, so its static power is unknown; give --model")
-    return PowerModel(measured.robot.name, (Standby(power=float(samples.power[still].mean())),))
+    from energy_opt.effects import CopperLoss, Standby
+    from energy_opt.power import PowerModel, load_model
+
+    if args.model is not None:
+        return load_model(args.model), (), ""
+    own = measured.path / "declared.toml"
+    if own.is_file():
+        return load_model(own), (), f"No --model: starting from the set's own {own.name}."
+    level = float(np.quantile(np.concatenate([run.power for run in measured.runs]), 0.2))
+    start = PowerModel(measured.robot.name, (Standby(power=max(level, 0.0)), CopperLoss(r_over_kt2=_heat(measured))))
+    said = "No --model: starting from mechanical power; standby and copper loss are fitted and not called causes."
+    return start, ("standby", "copper_loss"), said
+
+
+def _heat(measured: MeasuredSet) -> list[float]:
+    """A usual copper loss of each joint, W/(N m)^2: two watts at three tenths of its effort limit, to start from."""
+    return [2.0 / (0.3 * effort) ** 2 for effort in measured.robot.limits.effort]
 
 
 def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
@@ -111,16 +125,18 @@ def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
 
 def _summary(result: Diagnosis, out: Path) -> str:
     d = result.document
-    lines = [f"verdict: {d['verdict']}"]
+    lines = [d["headline"], f"verdict: {d['verdict']}"]
     for row in d["effects"]:
         refit = " (declared value fitted anew)" if row["refit"] else ""
-        lines.append(
-            f"  {row['name']}{refit}: share of residual {row['share_of_residual']:.2f}, p = {row['p_value']:.3g}"
-        )
+        sure = f"odds e^{row['log_odds']:.0f}" if row["log_odds"] < 50 else "beyond doubt"
+        lines.append(f"  {row['name']}{refit}: {100 * row['share_of_residual']:.0f} % of what is explained, {sure}")
+        lines += [f"    {line}" for line in _values(row, d["joints"])]
     if d["alternatives"]:
         lines.append("  fit equally well: " + " | ".join(" + ".join(names) or "nothing" for names in d["alternatives"]))
-    for row in d["residual_goes_with"][:3]:
-        lines.append(f"  what is left goes with {row['signal']} {row['joint'] or ''}: {row['strength']:.2f}")
+    if d["nuisance"]:
+        lines.append("  allowed for, not called a cause: " + ", ".join(d["nuisance"]))
+    for row in d["remainder"][:3]:
+        lines.append(f"  what is left goes with {row['signal']} {row['joint'] or ''}: {row['watts']:.2f} W")
     for part in ("train", "holdout"):
         before, after = d["error"]["before"][part], d["error"]["after"][part]
         if before is not None and after is not None:
@@ -128,7 +144,28 @@ def _summary(result: Diagnosis, out: Path) -> str:
                 f"{part}: power RMSE {before['power_rmse']:.2f} -> {after['power_rmse']:.2f} W, energy error "
                 f"{before['energy_percent']:.2f} -> {after['energy_percent']:.2f} %"
             )
-    lines.append(f"noise floor: {d['error']['noise_floor']:.2f} W")
+    usable = "yes" if d["usable"] else "not shown"
+    lines.append(f"noise floor: {d['error']['noise_floor']:.2f} W; energy within {d['tolerance']:g} %: {usable}")
+    lines.append(f"model.toml holds: {', '.join(d['model_effects'])}")
     lines += [f"note: {remark}" for remark in d["remarks"]]
+    lines.append(d["next_step"])
     lines.append(f"written: {out / 'diagnosis.json'}, model.toml, report.html")
     return "\n".join(lines)
+
+
+def _values(row: dict[str, Any], joints: list[str]) -> list[str]:
+    """An effect's values with joints' names and units, one line a parameter."""
+    out = []
+    for name, value in row["parameters"].items():
+        if isinstance(value, str):
+            out.append(f"{name} = {value}")
+            continue
+        unit, interval = row["units"][name], row["ci95"][name]
+        if not isinstance(value, list):
+            out.append(f"{name} = {value:.4g} [{interval[0]:.4g}, {interval[1]:.4g}] {unit}")
+        elif len(value) == len(joints):
+            parts = [f"{j} {x:.4g} [{a:.4g}, {b:.4g}]" for j, x, (a, b) in zip(joints, value, interval, strict=True)]
+            out.append(f"{name} in {unit}: " + ", ".join(parts))
+        else:
+            out.append(f"{name} = " + ", ".join(f"{x:.4g}" for x in value) + f" {unit}")
+    return out

@@ -7,19 +7,38 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnose.evidence import bootstrap_interval
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples
 from energy_opt.power import PowerModel
 
+DRAWS = 999
+
 
 def reading_of(model: PowerModel, samples: Samples) -> list[np.ndarray]:
     """The model's power [W] at every single reading of every run."""
-    power = predict(model, samples).reading
-    return [
-        np.interp(time, samples.t[rows], power[rows])
-        for rows, (time, _) in zip(samples.slices, samples.readings, strict=True)
-    ]
+    p = predict(model, samples)
+    out = []
+    for rows, part, op, (time, _) in zip(samples.slices, samples.parts, samples.operators, samples.single, strict=True):
+        out.append(np.interp(time, samples.t[rows], p.power[rows]) if op is None else p.reading[part])
+    if any(e.stage == "meter" for e in model.effects):
+        out = [
+            np.interp(time, samples.at[part], p.reading[part]) if op is None else shown
+            for part, op, (time, _), shown in zip(samples.parts, samples.operators, samples.single, out, strict=True)
+        ]
+    return out
+
+
+def energy_errors(model: PowerModel, samples: Samples) -> np.ndarray:
+    """Error of every run's energy (R,), as a share of the measured one, with its sign."""
+    out = []
+    for shown, (time, power) in zip(reading_of(model, samples), samples.single, strict=True):
+        measured = _energy(time, power)
+        out.append((_energy(time, shown) - measured) / abs(measured))
+    return np.array(out)
+
+
+def _energy(time: np.ndarray, power: np.ndarray) -> float:
+    return float(np.trapezoid(power, time)) if len(time) > 1 else float(power.sum())
 
 
 def errors(model: PowerModel, samples: Samples, runs: Sequence[int]) -> dict[str, Any] | None:
@@ -29,9 +48,9 @@ def errors(model: PowerModel, samples: Samples, runs: Sequence[int]) -> dict[str
     shown = reading_of(model, samples)
     energy, squares, count = [], [], []
     for r in runs:
-        time, power = samples.readings[r]
-        measured = float(np.trapezoid(power, time))
-        energy.append(abs(float(np.trapezoid(shown[r], time)) - measured) / abs(measured) * 100)
+        time, power = samples.single[r]
+        measured = _energy(time, power)
+        energy.append(abs(_energy(time, shown[r]) - measured) / abs(measured) * 100)
         squares.append(float(np.sum((power - shown[r]) ** 2)))
         count.append(len(power))
     mean_squares = [s / c for s, c in zip(squares, count, strict=True)]
@@ -43,3 +62,29 @@ def errors(model: PowerModel, samples: Samples, runs: Sequence[int]) -> dict[str
         "power_rmse_ci95": interval,
         "runs": len(energy),
     }
+
+
+def bootstrap_interval(values: Sequence[float], seed: int = 0) -> list[float]:
+    """95 % interval of the mean of per-run values, by resampling runs."""
+    x = np.asarray(values, dtype=float)
+    if len(x) == 0:
+        return []
+    rng = np.random.default_rng(seed)
+    means = x[rng.integers(0, len(x), (DRAWS, len(x)))].mean(axis=1)
+    return [float(v) for v in np.quantile(means, [0.025, 0.975])]
+
+
+def usable(errors: np.ndarray, tolerance: float) -> bool:
+    """Is the mean energy error of runs (R,) within +- `tolerance`, by two one-sided tests at 5 % (equivalence)?
+
+    With fewer than three runs the tests cannot tell; then every run must lie within half of the tolerance.
+    """
+    from scipy.stats import t
+
+    count = len(errors)
+    if count == 0:
+        return False
+    if count < 3:
+        return bool(np.abs(errors).max() < tolerance / 2)
+    mean, spread = float(errors.mean()), float(errors.std(ddof=1)) / count**0.5
+    return bool(abs(mean) + float(t.ppf(0.95, count - 1)) * spread < tolerance)

@@ -1,30 +1,103 @@
-"""Bounded nonlinear least squares of a hypothesis on samples: Gauss-Newton steps on exact derivatives."""
+"""The likeliest numbers of a hypothesis, and how well the data speak for it.
+
+A hypothesis is a set of effects with numbers z and of free functions with weights w; allowed for in every one are
+links that deviate from their URDF (amounts d) and a level that differs from run to run (o). With the noise made white,
+
+    phi = 1/2 |y - f(z, d, o) - F w|^2 + 1/2 (theta - mean)^T precision (theta - mean),    theta = (z, w, d, o)
+
+is lowered by Gauss-Newton steps within bounds, and Laplace's integral of exp(-phi) over theta is the evidence: it grows
+with the fit and falls with every number that the data had to choose.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from energy_opt.diagnose.predict import predict
+from energy_opt.diagnose.links import Links
+from energy_opt.diagnose.noise import Noise, Whitener
+from energy_opt.diagnose.predict import Prediction, predict
 from energy_opt.diagnose.samples import Samples
-from energy_opt.diagnose.terms import Chart, Term, chart
+from energy_opt.diagnose.terms import Chart, Scale
 from energy_opt.power import PowerModel
 
-ITERATIONS = 30  # at most
-FALLING = 0.02  # a fit that still falls by this share at a step goes on whatever it was allowed
-ENOUGH = 0.02  # a step that lowers the loss by less ends the fit
+ITERATIONS = 12
+ENOUGH = 0.05  # a step that lowers phi by less ends the fit
+DRIFTS = 150.0  # [s] over which a meter's level drifts
+ROUNDS = 30  # of the search for the bounds that a step touches
 
 
 @dataclass(frozen=True)
-class Extra:
-    """An unlisted structure: linear columns (N, c), times the samples' weight, by family, joint and setting."""
+class Nuisance:
+    """How far links spread from the URDF, as a share; levels from run to run [W]; their slow drift over the set [W]."""
 
-    family: str
+    spread: float
+    offset: float
+    drift: float = 0.01
+
+
+@dataclass(frozen=True)
+class Free:
+    """A free function: columns (M, c) [W per unit weight], weights ~ N(0, size^2)."""
+
+    signal: str
     joint: int
-    setting: float
     columns: np.ndarray
+    size: float
+
+    @property
+    def key(self) -> tuple[str, int]:
+        return self.signal, self.joint
+
+
+@dataclass(frozen=True)
+class World:
+    """What all hypotheses on the same data share."""
+
+    samples: Samples
+    declared: PowerModel
+    scale: Scale
+    links: Links
+    whiten: Whitener
+    offsets: np.ndarray = field(repr=False)  # (M, R)
+    given: tuple[str, ...] = ()  # effects of the declared model whose values are free and no news
+
+    @classmethod
+    def of(
+        cls,
+        samples: Samples,
+        declared: PowerModel,
+        scale: Scale,
+        links: Links,
+        noise: Noise,
+        given: tuple[str, ...] = (),
+    ) -> World:
+        offsets = np.zeros((len(samples.power), len(samples.parts)))
+        for r, part in enumerate(samples.parts):
+            offsets[part, r] = 1.0
+        return cls(samples, declared, scale, links, whitener(samples, noise), offsets, given)
+
+    def before(self, nuisance: Nuisance) -> np.ndarray:
+        """Precision (c, c) of links' amounts and runs' levels before the data."""
+        from scipy.linalg import block_diag
+
+        s = self.samples
+        times = np.array([s.at[p].mean() for p in s.parts])
+        apart = np.eye(len(times)) - 1 / len(times)  # what all runs share is no drift
+        slow = apart @ np.exp(-np.abs(np.subtract.outer(times, times)) / DRIFTS) @ apart
+        levels = nuisance.offset**2 * np.eye(len(times)) + nuisance.drift**2 * slow
+        return np.asarray(block_diag(nuisance.spread**-2 * np.eye(self.links.basis.shape[1]), np.linalg.inv(levels)))
+
+    def under(self, noise: Noise) -> World:
+        """The same under another noise."""
+        return replace(self, whiten=whitener(self.samples, noise))
+
+
+def whitener(samples: Samples, noise: Noise) -> Whitener:
+    """The map that makes a noise white on these readings."""
+    return Whitener(noise, [samples.at[p] for p in samples.parts], samples.weight)
 
 
 @dataclass(frozen=True)
@@ -32,121 +105,155 @@ class Fit:
     """A fitted hypothesis.
 
     Attributes:
-        terms, extras: what it adds; `starts` the free numbers of each term, `weights` those of the extras.
-        model: the declared model with the terms' values.
-        residual: (N,) W and jacobian (N, K) by all free numbers, both times the samples' weight; loss: sum of
-            squares over the meter's noise variance.
-        evaluations: of the model, in this fit.
+        charts, numbers: of its effects. free, weights: of its free functions. amounts, levels: of links and runs.
+        model: the declared model with the effects' values. prediction: under it, links and all.
+        residual: (M,) what remains, W, levels and free functions taken out.
+        jacobian: (M, P) white, by theta; mean and precision before the data; hessian of phi.
+        phi: at the likeliest numbers. evidence: logarithm, less the density of the readings' own unit.
     """
 
-    terms: tuple[Term, ...]
-    extras: tuple[Extra, ...]
+    world: World
+    nuisance: Nuisance
     charts: tuple[Chart, ...]
     numbers: tuple[np.ndarray, ...]
+    free: tuple[Free, ...]
     weights: np.ndarray
+    amounts: np.ndarray
+    levels: np.ndarray
     model: PowerModel
+    prediction: Prediction
     residual: np.ndarray
     jacobian: np.ndarray
-    loss: float
-    evaluations: int
-
-    @property
-    def count(self) -> int:
-        """Free numbers; an extra's setting counts as one more."""
-        return sum(len(z) for z in self.numbers) + len(self.weights) + len(self.extras)
+    mean: np.ndarray
+    precision: np.ndarray
+    hessian: np.ndarray
+    phi: float
+    evidence: float
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(term.name for term in self.terms)
+        return tuple(c.term.name for c in self.charts)
+
+    @property
+    def theta(self) -> np.ndarray:
+        return np.concatenate([*self.numbers, self.weights, self.amounts, self.levels])
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of all numbers after the data (P, P)."""
+        return np.linalg.inv(self.hessian)
+
+    @property
+    def count(self) -> int:
+        """Numbers of the effects."""
+        return sum(len(z) for z in self.numbers)
+
+    def full_model(self, links: bool = True) -> PowerModel:
+        """The model with its links where they deviate."""
+        if not links or not np.any(self.amounts):
+            return self.model
+        return self.model.replaced(self.world.links.effect(self.amounts, self.world.samples))
 
 
 def fit(
-    samples: Samples,
-    declared: PowerModel,
-    terms: Sequence[Term],
+    world: World,
+    nuisance: Nuisance,
+    charts: Sequence[Chart],
     starts: Sequence[np.ndarray],
-    extras: Sequence[Extra] = (),
+    free: Sequence[Free] = (),
+    amounts: np.ndarray | None = None,
     iterations: int = ITERATIONS,
 ) -> Fit:
-    """Fit the terms' numbers, from `starts` (one vector per term), and the extras' weights.
+    """Fit a hypothesis from `starts` (one vector per chart)."""
+    s, links = world.samples, world.links
+    mean, precision, low, high = _before(world, nuisance, charts, free)
+    cuts = np.cumsum([len(c.mean) for c in charts]).astype(int)
+    zs, ws = int(cuts[-1]) if charts else 0, sum(f.columns.shape[1] for f in free)
+    ds, os = links.basis.shape[1], len(s.parts)
+    theta = np.concatenate([*starts, np.zeros(ws), np.zeros(ds) if amounts is None else amounts, np.zeros(os)])
+    theta = np.clip(theta, low, high)
+    drawn = np.column_stack([f.columns for f in free]) if free else np.zeros((len(s.power), 0))
 
-    Each step solves the linearised problem within the bounds; a step that does not lower the loss is shortened.
-    """
-    charts = tuple(chart(term, declared, samples.n) for term in terms)
-    lower = np.concatenate([c.lower for c in charts] or [np.zeros(0)])
-    upper = np.concatenate([c.upper for c in charts] or [np.zeros(0)])
-    z = np.clip(np.concatenate([*starts, np.zeros(0)]), lower, upper)
-    cuts: list[int] = np.cumsum([len(c.lower) for c in charts])[:-1].tolist()
-    added = np.column_stack([e.columns for e in extras]) if extras else np.zeros((len(samples.power), 0))
-    scale = 1 / samples.noise
-    trust = samples.weight
+    def state(theta: np.ndarray) -> tuple[PowerModel, Prediction, np.ndarray, np.ndarray, float]:
+        model = world.declared
+        parts = np.split(theta[:zs], cuts[:-1]) if charts else []
+        for c, z in zip(charts, parts, strict=True):
+            model = model.replaced(c.effect(z))
+        d = theta[zs + ws : zs + ws + ds]
+        p = predict(model, s, links.ways @ d, links.ways)
+        where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
+        own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(charts, parts, strict=True)]
+        jacobian = np.column_stack([*own, drawn, p.pushed, world.offsets])
+        residual = s.power - p.reading - drawn @ theta[zs : zs + ws] - world.offsets @ theta[zs + ws + ds :]
+        white = world.whiten(np.column_stack([residual, jacobian]))
+        off = theta - mean
+        phi = 0.5 * float(white[:, 0] @ white[:, 0]) + 0.5 * float(off @ precision @ off)
+        return model, p, residual, white, phi
 
-    def state(
-        z: np.ndarray, weights: np.ndarray | None
-    ) -> tuple[PowerModel, np.ndarray, np.ndarray, np.ndarray, float]:
-        model = declared
-        parts = np.split(z, cuts) if charts else []
-        for c, numbers in zip(charts, parts, strict=True):
-            model = model.replaced(c.term.effect(c.values(numbers), samples.n))
-        p = predict(model, samples)
-        where = dict(zip((e.name for e in model.effects), model.slices(samples.n), strict=True))
-        columns = [p.jacobian[:, where[c.term.name]] @ c.slope(x) for c, x in zip(charts, parts, strict=True)]
-        own = np.column_stack(columns) * trust[:, None] if columns else np.zeros((len(trust), 0))
-        jacobian = np.column_stack([own, added])
-        residual = (samples.power - p.reading) * trust
-        if added.shape[1]:
-            if weights is None:
-                weights = np.linalg.lstsq(added, residual, rcond=None)[0]
-            residual = residual - added @ weights
-        else:
-            weights = np.zeros(0)
-        return model, residual, jacobian, weights, float(residual @ residual) * scale**2
-
-    model, residual, jacobian, weights, loss = state(z, None)
-    evaluations = 1
-    for k in range(ITERATIONS if charts else 0):
-        step = _bounded_step(jacobian, residual, lower - z, upper - z, len(weights))
-        moved = False
-        for shorten in (1.0, 0.5, 0.2, 0.05):
-            trial = np.clip(z + shorten * step[: len(z)], lower, upper)
-            evaluations += 1
-            new = state(trial, weights + shorten * step[len(z) :])
-            if np.isfinite(new[4]) and new[4] < loss:
-                moved = True
+    model, p, residual, white, phi = state(theta)
+    for _ in range(iterations):
+        jacobian, r = white[:, 1:], white[:, 0]
+        hessian = jacobian.T @ jacobian + precision
+        step = bounded_step(hessian, jacobian.T @ r - precision @ (theta - mean), low - theta, high - theta)
+        for share in (1.0, 0.4, 0.1, 0.02):
+            trial = np.clip(theta + share * step, low, high)
+            new = state(trial)
+            if np.isfinite(new[4]) and new[4] < phi:
                 break
-        if not moved:
+        else:
             break
-        gained = loss - new[4]
-        z, (model, residual, jacobian, weights, loss) = trial, new
-        if gained < ENOUGH or (k >= iterations - 1 and gained < FALLING * loss):
+        gained = phi - new[4]
+        theta, (model, p, residual, white, phi) = trial, new
+        if gained < ENOUGH:
             break
-    parts = tuple(np.split(z, cuts)) if charts else ()
-    return Fit(tuple(terms), tuple(extras), charts, parts, weights, model, residual, jacobian, loss, evaluations)
+    jacobian = white[:, 1:]
+    hessian = jacobian.T @ jacobian + precision
+    evidence = (
+        -phi
+        - 0.5 * world.whiten.log_determinant
+        + 0.5 * float(np.linalg.slogdet(precision)[1] - np.linalg.slogdet(hessian)[1])
+    )
+    return Fit(
+        world, nuisance, tuple(charts), tuple(np.split(theta[:zs], cuts[:-1])) if charts else (), tuple(free),
+        theta[zs : zs + ws], theta[zs + ws : zs + ws + ds], theta[zs + ws + ds :], model, p, residual, jacobian, mean,
+        precision, hessian, phi, evidence,
+    )  # fmt: skip
 
 
-def _bounded_step(
-    jacobian: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray, free: int
-) -> np.ndarray:
-    """Least-squares step with each entry within [low, high]; the last `free` entries have no bounds."""
-    size = np.linalg.norm(jacobian, axis=0)
-    size[size == 0] = 1.0
-    k = len(size)
-    q, r = np.linalg.qr(jacobian / size)
-    target = q.T @ residual
-    r = np.vstack([r, 1e-6 * np.eye(k)])  # keeps what the data leave open where it is
-    target = np.concatenate([target, np.zeros(k)])
-    low = np.concatenate([low, np.full(free, -np.inf)]) * size
-    high = np.concatenate([high, np.full(free, np.inf)]) * size
-    return bounded_least_squares(r, target, low, high) / size
+def _before(
+    world: World, nuisance: Nuisance, charts: Sequence[Chart], free: Sequence[Free]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, precision and bounds of theta before the data."""
+    from scipy.linalg import block_diag
+
+    loose = sum(f.columns.shape[1] for f in free)
+    ds, os = world.links.basis.shape[1], len(world.samples.parts)
+    weights = np.concatenate([np.full(f.columns.shape[1], f.size**-2) for f in free] or [np.zeros(0)])
+    mean = np.concatenate([*(c.mean for c in charts), np.zeros(loose + ds + os)])
+    inf = np.full(loose + ds + os, np.inf)
+    low = np.concatenate([*(c.lower for c in charts), -inf])
+    high = np.concatenate([*(c.upper for c in charts), inf])
+    return mean, block_diag(*(c.precision for c in charts), np.diag(weights), world.before(nuisance)), low, high
 
 
-def bounded_least_squares(a: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """min |a x - b| with low <= x <= high, low <= 0 <= high, by an active set; a has full column rank."""
-    x, *_ = np.linalg.lstsq(a, b, rcond=None)
-    if (x >= low).all() and (x <= high).all():
-        return x
-    from scipy.optimize import lsq_linear
-
-    pinned = high - low < 1e-14
-    high = np.where(pinned, low + 1e-12, high)
-    return np.asarray(lsq_linear(a, b, (low, high), method="bvls", max_iter=200).x)
+def bounded_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """min 1/2 x^T H x - g^T x with low <= x <= high (low <= 0 <= high), by an active set."""
+    held = np.zeros(len(gradient), dtype=bool)
+    x = np.zeros(len(gradient))
+    for _ in range(ROUNDS):
+        loose = np.flatnonzero(~held)
+        x[loose] = np.linalg.solve(
+            hessian[np.ix_(loose, loose)], gradient[loose] - hessian[np.ix_(loose, np.flatnonzero(held))] @ x[held]
+        )
+        broken = ~held & ((x < low - 1e-12) | (x > high + 1e-12))
+        if broken.any():
+            held |= broken
+            x[broken] = np.where(x[broken] < low[broken], low[broken], high[broken])
+            continue
+        pull = gradient - hessian @ x  # would a number that is held rather go back inside?
+        back = held & (((x <= low) & (pull > 1e-9)) | ((x >= high) & (pull < -1e-9)))
+        if not back.any():
+            break
+        worst = int(np.argmax(np.where(back, np.abs(pull), -1.0)))
+        held[worst] = False
+    return np.clip(x, low, high)

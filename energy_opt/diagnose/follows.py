@@ -32,7 +32,7 @@ def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
     mechanical = np.einsum("nj,nj->n", now.tau, samples.v)
     speed = np.abs(samples.v)
     heat, lost, dragged = np.sum(now.tau**2, axis=1), speed.sum(axis=1), np.sum(speed**2, axis=1)
-    columns = _centred(np.column_stack([mechanical, heat, now.reading, lost, dragged]), samples)
+    columns = _centred(samples.shown(np.column_stack([mechanical, heat, now.power, lost, dragged])), samples)
     if np.std(columns[:, 0]) < SHOWN * samples.noise:
         return True
     lagged = np.column_stack([_shifted(columns, samples, lag) for lag in LAGS])
@@ -43,23 +43,23 @@ def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
     rng = np.random.default_rng(seed)
     by_chance = 0
     for _ in range(SHIFTS):
-        turned = np.concatenate([np.roll(power[s], rng.integers(0, s.stop - s.start)) for s in samples.slices])
+        turned = np.concatenate([np.roll(power[s], rng.integers(0, s.stop - s.start)) for s in samples.parts])
         by_chance += float(np.sum((u.T @ turned) ** 2)) >= seen
-    together = sum(float(power[s][1:] @ power[s][:-1]) for s in samples.slices)
+    together = sum(float(power[s][1:] @ power[s][:-1]) for s in samples.parts)
     rough = together < ALIKE * float(power @ power)
     return (1 + by_chance) / (SHIFTS + 1) <= (DOUBT if rough else CHANCE)
 
 
 def _centred(x: np.ndarray, samples: Samples) -> np.ndarray:
     """Columns (N, c) less their mean in each run."""
-    return np.concatenate([x[s] - x[s].mean(axis=0) for s in samples.slices])
+    return np.concatenate([x[s] - x[s].mean(axis=0) for s in samples.parts])
 
 
 def _shifted(x: np.ndarray, samples: Samples, lag: float) -> np.ndarray:
     """Columns (N, c) as they were `lag` seconds before, the ends of each run held."""
     out = np.empty_like(x)
-    for s in samples.slices:
-        t = samples.t[s]
+    for s in samples.parts:
+        t = samples.at[s]
         for k in range(x.shape[1]):
             out[s, k] = np.interp(t - lag, t, x[s, k])
     return out

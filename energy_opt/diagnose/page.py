@@ -6,6 +6,7 @@ import numpy as np
 
 from energy_opt.diagnose.diagnosis import Diagnosis
 from energy_opt.diagnose.errors import reading_of
+from energy_opt.diagnose.friction import draws_of, friction_torque
 from energy_opt.diagnose.predict import predict
 from energy_opt.reports.page import Report
 from energy_opt.reports.plots import COLOURS, Curve, curves, labelled, new_figure, png
@@ -18,13 +19,16 @@ WORDS = {
     "insufficient": "The data do not excite what would be needed.",
 }
 SHOWN = 12  # runs drawn
+MOSTLY = 0.5  # of all joints' speed, beyond which a reading is shown as one joint's friction
 
 
 def page(result: Diagnosis) -> Report:
     """The report."""
     d = result.document
     report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict']}")
+    report.text(d["headline"])
     report.text(WORDS[d["verdict"]])
+    report.text(d["next_step"])
     for remark in d["remarks"]:
         report.warning(remark)
     report.section("Effects")
@@ -51,24 +55,35 @@ def page(result: Diagnosis) -> Report:
     report.table(["", "energy [%]", "95 %", "power RMSE [W]", "95 %"], rows)
     report.facts({"noise floor [W]": d["error"]["noise_floor"]})
     report.section("What the residual goes with")
-    report.table(
-        ["signal", "joint", "strength"], [[r["signal"], r["joint"], r["strength"]] for r in d["residual_goes_with"]], 3
-    )
+    if d["residual_goes_with"]:
+        watts = [r["watts"] for r in d["remainder"]]
+        goes = d["residual_goes_with"]
+        rows = [[r["signal"], r["joint"], r["strength"], w] for r, w in zip(goes, watts, strict=True)]
+        report.table(["signal", "joint", "share of what is left", "W rms"], rows, 3)
+    else:
+        report.text("With nothing beyond the noise.")
     report.picture(_residuals(result))
+    if any(e.stage == "torque" and e.dissipates for e in result.model.effects):
+        report.section("Friction against speed")
+        report.text(
+            "Friction of the calibrated model with its 95 % band; dots are what is measured beside it where a joint "
+            "does most of the motion."
+        )
+        report.picture(_friction(result))
     report.section("Power over time")
     report.picture(_power(result))
     report.section("Evidence for each candidate")
     report.text(
-        "By how much each effect, added to the declared model or to the accepted effects, lowers the loss beyond what "
-        "its numbers cost (linearised; above 0 it is worth trying)."
+        "Logarithm of the odds for each effect, added to the declared model or to the accepted effects (linearised; "
+        "above 0 it is rather there than not)."
     )
     report.table(
         ["effect", "alone", "beside the accepted"],
         [[row["name"], row["alone"], row["beside_accepted"]] for row in d["candidates"]],
     )
     report.text(
-        "Hypotheses that were fitted, best first. Loss is the sum of squared residuals over the meter's noise; the "
-        "score adds the price of free numbers."
+        "Hypotheses that were fitted, likeliest first. Loss is the mean square of the whitened residual, 1 where only "
+        "noise is left; the score is the logarithm of the odds against the declared model."
     )
     report.table(
         ["effects", "structures outside the table", "numbers", "loss per sample", "score"],
@@ -86,7 +101,7 @@ def _power(result: Diagnosis) -> bytes:
     declared, after = reading_of(result.declared, samples), reading_of(result.model, samples)
     figure, axes = new_figure((len(shown) + 1) // 2, 2, height=2.2)
     for k, run in enumerate(shown):
-        time, power = samples.readings[run]
+        time, power = samples.single[run]
         where = "holdout" if run in result.holdout else "train"
         at = labelled(axes[k // 2, k % 2], "set time [s]", "power [W]", f"{samples.files[run]} ({where})")
         at.plot(time, power, color="#bbbbbb", linewidth=0.8, label="measured")
@@ -99,15 +114,46 @@ def _residuals(result: Diagnosis) -> bytes:
     samples = result.samples
     p = predict(result.model, samples)
     before, after = samples.power - predict(result.declared, samples).reading, samples.power - p.reading
-    speed = np.abs(samples.v).max(axis=1)
-    torque = np.linalg.norm(p.tau, axis=1)
-    panels = [("set time [s]", samples.t), ("fastest joint [rad/s]", speed), ("torque, norm [N m]", torque)]
+    speed = samples.shown(np.abs(samples.v).max(axis=1))
+    torque = samples.shown(np.linalg.norm(p.tau, axis=1))
+    panels = [("set time [s]", samples.at), ("fastest joint [rad/s]", speed), ("torque, norm [N m]", torque)]
     if np.isfinite(samples.temperature).all():
-        panels.append(("mean joint temperature [degC]", samples.temperature.mean(axis=1)))
+        panels.append(("mean joint temperature [degC]", samples.shown(samples.temperature.mean(axis=1))))
     figure, axes = new_figure((len(panels) + 1) // 2, 2, height=2.6)
     for k, (name, x) in enumerate(panels):
         at = labelled(axes[k // 2, k % 2], name, "residual [W]")
         at.plot(x, before, ".", color=COLOURS[1], markersize=1.5, alpha=0.4, label="declared")
         at.plot(x, after, ".", color=COLOURS[0], markersize=1.5, alpha=0.4, label="calibrated")
+        at.legend(fontsize=7)
+    return png(figure)
+
+
+def _friction(result: Diagnosis) -> bytes:
+    """Friction of every joint over speed: the model's with its band, and what single joints' motion shows."""
+    samples, model, n = result.samples, result.model, result.samples.n
+    figure, axes = new_figure((n + 1) // 2, 2, height=2.2)
+    p = predict(model, samples)
+    bare = model.kept(lambda e: not (e.stage == "torque" and e.dissipates))
+    excess = samples.power - predict(bare, samples).reading
+    mean = friction_torque(model, n)
+    draws = [friction_torque(drawn, n) for drawn in draws_of(model, n, 60)]
+    rest = samples.power - p.reading
+    for j, joint in enumerate(result.measured.robot.joints):
+        at = labelled(axes[j // 2, j % 2], "speed [rad/s]", "friction [N m]", joint)
+        v = samples.shown(samples.v[:, j])
+        fastest = max(float(np.abs(v).max()), 0.05)
+        grid = np.linspace(-fastest, fastest, 121)
+        own = mean(grid, j)
+        if draws:
+            low, high = np.quantile([draw(grid, j) for draw in draws], [0.025, 0.975], axis=0)
+            at.fill_between(grid, low, high, color=COLOURS[0], alpha=0.25, linewidth=0, label="95 %")
+        share = np.abs(v) / np.maximum(samples.shown(np.abs(samples.v).sum(axis=1)), 1e-9)
+        mostly = (share > MOSTLY) & (np.abs(v) > 0.05)
+        if mostly.any() and np.any(excess[mostly]):
+            at.plot(v[mostly], mean(v[mostly], j) + rest[mostly] / v[mostly], ".", color="#999999", markersize=1.5,
+                    alpha=0.5, label="measured")  # fmt: skip
+        at.plot(grid, own, color=COLOURS[0], label="calibrated")
+        span = max(float(np.abs(own).max()), 0.05)
+        at.set_ylim(-3 * span, 3 * span)
         at.legend(fontsize=7)
     return png(figure)

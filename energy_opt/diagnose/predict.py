@@ -12,113 +12,174 @@ from energy_opt.diagnose.samples import Samples
 from energy_opt.effects import MeterEffect, RigidEffect, Signals, of_form
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
+from energy_opt.power.past import returned_power, store_of
+
+STORE_STEP = 1e-3  # share of a store's capacity by which its derivative is taken
+PAST = ("idle", "returned", "run")
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """The meter's reading (N,) [W], its derivatives (N, P) by `PowerModel.values`, and torques (N, n) [N m].
+    """What the meter shows under a model, at M readings from K nodes.
 
-    `power` is the true power (N,) before the meter; `tau` the rigid body's torque.
+    Attributes:
+        reading: (M,) W. jacobian: (M, P) by `PowerModel.values`. pushed: (M, c) by further torques, see `predict`.
+        power: (K,) true power before the meter, W. tau, tau_m: (K, n) torque of the rigid body and of the motors, N m.
+        by_tau: (K, n) d power / d tau.
     """
 
     reading: np.ndarray
     jacobian: np.ndarray
+    pushed: np.ndarray
     power: np.ndarray
     tau: np.ndarray
+    tau_m: np.ndarray
+    by_tau: np.ndarray
 
 
 @lru_cache(maxsize=256)
-def _drive(structure: tuple[tuple[str, ...], ...], n: int, warmth: bool) -> ca.Function:
-    """The law of a structure: ((q, v, a, tau, t), p) -> (power, dP/dtau, dP/dp) as one dense column.
+def _drive(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...]) -> ca.Function:
+    """The law of a structure: ((q, v, a, tau, t, known), p) -> (power, bus, tau_m, dP/dtau, dP/dp) as one column.
 
-    With `warmth` the joints' measured temperatures follow the time.
+    `known` are the signals of the past and the recording that there are, see `Signals`.
     """
     model = PowerModel("", tuple(of_form(form, n) for form in structure))
-    q, v, a, tau, temperature = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau", "temperature"))
-    x = Signals(q, v, a, tau, ca.SX.sym("t"), temperature if warmth else None)
+    q, v, a, tau = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau"))
+    past = {name: ca.SX.sym(name, 1 if name in PAST else n) for name in known}
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), **past)
     p = model.symbols(n)
-    power = drive_terms(model, x, p).power
-    by_p, by_tau = ca.gradient(power, p), ca.gradient(power, x.tau)
-    out = ca.densify(ca.vertcat(power, by_tau, by_p))
-    state = ca.vertcat(x.q, x.v, x.a, x.tau, x.t, *([temperature] if warmth else []))
-    return ca.Function("law", [state, p], [out])
+    terms = drive_terms(model, x, p)
+    by_p, by_tau = ca.gradient(terms.power, p), ca.gradient(terms.power, x.tau)
+    out = ca.densify(ca.vertcat(terms.power, terms.bus, terms.tau_m, by_tau, by_p))
+    return ca.Function("law", [ca.vertcat(x.q, x.v, x.a, x.tau, x.t, *past.values()), p], [out])
+
+
+@lru_cache(maxsize=64)
+def _batch(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...], count: int) -> Batch:
+    """The same over `count` samples."""
+    return Batch(_drive(structure, n, known), count)
 
 
 @lru_cache(maxsize=64)
 def _rigid_map(structure: tuple[tuple[str, ...], ...], n: int) -> ca.Function:
-    """(gravity, p) of the rigid effects of a structure -> inertial parameters (10,) added to the last link, gravity
-    (3,), and both one's Jacobians by p."""
+    """(gravity, nominal links (13, n), p) of a structure's rigid effects -> change (10 n,) of the links' inertial
+    parameters, gravity (3,), and both one's Jacobians by p."""
     model = PowerModel("", tuple(of_form(form, n) for form in structure))
-    p, given = model.symbols(n), ca.SX.sym("g", 3)
-    gravity, phi = given, ca.SX.zeros(10)
+    p, given, nominal = model.symbols(n), ca.SX.sym("g", 3), ca.SX.sym("links", 13, n)
+    links = [(nominal[0, j], nominal[1:4, j], ca.reshape(nominal[4:, j], 3, 3)) for j in range(n)]
+    before = ca.vertcat(*(_inertial(*link) for link in links))
+    gravity, phi = given, ca.SX.zeros(10 * n)
     for effect, where in zip(model.effects, model.slices(n), strict=True):
         if isinstance(effect, RigidEffect):
             values = effect.named(p[where], n)
-            gravity, point = effect.gravity(gravity, values), effect.point_mass(values)
-            phi = phi if point is None else phi + _inertial(*point)
+            gravity, point, changed = effect.gravity(gravity, values), effect.point_mass(values), None
+            changed = effect.links(links, values)
+            if point is not None:
+                phi[10 * (n - 1) :] += _inertial(*point, ca.SX.zeros(3, 3))
+            if changed is not None:
+                phi += ca.vertcat(*(_inertial(*link) for link in changed)) - before
     slopes = [ca.densify(ca.jacobian(x, p)) for x in (phi, gravity)]
-    return ca.Function("rigid", [given, p], [ca.densify(phi), ca.densify(gravity), *slopes])
+    return ca.Function("rigid", [given, nominal, p], [ca.densify(phi), ca.densify(gravity), *slopes])
 
 
-def _inertial(mass: ca.SX, place: ca.SX) -> ca.SX:
-    """A point mass as inertial parameters (10,) in Pinocchio's order: m, m c, and the inertia about the origin."""
-    second = mass * place @ place.T
-    i = ca.trace(second) * ca.SX.eye(3) - second
+def _inertial(mass: ca.SX, place: ca.SX, inertia: ca.SX) -> ca.SX:
+    """A link as inertial parameters (10,) in Pinocchio's order: m, m c, and the inertia about the origin."""
+    i = inertia + mass * (ca.dot(place, place) * ca.SX.eye(3) - place @ place.T)
     return ca.vertcat(mass, mass * place, i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2])
 
 
+def nominal_links(s: Samples) -> np.ndarray:
+    """Mass, centre and inertia (13, n) of the URDF's links."""
+    return np.column_stack([[x.mass, *x.lever, *x.inertia.T.ravel()] for x in s.body.plain.tree()])
+
+
 def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]:
-    """Rigid torque (N, n), and its derivatives (N, n, R) by the values of the model's rigid effects, in their order."""
+    """Rigid torque (K, n), and its derivatives (K, n, R) by the values of the model's rigid effects, in their order."""
     rigid = PowerModel("", tuple(e for e in model.effects if e.stage == "rigid"))
     if not rigid.effects:
         return s.free_torque + s.gravity_torque @ s.body.gravity, np.zeros((*s.q.shape, 0))
-    out = _rigid_map(rigid.structure, s.n)(s.body.gravity, rigid.values(s.n))
+    structure = tuple(e.form for e in rigid.effects)
+    out = _rigid_map(structure, s.n)(s.body.gravity, nominal_links(s), rigid.values(s.n))
     phi, gravity, by_phi, by_gravity = (np.array(x) for x in out)
     tau, slope = s.free_torque + s.gravity_torque @ gravity.ravel(), np.zeros((*s.q.shape, len(rigid.values(s.n))))
     by_g = s.gravity_torque
-    if by_phi.any() or phi.any():
-        regressor = s.free_regressor + s.gravity_regressor @ gravity.ravel()
-        tau = tau + regressor @ phi.ravel()
-        slope += regressor @ by_phi
-        by_g = by_g + np.einsum("njpk,p->njk", s.gravity_regressor, phi.ravel())
+    live = np.flatnonzero(by_phi.any(axis=1) | phi.any(axis=1))
+    if live.size:
+        regressor = s.free_regressor[:, :, live] + s.gravity_regressor[:, :, live] @ gravity.ravel()
+        tau = tau + regressor @ phi.ravel()[live]
+        slope += regressor @ by_phi[live]
+        if by_gravity.any():
+            by_g = by_g + np.einsum("njpk,p->njk", s.gravity_regressor[:, :, live], phi.ravel()[live])
     return tau, slope + by_g @ by_gravity
 
 
-def predict(model: PowerModel, s: Samples) -> Prediction:
-    """The reading of the meter under `model` at the samples, and its derivatives by `model.values(n)`."""
+def predict(
+    model: PowerModel, s: Samples, push: np.ndarray | None = None, ways: np.ndarray | None = None
+) -> Prediction:
+    """The reading of the meter under `model` at the samples, and its derivatives by `model.values(n)`.
+
+    Args:
+        push: (K, n) torque added to the rigid body's, N m.
+        ways: (K, n, c) further torques, by whose amounts the reading's derivatives (M, c) are also asked for.
+    """
     tau, by_rigid = rigid_torque(model, s)
-    warmth = bool(np.isfinite(s.temperature).all())
-    state = np.column_stack([s.q, s.v, s.a, tau, s.t, *([s.temperature] if warmth else [])])
-    (out,) = Batch(_drive(model.structure, s.n, warmth), len(state))(state, model.values(s.n))
-    power, by_tau, jacobian = out[:, 0].copy(), out[:, 1 : 1 + s.n].copy(), out[:, 1 + s.n :].copy()
+    if push is not None:
+        tau = tau + push
+    known = _known(s)
+    state = [s.q, s.v, s.a, tau, s.t, *known.values()]
+    structure = tuple(e.form for e in model.effects)
+    law, values = _batch(structure, s.n, tuple(known), len(s.q)), model.values(s.n)
     where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
-    rigid = [
-        np.arange(x.start, x.stop) for e, x in zip(model.effects, where.values(), strict=True) if e.stage == "rigid"
-    ]
+    (out,) = law(np.column_stack(state), values)
+    store = store_of(model)
+    if store is not None:
+        bus = out[:, 1].copy()
+        state[4 + 1 + list(known).index("returned")] = _returned(model, s, bus)
+        (out,) = law(np.column_stack(state), values)
+    n = s.n
+    power, tau_m = out[:, 0].copy(), out[:, 2 : 2 + n].copy()
+    by_tau, jacobian = out[:, 2 + n : 2 + 2 * n].copy(), out[:, 2 + 2 * n :].copy()
+    if store is not None:
+        jacobian[:, where[store.name].start] = -_returned_slope(model, s, bus)
+    rigid = [np.arange(where[e.name].start, where[e.name].stop) for e in model.effects if e.stage == "rigid"]
     if rigid:
         jacobian[:, np.concatenate(rigid)] += np.einsum("nj,njp->np", by_tau, by_rigid)
-    reading = power.copy()
+    pushed = np.zeros((len(power), 0)) if ways is None else np.einsum("nj,njc->nc", by_tau, ways)
+    reading, slopes = power.copy(), np.column_stack([jacobian, pushed])
     for effect in sorted((e for e in model.effects if isinstance(e, MeterEffect)), key=lambda e: e.turn):
-        value = float(effect.full(s.n)[0])
+        value = float(effect.full(n)[0])
         before, reading = reading, np.empty_like(reading)
         for rows in s.slices:
             time = s.t[rows]
-            power_and_slopes = np.column_stack([before[rows], jacobian[rows]])
+            power_and_slopes = np.column_stack([before[rows], slopes[rows]])
             both = effect.reading(time, power_and_slopes, value)
-            reading[rows], jacobian[rows] = both[:, 0], both[:, 1:]
-            jacobian[rows, where[effect.name].start] = effect.sensitivity(time, power_and_slopes, value)[:, 0]
-    for rows, count in zip(s.slices, s.counts, strict=True):
-        reading[rows], jacobian[rows] = _bin_mean(reading[rows], count), _bin_mean(jacobian[rows], count)
-    return Prediction(reading, jacobian, power, tau)
+            reading[rows], slopes[rows] = both[:, 0], both[:, 1:]
+            slopes[rows, where[effect.name].start] = effect.sensitivity(time, power_and_slopes, value)[:, 0]
+    reading, slopes = s.shown(reading), s.shown(slopes)
+    count = jacobian.shape[1]
+    return Prediction(reading, slopes[:, :count], slopes[:, count:], power, tau, tau_m, by_tau)
 
 
-def _bin_mean(x: np.ndarray, count: int) -> np.ndarray:
-    """The mean of `count` even readings in a bin of width h from the values at the bins' middles.
+def _known(s: Samples) -> dict[str, np.ndarray]:
+    """The signals of the past and the recording at the nodes."""
+    out: dict[str, np.ndarray] = {}
+    if np.isfinite(s.temperature).all():
+        out["temperature"] = s.temperature
+        if np.isfinite(s.warmth).all():
+            out["warmth"] = s.warmth
+    return {**out, "idle": s.idle, "returned": np.zeros(len(s.q)), "run": s.run.astype(float)}
 
-    x + x'' (h^2 - (h / count)^2) / 24, with second differences in place of x'' h^2.
-    """
-    if count == 1:
-        return x
-    out = x.copy()
-    out[1:-1] += (x[2:] - 2 * x[1:-1] + x[:-2]) * (1 - 1 / count**2) / 24
-    return out
+
+def _returned(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:
+    steps = [np.gradient(s.t[rows]) for rows in s.slices]
+    return np.concatenate([returned_power(model, h, bus[rows]) for h, rows in zip(steps, s.slices, strict=True)])
+
+
+def _returned_slope(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:
+    """Derivative of what the store gives back by its capacity."""
+    store = store_of(model)
+    assert store is not None
+    value = float(store.full(1)[0])
+    step = STORE_STEP * max(value, 1e-3)
+    high = model.replaced(type(store).from_full(np.array([value + step]), 1))
+    return (_returned(high, s, bus) - _returned(model, s, bus)) / step

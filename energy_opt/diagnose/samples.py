@@ -1,15 +1,21 @@
-"""Measured runs as one table of samples: bins of meter readings with the motion and the rigid body's torque there."""
+"""Measured runs as one table: nodes at which models are evaluated, and the meter's readings that come of them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
+from energy_opt.measured.meter import nodes, operator
+from energy_opt.power.past import idle_time
 from energy_opt.robot import RigidBody
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 BIN = 0.03  # [s] readings closer than this are averaged
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
@@ -20,18 +26,18 @@ REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise s
 
 @dataclass(frozen=True)
 class Samples:
-    """N samples of R runs, run after run.
+    """K nodes and M readings of R runs, run after run; with a fast meter without windows they are the same instants.
 
     Attributes:
-        q, v, a: (N, n) rad, rad/s, rad/s^2. t: (N,) set time, s.
-        power: (N,) measured, W.
-        run: (N,) index of the run. slices: where each run lies. files, kinds: of the runs;
-            counts: how many readings stand in a sample's mean.
-        temperature: (N, n) degC or nan.
-        weight: (N,) the meter's noise over that of the whole comparison, see `weighted`.
-        noise: standard deviation of a sample's meter noise, W. floor: of a single reading, W.
-        clock: True where the log states every run's set time.
-        readings: set time (M,) and power (M,) of every single reading, run by run.
+        q, v, a: (K, n) rad, rad/s, rad/s^2 at the nodes. t: (K,) set time, s. slices: where each run's nodes lie.
+        temperature: (K, n) degC or nan. torque: (K, n) logged torque [N m] or current [A] of the joints, or nan.
+        at: (M,) set time of the readings, s. power: (M,) W. parts: where each run's readings lie.
+        operators: of every run the matrix from nodes to readings, None where both are the same.
+        counts: how many readings of the meter stand in one of these.
+        weight: (M,) trust in each reading, 1 is whole, see `weighted`.
+        noise: standard deviation of a reading's white noise, W. floor: of a single reading of the meter, W.
+        clock: True where the log states every run's set time. files, kinds: of the runs.
+        single: set time and power of every single reading of the meter, run by run.
     """
 
     body: RigidBody
@@ -39,79 +45,127 @@ class Samples:
     v: np.ndarray
     a: np.ndarray
     t: np.ndarray
-    power: np.ndarray
-    run: np.ndarray
     slices: tuple[slice, ...]
-    files: tuple[str, ...]
-    kinds: tuple[str, ...]
-    counts: tuple[int, ...]
     temperature: np.ndarray
+    torque: np.ndarray
+    at: np.ndarray
+    power: np.ndarray
+    parts: tuple[slice, ...]
+    operators: tuple[csr_matrix | None, ...]
+    counts: tuple[int, ...]
     weight: np.ndarray
     noise: float
     floor: float
     clock: bool
-    readings: tuple[tuple[np.ndarray, np.ndarray], ...]
+    files: tuple[str, ...]
+    kinds: tuple[str, ...]
+    single: tuple[tuple[np.ndarray, np.ndarray], ...]
 
     @property
     def n(self) -> int:
         return self.q.shape[1]
 
     def part(self, runs: Sequence[int]) -> Samples:
-        """The samples of some runs only, with what was computed of them."""
+        """Some runs only, with what was computed of them."""
         rows = np.concatenate([np.arange(self.slices[r].start, self.slices[r].stop) for r in runs])
-        lengths = [self.slices[r].stop - self.slices[r].start for r in runs]
-        ends = np.cumsum([0, *lengths])
-        out = Samples(
-            self.body, self.q[rows], self.v[rows], self.a[rows], self.t[rows], self.power[rows],
-            np.repeat(np.arange(len(runs)), lengths),
-            tuple(slice(int(x), int(y)) for x, y in zip(ends[:-1], ends[1:], strict=True)),
-            tuple(self.files[r] for r in runs), tuple(self.kinds[r] for r in runs),
-            tuple(self.counts[r] for r in runs), self.temperature[rows],
-            self.weight[rows], self.noise, self.floor, self.clock, tuple(self.readings[r] for r in runs),
+        read = np.concatenate([np.arange(self.parts[r].start, self.parts[r].stop) for r in runs])
+        out = replace(
+            self, q=self.q[rows], v=self.v[rows], a=self.a[rows], t=self.t[rows], temperature=self.temperature[rows],
+            torque=self.torque[rows], slices=laid([self.slices[r] for r in runs]), at=self.at[read],
+            power=self.power[read], weight=self.weight[read], parts=laid([self.parts[r] for r in runs]),
+            operators=tuple(self.operators[r] for r in runs), counts=tuple(self.counts[r] for r in runs),
+            files=tuple(self.files[r] for r in runs), kinds=tuple(self.kinds[r] for r in runs),
+            single=tuple(self.single[r] for r in runs),
         )  # fmt: skip
-        for name in ("free_torque", "gravity_torque", "free_regressor", "gravity_regressor"):
+        for name in ("free_torque", "gravity_torque", "free_regressor", "gravity_regressor", "warmth", "idle"):
             if name in self.__dict__:
                 out.__dict__[name] = self.__dict__[name][rows]
         return out
 
+    def shown(self, x: np.ndarray) -> np.ndarray:
+        """What readings (M, ...) show of values at the nodes (K, ...): means over windows and bins."""
+        if all(op is None for op in self.operators) and all(count == 1 for count in self.counts):
+            return x
+        out = np.empty((len(self.power), *x.shape[1:]))
+        for rows, part, op, count in zip(self.slices, self.parts, self.operators, self.counts, strict=True):
+            if op is not None:
+                own = x[rows]
+                out[part] = (op @ own.reshape(len(own), -1)).reshape(len(out[part]), *x.shape[1:])
+            else:
+                out[part] = _bin_mean(x[rows], count)
+        return out
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """(M,) True where a joint moves at some time of what a reading shows."""
+        return np.asarray(self.shown((self.v != 0).any(axis=1).astype(float)) > 1e-6)
+
+    @cached_property
+    def warmth(self) -> np.ndarray:
+        """How far each joint has come from its first temperature to its highest, (K, n); nan where none is logged."""
+        first = self.temperature[np.argmin(self.t)]
+        rise = np.max(self.temperature, axis=0) - first
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.where(rise > 0.5, (self.temperature - first) / rise, np.nan * self.temperature * 0))
+
+    @cached_property
+    def idle(self) -> np.ndarray:
+        """Time since the last motion of the run ended (K,) s; negative while moving and before."""
+        return np.concatenate([idle_time(self.t[rows], self.v[rows]) for rows in self.slices])
+
+    @cached_property
+    def run(self) -> np.ndarray:
+        """Index of each node's run (K,)."""
+        return np.repeat(np.arange(len(self.slices)), [s.stop - s.start for s in self.slices])
+
     @cached_property
     def free_torque(self) -> np.ndarray:
-        """Rigid torque without gravity and payload, (N, n) N m."""
+        """Rigid torque without gravity and payload, (K, n) N m."""
         return self.body.torque(self.q, self.v, self.a, None, np.zeros(3))
 
     @cached_property
     def gravity_torque(self) -> np.ndarray:
-        """d tau / d gravity of the bare arm, (N, n, 3)."""
+        """d tau / d gravity of the bare arm, (K, n, 3)."""
         rest = np.zeros_like(self.v)
         return np.stack([self.body.torque(self.q, rest, rest, None, unit) for unit in np.eye(3)], axis=2)
 
     @cached_property
     def free_regressor(self) -> np.ndarray:
-        """d tau / d (last link's inertial parameters) without gravity, (N, n, 10)."""
-        return self.body.payload_regressor(self.q, self.v, self.a, np.zeros(3))
+        """d tau / d (all links' inertial parameters) without gravity, (K, n, 10 n)."""
+        return self.body.link_regressor(self.q, self.v, self.a, np.zeros(3))
 
     @cached_property
     def gravity_regressor(self) -> np.ndarray:
-        """The same for unit gravity along x, y, z, at rest: (N, n, 10, 3)."""
+        """The same for unit gravity along x, y, z, at rest: (K, n, 10 n, 3)."""
         rest = np.zeros_like(self.v)
-        return np.stack([self.body.payload_regressor(self.q, rest, rest, unit) for unit in np.eye(3)], axis=3)
+        return np.stack([self.body.link_regressor(self.q, rest, rest, unit) for unit in np.eye(3)], axis=3)
+
+    @cached_property
+    def regressor(self) -> np.ndarray:
+        """d tau / d (all links' inertial parameters) under the robot's own gravity, (K, n, 10 n)."""
+        return self.body.link_regressor(self.q, self.v, self.a)
+
+
+def laid(parts: Sequence[slice]) -> tuple[slice, ...]:
+    """Slices of the same lengths, one after the other."""
+    ends = np.cumsum([0, *(p.stop - p.start for p in parts)])
+    return tuple(slice(int(x), int(y)) for x, y in zip(ends[:-1], ends[1:], strict=True))
 
 
 def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     """All runs of a set as samples, and the smoothing that the data chose."""
     smoothing = choose_smoothing(measured.runs)
-    parts = [_bins(run, smoothing) for run in measured.runs]
-    lengths = [len(p[0]) for p in parts]
-    ends = np.cumsum([0, *lengths])
-    slices = tuple(slice(int(x), int(y)) for x, y in zip(ends[:-1], ends[1:], strict=True))
-    t, power, q, v, a, temperature = (np.concatenate(column) for column in zip(*parts, strict=True))
+    taken = [_windows(run, smoothing) if run.window.any() else _bins(run, smoothing) for run in measured.runs]
+    motion, readings, operators, counts = zip(*taken, strict=True)
+    t, q, v, a, temperature, torque = (np.concatenate(column) for column in zip(*motion, strict=True))
+    at, power = (np.concatenate(column) for column in zip(*readings, strict=True))
     first = min(float(run.start + run.time[0]) for run in measured.runs)
+    parts = laid([slice(0, len(r[0])) for r in readings])
     samples = Samples(
-        measured.robot.body, q, v, a, t - first, power, np.repeat(np.arange(len(parts)), lengths), slices,
-        tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs),
-        tuple(_per_bin(r) for r in measured.runs), temperature,
-        np.ones(len(t)), _meter_noise([power[s] for s in slices]),
+        measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature, torque,
+        at - first, power, parts, operators, counts, np.ones(len(at)), _meter_noise([power[s] for s in parts]),
         _meter_noise([r.power for r in measured.runs]), measured.clock,
+        tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs),
         tuple((run.start + run.power_time - first, run.power) for run in measured.runs),
     )  # fmt: skip
     return samples, smoothing
@@ -123,37 +177,71 @@ def weighted(samples: Samples, power: np.ndarray) -> Samples:
     Where a motion begins or ends, smoothed positions do not say to the sample when; `EDGE` samples are doubted there.
 
     Args:
-        power: (N,) W, a model's reading; its slope times `SLACK` adds to the meter's noise.
+        power: (K,) W at the nodes, a model's power; its slope times `SLACK` adds to the meter's noise.
     """
-    slope = np.concatenate([np.gradient(power[s], samples.t[s]) for s in samples.slices])
-    weight = 1 / np.sqrt(1 + (SLACK * slope / samples.noise) ** 2)
+    weight = np.ones(len(samples.power))
     moving = (samples.v != 0).any(axis=1)
-    for rows in samples.slices:
-        for k in rows.start + 1 + np.flatnonzero(moving[rows][1:] != moving[rows][:-1]):
-            weight[max(rows.start, k - EDGE) : min(rows.stop, k + EDGE)] *= DOUBTED
+    for rows, part, op in zip(samples.slices, samples.parts, samples.operators, strict=True):
+        if op is not None:
+            continue
+        slope = np.gradient(power[rows], samples.t[rows]) if rows.stop - rows.start > 1 else np.zeros(1)
+        own = 1 / np.sqrt(1 + (SLACK * slope / samples.noise) ** 2)
+        for k in 1 + np.flatnonzero(moving[rows][1:] != moving[rows][:-1]):
+            own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
+        weight[part] = own
     return replace(samples, weight=weight)
 
 
 def _per_bin(run: Run) -> int:
     """How many of a run's meter readings make a sample."""
-    return max(1, int(BIN / float(np.median(np.diff(run.power_time))) + 0.5))
+    return max(1, int(BIN / float(np.median(np.diff(run.power_time))) + 0.5)) if len(run.power) > 1 else 1
 
 
-def _bins(run: Run, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
+Taken = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray], "csr_matrix | None", int]
+
+
+def _bins(run: Run, smoothing: Smoothing) -> Taken:
+    """Readings at instants, averaged in bins; nodes are the bins' middles."""
     count = _per_bin(run)
     whole = len(run.power) // count * count
     time = run.power_time[:whole].reshape(-1, count).mean(axis=1)
     power = run.power[:whole].reshape(-1, count).mean(axis=1)
+    return _motion(run, time, smoothing), (run.start + time, power), None, count
+
+
+def _windows(run: Run, smoothing: Smoothing) -> Taken:
+    """Readings over windows; nodes lie evenly under them."""
+    at = nodes(run)
+    middle = run.start + run.power_time - run.window / 2
+    return _motion(run, at, smoothing), (middle, run.power), operator(run, at), 1
+
+
+def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
+    """Set time, motion, temperature and torque at some times of a run."""
     moved = np.ptp(run.position, axis=0)
     k = kinematics(run, time, smoothing)
     q, v, a = k.q, k.v, k.a
     if moved.max() < 2e-3:
         q, v, a = np.tile(run.position.mean(axis=0), (len(time), 1)), np.zeros_like(v), np.zeros_like(a)
     v = np.where(np.abs(v) < REST, 0.0, v)
-    temperature = np.full_like(q, np.nan)
-    if run.temperature is not None:
-        temperature = np.column_stack([np.interp(time, run.time, column) for column in run.temperature.T])
-    return run.start + time, power, q, v, a, temperature
+    logged = run.effort if run.effort is not None else run.current
+    others = [
+        np.full_like(q, np.nan) if x is None else np.column_stack([np.interp(time, run.time, c) for c in x.T])
+        for x in (run.temperature, logged)
+    ]
+    return run.start + time, q, v, a, *others
+
+
+def _bin_mean(x: np.ndarray, count: int) -> np.ndarray:
+    """The mean of `count` even readings in a bin of width h from the values at the bins' middles.
+
+    x + x'' (h^2 - (h / count)^2) / 24, with second differences in place of x'' h^2.
+    """
+    if count == 1:
+        return x
+    out = x.copy()
+    out[1:-1] += (x[2:] - 2 * x[1:-1] + x[:-2]) * (1 - 1 / count**2) / 24
+    return out
 
 
 def _meter_noise(powers: Sequence[np.ndarray]) -> float:

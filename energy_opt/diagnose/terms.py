@@ -1,142 +1,231 @@
-"""What a hypothesis adds to the declared model: effects with free parameters, shared over the joints or one per joint.
+"""Effects with free numbers: what becomes of a hypothesis' numbers, and what is known of them before the data.
 
-A term maps its free numbers z to the effect's parameters p (laid out as `Effect.full`) and back:
-
-    number   z = p                                       effects without per-joint parameters
-    shared   one number stands for all joints            z = (value, ...)
-    joint    one number per joint
-    scale    z times the declared values                 a declared list that is off by a common factor
-
-Numbers are fitted in the effect's chart, in which it is (nearly) linear: a payload as (m, m c).
+Numbers z are those of the effect's chart, in which it is (nearly) linear, a payload as (m, m c); an effect's grid and
+what its law jumps with are chosen, not fitted. What is known before is a normal law: a per-joint number is
+z_j = s_j (g + e_j), with one share g ~ N(0, 1) that all joints have and one of its own, e_j ~ N(0, OWN^2), so that
+joints which hardly move are taken to be like the others, within that. s_j is a usual size, by the parameter's unit and
+the joint's limits: what friction or heat can sensibly be there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.effects import Effect, effect_class, words_of
+from energy_opt.effects import Effect, Parameter, effect_class, words_of
 from energy_opt.power import PowerModel
+from energy_opt.robot import Limits
+
+OWN = 0.6  # of a joint's number that is its own, beside the share of all
+MOST = 1 / 3  # of a joint's effort limit that friction may take
+USUAL = 0.02  # of a joint's effort limit that dry friction usually takes
+CRUISE = 0.3  # of a joint's velocity limit at which viscous friction is as large
+HOLD, HEAT = 0.3, 2.0  # share of the effort limit at which a winding usually takes so many W
+ROTOR = 3e-3  # [kg m^2 / (N m)] of reflected rotor inertia by effort limit
+REFIT = (0.4, 0.2)  # standard deviations by which declared numbers are off, shared and each joint's own
+POWER = 0.06  # of the level that a number of the whole arm usually adds
+REACH = 0.1  # [m] of a payload's centre from the last joint's frame
+SHAPE = 0.7  # standard deviation of a shape over the value tried
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What sizes are usual on an arm: effort [N m] and velocity limits [rad/s] (n,), level of its power [W]."""
+
+    effort: np.ndarray
+    velocity: np.ndarray
+    level: float
+
+    @classmethod
+    def of(cls, limits: Limits, power: np.ndarray) -> Scale:
+        """From an arm's limits and its measured power."""
+        return cls(limits.effort, limits.velocity, max(float(np.median(np.abs(power))), 5.0))
 
 
 @dataclass(frozen=True)
 class Term:
-    """An effect with free parameters; `options` as `key=value` words, `joints` those whose numbers are free.
+    """An effect with free numbers.
 
-    `declared` is True where the declared model has the effect and its values are fitted anew.
+    Attributes:
+        options: `key=word` of its options and lengths. trial: values of `full` at which its shapes begin and its grid
+            stays, as a tuple so that terms compare. declared: the model has it, and its values are fitted anew.
     """
 
     name: str
-    mode: str
     options: tuple[str, ...] = ()
-    joints: tuple[int, ...] | None = None
+    trial: tuple[float, ...] = ()
     declared: bool = False
 
     @property
     def kind(self) -> type[Effect]:
         return effect_class(self.name)
 
-    def effect(self, values: np.ndarray, n: int) -> Effect:
-        """The effect with parameters p = values, kept inside its bounds."""
-        lower, upper = bounds(self.kind, n)
-        if not self.kind.same_on_all_joints and self.joints is not None:
-            joint = _per_joint(self.kind, n)
-            values = np.where(np.isin(joint, (-1, *self.joints)), values, 0.0)
-        return self.kind.from_full(np.clip(values, lower, upper), n, **words_of(self.options))
-
-    def with_joints(self, joints: tuple[int, ...]) -> Term:
-        """The same term with only some joints free; the others keep their declared or neutral values."""
-        return replace(self, joints=joints)
-
-
-def bounds(kind: type[Effect], n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds of `Effect.full`."""
-    rows = [p.bounds for p in kind.parameters for _ in range(p.count(n))]
-    return np.array([low for low, _ in rows]), np.array([high for _, high in rows])
-
-
-def _per_joint(kind: type[Effect], n: int) -> np.ndarray:
-    """For each entry of `full`: its joint, or -1 where it belongs to none."""
-    out: list[int] = []
-    for p in kind.parameters:
-        out += list(range(n)) if p.per_joint else [-1] * p.count(n)
-    return np.array(out)
-
 
 @dataclass(frozen=True)
 class Chart:
-    """The free numbers z of a term at declared or neutral values p0: p = p0 + T (z - z0), then to physical values."""
+    """The numbers z of a term and what is known of them before the data.
+
+    Attributes:
+        base: (P,) chart values of the effect where z = origin. rows: (Z,) which of them are free.
+        origin: (Z,) numbers at which an absent effect changes (next to) nothing, a declared one is as declared.
+        mean, precision: (Z,), (Z, Z) of the normal law before the data. lower, upper: (Z,) bounds.
+        unknown: (Z,) True for numbers whose usual size follows from what they do to the power, see `sized`.
+    """
 
     term: Term
     n: int
-    base: np.ndarray  # chart values where z = 0
-    matrix: np.ndarray  # (P, Z)
+    base: np.ndarray
+    rows: np.ndarray
+    origin: np.ndarray
+    mean: np.ndarray
+    precision: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-
-    def inner(self, z: np.ndarray) -> np.ndarray:
-        """Chart coordinates (P,)."""
-        return self.base + self.matrix @ z
+    unknown: np.ndarray
 
     def values(self, z: np.ndarray) -> np.ndarray:
-        """Parameters p (P,) as `Effect.full`."""
-        return self.term.kind.from_chart(self.inner(z), self.n)
+        """Parameters (P,) as `Effect.full`."""
+        return self.term.kind.from_chart(self._inner(z), self.n)
 
     def slope(self, z: np.ndarray) -> np.ndarray:
-        """dp / dz (P, Z)."""
-        return self.term.kind.chart_slope(self.inner(z), self.n) @ self.matrix
+        """d parameters / d z (P, Z)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.term.kind.chart_slope(self._inner(z), self.n)[:, self.rows])
+
+    def effect(self, z: np.ndarray) -> Effect:
+        """The effect with these numbers, kept inside its physical bounds."""
+        kind, words = self.term.kind, words_of(self.term.options)
+        values = self.values(z)
+        lower, upper = _bounds(kind, self.n, len(values))
+        return kind.from_full(np.clip(values, lower, upper), self.n, **words)
+
+    def _inner(self, z: np.ndarray) -> np.ndarray:
+        x = self.base.copy()
+        x[self.rows] = z
+        return x
 
 
-def chart(term: Term, declared: PowerModel, n: int) -> Chart:
-    """The chart of a term over a declared model."""
-    kind = term.kind
-    held = declared.get(term.name)
-    start = held.full(n) if held is not None and term.declared else kind.neutral(n).full(n)
-    x0 = kind.to_chart(start, n)
-    lower, upper = kind.chart_bounds(n)
-    joint = _per_joint(kind, n)
-    free = set(range(n)) if term.joints is None else set(term.joints)
-    columns: list[np.ndarray] = []
-    base = x0.copy()
-    low, high = [], []
-    if term.mode == "scale":
-        column = np.where([j in free for j in joint], x0, 0.0)
-        base = x0 - column
-        columns.append(column)
-        low.append(0.0)
-        high.append(20.0)
-    elif term.mode == "shared":
-        for p_rows in _blocks(kind, n):
-            column = np.zeros(len(x0))
-            column[[r for r in p_rows if joint[r] < 0 or joint[r] in free]] = 1.0
-            base = base - column * x0
-            columns.append(column)
-            low.append(float(lower[p_rows[0]]))
-            high.append(float(upper[p_rows[0]]))
-    else:
-        for row in range(len(x0)):
-            if joint[row] < 0 or joint[row] in free:
-                column = np.zeros(len(x0))
-                column[row] = 1.0
-                base[row] = 0.0
-                columns.append(column)
-                low.append(float(lower[row]))
-                high.append(float(upper[row]))
-    return Chart(term, n, base, np.column_stack(columns), np.array(low), np.array(high))
-
-
-def _blocks(kind: type[Effect], n: int) -> list[list[int]]:
-    """Rows of `full` that one shared number stands for."""
-    out, at = [], 0
+def _entries(kind: type[Effect], n: int, length: int) -> list[tuple[Parameter, int, int]]:
+    """For each entry of `full` (of `length` numbers): its parameter, joint (-1 where it has none), and place in it."""
+    free = {d for p in kind.parameters for d in p.free}
+    extents = dict(kind.extents_by_default)
+    if free:  # one free dimension, whose length follows from the number of entries
+        name = next(iter(free))
+        fixed = sum(p.count(n, {name: 0}) for p in kind.parameters)
+        per = sum(p.count(n, {name: 1}) for p in kind.parameters) - fixed
+        extents[name] = (length - fixed) // per
+    out = []
     for p in kind.parameters:
-        rows = list(range(at, at + p.count(n)))
-        out += [rows] if p.per_joint else [[r] for r in rows]
-        at += p.count(n)
+        count = p.count(n, extents)
+        rows = count // n if p.per_joint else count
+        out += [(p, k // rows if p.per_joint else -1, k % rows) for k in range(count)]
     return out
 
 
-def negligible(term: Term, values: np.ndarray) -> bool:
-    """True where the values are below what readings can resolve, so that the effect must not be claimed."""
-    least = [p.resolved for p in term.kind.parameters for _ in range(p.count(len(values)))]
-    return bool(np.any(least) and np.all(np.abs(values) < least))
+def _bounds(kind: type[Effect], n: int, length: int) -> tuple[np.ndarray, np.ndarray]:
+    rows = [p.bounds for p, _, _ in _entries(kind, n, length)]
+    return np.array([low for low, _ in rows]), np.array([high for _, high in rows])
+
+
+def usual(unit: str, joint: int, scale: Scale) -> float | None:
+    """Usual size of a joint's number, by its unit; None where that follows from what it does to the power."""
+    if joint < 0:
+        return None
+    effort, cruise = scale.effort[joint], CRUISE * scale.velocity[joint]
+    sizes = {
+        "N m": USUAL * effort,
+        "N m s/rad": USUAL * effort / cruise,
+        "kg m^2": ROTOR * effort,
+        "W/(N m)^2": HEAT / (HOLD * effort) ** 2,
+        "1": 0.1,
+        "N m/rad": 2 * USUAL * effort,
+        "rad": 2 * USUAL * effort,  # of a spring, whose chart is a torque
+        "W s/rad": USUAL * effort / 2,
+        "W s^2/rad^2": USUAL * effort / cruise / 2,
+    }
+    return sizes.get(unit, USUAL * effort if unit.startswith("N m (") else None)
+
+
+def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
+    """The chart of a term over a declared model."""
+    kind, words = term.kind, words_of(term.options)
+    held = declared.get(term.name) if term.declared else None
+    idle = kind.neutral(n, **words)
+    full = held.full(n) if held is not None else idle.full(n)
+    entries = _entries(kind, n, len(full))
+    if held is None and term.trial:
+        full = np.where([p.shapes or p.steps for p, _, _ in entries], term.trial, full)
+    x0 = kind.to_chart(full, n)
+    rows = np.array([k for k, (p, _, _) in enumerate(entries) if not p.steps])
+    free = {d for p in kind.parameters for d in p.free}
+    low, high = _bounds(kind, n, len(full)) if free else kind.chart_bounds(n)
+    torque = np.array([p.unit.startswith("N m") and j >= 0 and p.lower >= 0 for p, j, _ in entries])
+    most = np.array([MOST * scale.effort[j] if j >= 0 else np.inf for _, j, _ in entries])
+    friction = torque & np.array([p.unit == "N m" or p.unit.startswith("N m (") for p, _, _ in entries])
+    viscous = torque & np.array([p.unit == "N m s/rad" for p, _, _ in entries])
+    speed = np.array([scale.velocity[j] if j >= 0 else 1.0 for _, j, _ in entries])
+    high = np.where(friction, np.minimum(high, most), high)
+    high = np.where(viscous, np.minimum(high, most / (CRUISE * speed)), high)
+    mean, precision, unknown = _before(kind, term, entries, full, x0, scale, held is not None)
+    pick = np.ix_(rows, rows)
+    covariance = precision[pick]
+    return Chart(
+        term, n, x0, rows, x0[rows].copy(), mean[rows], np.linalg.inv(covariance), low[rows], high[rows], unknown[rows]
+    )
+
+
+def _before(
+    kind: type[Effect],
+    term: Term,
+    entries: list[tuple[Parameter, int, int]],
+    full: np.ndarray,
+    x0: np.ndarray,
+    scale: Scale,
+    declared: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean (P,), covariance (P, P) and which sizes are still unknown (P,), of the chart's values before the data."""
+    count = len(entries)
+    size, unknown = np.ones(count), np.zeros(count, dtype=bool)
+    shared = np.zeros((count, count))
+    own = np.ones(count)
+    for k, (p, joint, _) in enumerate(entries):
+        known = usual(p.unit, joint, scale)
+        if declared and x0[k] != 0 and not p.shapes:
+            size[k], own[k] = abs(x0[k] - (p.neutral if p.neutral == 1 else 0.0)) or 0.1, REFIT[1]
+        elif p.shapes and joint < 0 and full[k] != 0:
+            size[k] = SHAPE * abs(full[k])
+        elif known is not None:
+            size[k], own[k] = known, OWN
+        else:
+            unknown[k] = True
+    for i, (p, joint, at) in enumerate(entries):
+        for k, (other, beside, place) in enumerate(entries):
+            if p is other and joint >= 0 and beside >= 0 and kind.same_on_all_joints:
+                near = 1.0 if p.dimensions == ("joint",) else 0.3 + 0.7 * float(np.exp(-((at - place) ** 2) / 4))
+                share = REFIT[0] ** 2 if declared else 1.0
+                shared[i, k] = share * near + (own[i] ** 2 * near if joint == beside else 0.0)
+            elif i == k:
+                shared[i, i] = REFIT[0] ** 2 if declared and not unknown[i] else 1.0
+    covariance = shared * np.outer(size, size)
+    return x0.copy(), covariance + 1e-9 * np.diag(np.diag(covariance)), unknown
+
+
+def sized(c: Chart, columns: np.ndarray, scale: Scale) -> Chart:
+    """The chart with the usual size of its unknown numbers: what adds a share `POWER` of the arm's level.
+
+    Args:
+        columns: (M, Z) what each number does to the readings, W.
+    """
+    if not c.unknown.any():
+        return c
+    precision = c.precision.copy()
+    rms = np.sqrt(np.mean(columns**2, axis=0))
+    for k in np.flatnonzero(c.unknown):
+        precision[k, :] = precision[:, k] = 0.0
+        precision[k, k] = (max(float(rms[k]), 1e-9) / (POWER * scale.level)) ** 2
+    entries = _entries(c.term.kind, c.n, len(c.base))
+    for k in np.flatnonzero(c.unknown):
+        if entries[c.rows[k]][0].unit == "m":  # of a payload, whose chart is a mass and what it weighs at a distance
+            precision[k, k] = precision[0, 0] / REACH**2
+    return Chart(c.term, c.n, c.base, c.rows, c.origin, c.mean, precision, c.lower, c.upper, np.zeros_like(c.unknown))

@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from energy_opt.diagnose.claims import claimed
-from energy_opt.diagnose.evidence import Leftover, inflation, leftover
-from energy_opt.diagnose.fit import Fit
+from energy_opt.diagnose.fit import Fit, Nuisance, World
 from energy_opt.diagnose.follows import follows
+from energy_opt.diagnose.links import links_of
+from energy_opt.diagnose.noise import Noise, Whitener
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples, weighted
-from energy_opt.diagnose.search import Search, search
+from energy_opt.diagnose.search import Search, moved, root
+from energy_opt.diagnose.terms import Scale
+from energy_opt.diagnose.weigh import STEADY
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
-TOLERANCE = 6.0  # rivals whose score is this near cannot be told from the best
-EVEN = 0.5  # gain per number below which joints are alike beyond chance and share one
-RIVALS = 5  # tried in place of each accepted effect
+CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
+RIVAL = 3.0  # and within which another set explains as well: twenty to one
+LOOKED = 6.0  # rivals this near when weighed linearly are fitted
+WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)  # over white noise; s
+BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed beside an unknown structure
+LEVELS = 0.03  # of the arm's level, by which runs may differ among each other as meters drift
+LEFT = 1.5  # of the noise's slow part, by which what is left must exceed it to be called structure
+TRIFLE = 0.02  # of what can be explained, that free functions or the rest may take up without a word
+BLOCK = 0.4  # [s] over which what is left is averaged to be compared with noise at standstill
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
 SLOW = 0.1  # of a joint's velocity limit
-KEPT_SHARE = 0.8  # of what can be explained that effects must hold to be named beside unlisted structure
-OWN_SHARE = 0.5  # and that unlisted structures alone must miss
+
+
+@dataclass(frozen=True)
+class Claim:
+    """How surely an effect is there: logarithm of the odds, and what it takes away (W rms of the residual)."""
+
+    odds: float
+    without: Fit
 
 
 @dataclass(frozen=True)
@@ -30,11 +45,10 @@ class Trace:
     """What the training runs say.
 
     Attributes:
-        root: the declared model as it is. best: the hypothesis with the best score, structures included.
-        accepted: the hypothesis whose effects are claimed.
-        verdict: see CONTRACT.md. rivals: hypotheses that fit equally well, the accepted one first.
-        left: what `accepted` leaves. idle: joints (indices) that never move.
-        follows: False where the measured power does not go with the motion, so that nothing can be claimed.
+        root: the declared model as it is, links and levels allowed for. best: the likeliest hypothesis.
+        accepted: what is claimed of it. claims: of its effects, in order. rivals: sets that explain as well, the
+            accepted one first. noise: of the readings. left: rms of what is left over noise's slow part.
+        idle: joints (indices) that never move. follows: False where power does not go with the motion.
     """
 
     search: Search
@@ -42,8 +56,11 @@ class Trace:
     best: Fit
     accepted: Fit
     verdict: str
+    claims: tuple[Claim, ...]
     rivals: tuple[Fit, ...]
-    left: Leftover
+    noise: Noise
+    left: float
+    structured: bool
     idle: tuple[int, ...]
     follows: bool = True
 
@@ -57,166 +74,258 @@ def excited(samples: Samples, limits: Limits) -> np.ndarray:
     fastest = np.abs(samples.v).max(axis=0)
     if (fastest < SLOW * limits.velocity).all():
         return np.zeros(samples.n, dtype=bool)
-    return fastest > MOVES
+    return np.asarray(fastest > MOVES)
 
 
-def trace(samples: Samples, declared: PowerModel, moving: np.ndarray) -> Trace:
+def trace(
+    samples: Samples, declared: PowerModel, limits: Limits, moving: np.ndarray, given: tuple[str, ...] = ()
+) -> Trace:
     """Run the search and judge it.
 
     Args:
-        samples: the training runs.
-        declared: the owner's model.
+        samples: the training runs. declared: the owner's model.
         moving: (n,) True for the joints that the set excites, see `excited`.
+        given: declared effects whose values are free without being news.
     """
     now = predict(declared, samples)
-    samples = weighted(samples, now.reading)
+    samples = weighted(samples, now.power)
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
+    still = standing_noise(samples)
+    world = World.of(samples, declared, Scale.of(limits, samples.power), links_of(samples, declared), still, given)
+    nothing = root(world, Nuisance(0.03, 0.3 * still.white))
     if not follows(samples, now):
-        found = Search(samples, declared)
-        root = found.hypothesis((), [], ())
-        return Trace(found, root, root, root, "unexplained", (root,), leftover(root, root, samples), idle, False)
-    found = search(samples, declared)
-    root = found.hypothesis((), [], ())
-    best = _refine(found, found.ranked()[0])
-    found.inflation = inflation(best, samples)
-    if found.inflation > 1:
-        found.looked.clear()
-        best = _refine(found, found.ranked()[0])
-    listed = _listed(found, best)
-    left = leftover(best, root, samples)
-    if best.extras or left.structured:
-        accepted = claimed(found, _kept(found, root, best, listed))
-        verdict = "unexplained"
-        rivals: tuple[Fit, ...] = (accepted,)
-    else:
-        accepted = claimed(found, listed)
-        rivals = _rivals(found, accepted)
-        simpler = [f for f in rivals if set(f.names) < set(accepted.names)]
-        if simpler:  # the data do not insist on more
-            accepted = min(simpler, key=lambda f: (len(f.terms), found.score(f)))
-            rivals = _rivals(found, accepted)
-        verdict = "explained" if accepted.terms else "nothing_missing"
-        if len(rivals) > 1:
-            verdict = "ambiguous"
-        if accepted.terms != listed.terms and leftover(accepted, root, samples).structured:
-            verdict = "unexplained"  # what there is cannot be claimed
-    if idle:
-        verdict = "insufficient" if verdict != "ambiguous" else verdict
-    final = _settled(_per_joint(found, accepted), samples)
-    rivals = tuple(_settled(f, samples) for f in rivals)
-    return Trace(found, root, best, final, verdict, rivals, leftover(accepted, root, samples), idle)
-
-
-def _refine(found: Search, start: Fit) -> Fit:
-    """Swap and drop terms until the score no longer falls; with unlisted structure the verdict stands without."""
-    best = found.polish(start)
-    for _ in range(8):
-        if found.exhausted or best.extras:
+        found = Search(world)
+        return Trace(found, nothing, nothing, nothing, "unexplained", (), (nothing,), still, np.inf, True, idle, False)
+    best, noise = nothing, still
+    for _ in range(3):
+        found = Search(world)
+        best = found.descend(best)
+        noise = noise_of(best)
+        if _alike(noise, world.whiten.noise):
             break
-        before = found.score(best)
-        options = []
-        for k in range(len(best.terms)):
-            less = found.without(best, k)
-            options.append(less)
-            for _, candidate, weights in found.proposals(less)[:RIVALS]:
-                options.append(found.add(less, candidate, weights))
-        for value, candidate, weights in found.proposals(best)[:2]:
-            if value > 0:
-                options.append(found.add(best, candidate, weights))
-        if options:
-            near = sorted(options, key=found.score)[:3]
-            polished = [found.polish(f) for f in near]
-            top = min(polished, key=found.score)
-            if found.score(top) < before - 1e-6:
-                best = top
+        world = world.under(noise)
+        best = moved(best, world)
+    found = Search(world)
+    named = found.descend(best)
+    found.open()
+    best = found.descend(named)
+    if _trifling(found, named, best):
+        best = named
+    accepted, claims = _claimed(found, best)
+    left, structured = leftover(accepted, still)
+    if structured:  # small beside what the declared model leaves?
+        before, _ = leftover(root(world, best.nuisance), still)
+        structured = left**2 - 1 > TRIFLE * (before**2 - 1)
+    structured = structured or wandering(accepted)
+    rivals = _rivals(found, accepted) if not accepted.free and not structured else (accepted,)
+    if accepted.free or structured:
+        verdict = "unexplained"
+    elif len(rivals) > 1:
+        verdict = "ambiguous"
+    else:
+        verdict = "explained" if claims else "nothing_missing"
+    if idle and verdict != "ambiguous":
+        verdict = "insufficient"
+    return Trace(
+        found, root(world, best.nuisance), best, accepted, verdict, claims, rivals, noise, left, structured, idle
+    )
+
+
+def wandering(f: Fit) -> bool:
+    """Do the runs' levels differ by more than a meter drifts?"""
+    own = np.sqrt(np.maximum(np.diag(f.covariance)[len(f.theta) - len(f.levels) :], 0.0))
+    apart = float(np.ptp(f.levels))
+    return apart > LEVELS * (f.world.scale.level + STEADY) and apart > 6 * float(np.median(own))
+
+
+def _trifling(found: Search, named: Fit, best: Fit) -> bool:
+    """Do free functions take away little beside what effects do? Then they are errors of smoothing, not structure."""
+    if not best.free or not named.charts:
+        return False
+    start = root(found.world, best.nuisance)
+    sizes = [float(np.mean(found.world.whiten(f.residual) ** 2)) for f in (start, named, best)]
+    return sizes[1] - sizes[2] < TRIFLE * (sizes[0] - sizes[2])
+
+
+def standing_noise(samples: Samples) -> Noise:
+    """The meter's noise while the arm stands still, each stretch's own mean taken out."""
+    stretches: list[tuple[np.ndarray, np.ndarray]] = []
+    for part in samples.parts:
+        still = np.concatenate([[False], ~samples.moving[part], [False]]).astype(int)
+        edges = np.flatnonzero(np.diff(still))
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            a, b = a + 2, b - 2  # what is doubted of a motion's ends
+            if b - a >= 6:
+                stretches.append((samples.at[part][a:b], samples.power[part][a:b]))
+    count = sum(len(t) for t, _ in stretches)
+    if count < 40:
+        return Noise(samples.noise, 0.3 * samples.noise, 0.5)
+    times = [t for t, _ in stretches]
+    y = np.concatenate([p for _, p in stretches])
+    levels = np.zeros((count, len(times)))
+    at = 0
+    for k, t in enumerate(times):
+        levels[at : at + len(t), k] = 1.0
+        at += len(t)
+
+    def worth(wave: float, memory: float) -> tuple[float, float]:
+        whiten = Whitener(Noise(1.0, wave, memory), times, np.ones(count))
+        w = whiten(np.column_stack([y, levels]))
+        q, _ = np.linalg.qr(w[:, 1:])
+        r = w[:, 0] - q @ (q.T @ w[:, 0])
+        free = count - len(times)
+        white = max(float(r @ r) / free, 1e-12)
+        gram = w[:, 1:].T @ w[:, 1:]
+        value = -0.5 * free * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(gram)[1])
+        return value, white**0.5
+
+    return _likeliest(worth, samples.noise)
+
+
+def noise_of(f: Fit) -> Noise:
+    """The noise under which a fit's residual is likeliest, its numbers integrated out."""
+    s, count = f.world.samples, len(f.residual)
+    times = [s.at[p] for p in s.parts]
+    old = f.world.whiten.noise
+    raw = np.column_stack([f.residual, _unwhitened(f)])
+    off = f.theta - f.mean
+    penalty = float(off @ f.precision @ off)
+    here = [w for w in WAVES if 0.2 * old.wave <= w * old.white <= 5 * max(old.wave, 0.6 * old.white)] or list(WAVES)
+
+    def worth(wave: float, memory: float) -> tuple[float, float]:
+        whiten = Whitener(Noise(1.0, wave, memory), times, s.weight)
+        w = whiten(raw)
+        white = max((float(w[:, 0] @ w[:, 0]) + penalty) / count, 1e-12)
+        hessian = w[:, 1:].T @ w[:, 1:] / white + f.precision
+        value = -0.5 * count * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(hessian)[1])
+        return value, white**0.5
+
+    return _likeliest(worth, s.noise, here)
+
+
+def _unwhitened(f: Fit) -> np.ndarray:
+    """Columns (M, P) of a fit by theta, W."""
+    p, s = f.prediction, f.world.samples
+    where = dict(zip((e.name for e in f.model.effects), f.model.slices(s.n), strict=True))
+    own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(f.charts, f.numbers, strict=True)]
+    return np.column_stack([*own, *(g.columns for g in f.free), p.pushed, f.world.offsets])
+
+
+def _likeliest(worth, least: float, waves=WAVES) -> Noise:  # type: ignore[no-untyped-def]
+    """The noise of greatest worth, (value, white) by the wave over white noise and its memory, on a grid."""
+    rows = [(*worth(w, m), w, m) for w, m in product(waves, MEMORIES) if w or m == MEMORIES[0]]
+    _, white, wave, memory = max(rows)
+    white = max(white, 0.8 * least)
+    return Noise(white, wave * white, memory)
+
+
+def _alike(a: Noise, b: Noise) -> bool:
+    return (
+        abs(np.log(a.white / b.white)) < 0.15
+        and abs(a.wave - b.wave) < 0.35 * max(a.wave, b.wave, 0.3 * a.white)
+        and (a.memory == b.memory or a.wave < 0.5 * a.white)
+    )
+
+
+def _claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
+    """The hypothesis less the effects that are not sure enough, the least sure first, and the claims that stay."""
+    while True:
+        claims = []
+        for k, c in enumerate(best.charts):
+            if c.term.name in found.world.given:
                 continue
-        break
-    return best
+            less = _without(found, best, k)
+            claims.append(Claim(_profiled(found, best) - _profiled(found, less), less))
+        if not claims:
+            return best, ()
+        weakest = claims[int(np.argmin([c.odds for c in claims]))]
+        if weakest.odds >= CLAIM:
+            minor = _minor(found, best, claims) if best.free else None
+            if minor is None:
+                return best, tuple(claims)
+            weakest = minor
+        best = weakest.without
 
 
-def _listed(found: Search, best: Fit) -> Fit:
-    """The best hypothesis without unlisted structures."""
-    if not best.extras:
-        return best
-    return found.polish(next(f for f in found.ranked() if not f.extras))
+def _minor(found: Search, best: Fit, claims: list[Claim]) -> Claim | None:
+    """Beside a structure that no effect has, the effect that holds least of what is explained, if that is little.
 
-
-def _kept(found: Search, root: Fit, best: Fit, listed: Fit) -> Fit:
-    """Effects that stand beside unlisted structure: only those that hold what structures cannot.
-
-    Claimed are the effects of the best hypothesis without structures, where they explain `KEPT_SHARE` of what can be
-    explained, and where the effects of the best hypothesis hold `OWN_SHARE` of it that its structures alone do not.
+    What an unknown law leaves is shared out among effects that resemble it.
     """
-    explainable = root.loss - min(best.loss, listed.loss)
-    if not best.terms or not listed.terms or explainable <= 0:
-        return root
-    alone = found.hypothesis((), [], best.extras, thorough=True) if best.extras else root
-    own = (alone.loss - best.loss) / explainable
-    share = (root.loss - listed.loss) / explainable
-    return listed if share > KEPT_SHARE and own > OWN_SHARE else root
+    white = found.world.whiten
+    sizes = [float(np.mean(white(c.without.residual) ** 2)) for c in claims]
+    here = float(np.mean(white(best.residual) ** 2))
+    whole = float(np.mean(white(root(found.world, best.nuisance).residual) ** 2)) - here
+    least = int(np.argmin(sizes))
+    return claims[least] if sizes[least] - here < BESIDE * whole else None
+
+
+def _without(found: Search, f: Fit, k: int) -> Fit:
+    charts = [c for i, c in enumerate(f.charts) if i != k and f.charts[k].term.name not in c.term.kind.needs]
+    kept = [z for c, z in zip(f.charts, f.numbers, strict=True) if c in charts]
+    return found.fitted(charts, kept, list(f.free), f.nuisance, f.amounts)
+
+
+def _profiled(found: Search, f: Fit) -> float:
+    """A hypothesis' score under the noise that suits it best: what it leaves may be noise with memory."""
+    key = id(f)
+    if key not in found.profiled:
+        own = noise_of(f)
+        value = found.score(f)
+        if not _alike(own, f.world.whiten.noise):
+            other = Search(f.world.under(own), variants=found.variants)
+            value = max(value, other.score(moved(f, other.world)))
+        found.profiled[key] = value
+    return found.profiled[key]
 
 
 def _rivals(found: Search, accepted: Fit) -> tuple[Fit, ...]:
-    """Hypotheses with other effects, no more of them, whose score is as good."""
-    limit = found.score(accepted) + TOLERANCE
-    out = {frozenset(accepted.names): accepted}
-    for f in found.ranked():
-        if found.score(f) > limit + 40:
-            break
-        names = frozenset(f.names)
-        if f.extras or names in out or len(f.terms) > len(accepted.terms):
+    """Sets of other effects whose evidence is as good: one for another, one less, one more."""
+    if all(c.term.name in found.world.given for c in accepted.charts):
+        return (accepted,)
+    bank = found.bank(accepted)
+    here = found.whole(bank)
+    value = bank.weigh(here).value
+    near = []
+    for k in here:
+        if bank.blocks[k].name in found.world.given:
             continue
-        f = found.polish(f)
-        if found.score(f) <= limit:
-            out[names] = f
+        for j, b in enumerate(bank.blocks):
+            if j in here or b.name.startswith("free") or any(b.name == bank.blocks[i].name for i in here - {k}):
+                continue
+            option = (here - {k}) | {j}
+            found_value = bank.weigh(option).value
+            if b.name != bank.blocks[k].name and found_value > value - LOOKED:
+                near.append((found_value, option))
+    out = {frozenset(accepted.names): accepted}
+    reached = found.score(accepted)
+    for _, option in sorted(near, key=lambda row: -row[0])[:6]:
+        new = found.refit(bank, option)
+        names = frozenset(new.names)
+        if names not in out and found.score(new) > reached - RIVAL:
+            out[names] = new
     return tuple(out.values())
 
 
-def _per_joint(found: Search, accepted: Fit) -> Fit:
-    """One number per joint in place of a shared one where the data carry it."""
-    best = accepted
-    for k, term in enumerate(accepted.terms):
-        if term.mode not in ("shared", "scale"):
-            continue
-        joint = replace(term, mode="joint")
-        terms = tuple(joint if i == k else t for i, t in enumerate(best.terms))
-        starts = [_spread(best, i, found.samples.n) if i == k else z for i, z in enumerate(best.numbers)]
-        trial = found.hypothesis(terms, starts, best.extras, thorough=True)
-        if (best.loss - trial.loss) / found.inflation > EVEN * (trial.count - best.count):
-            best = trial
-    return best
+def leftover(f: Fit, still: Noise) -> tuple[float, bool]:
+    """Slow part of what a hypothesis leaves in motion over that of the noise at standstill, and is it structure?"""
+    from scipy.stats import chi2
 
-
-def _settled(f: Fit, samples: Samples) -> Fit:
-    """Joints whose number the data leave open take the median of the others.
-
-    Open is a number whose standard error, noise over the norm of its column, exceeds the usual size of such numbers:
-    that of a joint that (nearly) rests, whose fitted value is an accident.
-    """
-    numbers, model, at = list(f.numbers), f.model, 0
-    for k, (term, chart) in enumerate(zip(f.terms, f.charts, strict=True)):
-        column = np.linalg.norm(f.jacobian[:, at : at + len(numbers[k])], axis=0)
-        at += len(numbers[k])
-        if term.mode != "joint" or term.joints is not None:
-            continue
-        z, row = numbers[k].copy(), 0
-        for p in term.kind.parameters:
-            block = slice(row, row + p.count(samples.n))
-            row = block.stop
-            usual = float(np.median(np.abs(z[block])))
-            free = samples.noise > usual * column[block]
-            if p.size == "joint" and free.any() and not free.all():
-                z[block] = np.where(free, np.median(z[block][~free]), z[block])
-        numbers[k] = z
-        model = model.replaced(term.effect(chart.values(z), samples.n))
-    return replace(f, numbers=tuple(numbers), model=model)
-
-
-def _spread(f: Fit, index: int, n: int) -> np.ndarray:
-    """The numbers of a shared term, one per joint."""
-    from energy_opt.diagnose.terms import chart
-
-    term, own = f.terms[index], f.charts[index]
-    joint = chart(replace(term, mode="joint"), f.model.without(term.name), n)
-    x = term.kind.to_chart(own.values(f.numbers[index]), n)
-    return np.linalg.lstsq(joint.matrix, x, rcond=None)[0]
+    s = f.world.samples
+    step = float(np.median(np.concatenate([np.diff(s.at[p]) for p in s.parts])))
+    count = max(1, round(BLOCK / step))
+    means = []
+    for part in s.parts:
+        rows = np.arange(part.start, part.stop)
+        for k in range(0, len(rows) - count + 1, count):
+            own = rows[k : k + count]
+            if s.moving[own].mean() > 0.5:
+                trust = s.weight[own]
+                means.append(float(np.average(f.residual[own], weights=trust)))
+    if len(means) < 5:
+        return 1.0, False
+    memory = np.exp(-np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * step / still.memory)
+    expected = still.white**2 / count + still.wave**2 * float(memory.mean())
+    ratio = float(np.mean(np.square(means))) / expected
+    p = float(chi2.sf(ratio * len(means), len(means)))
+    return ratio**0.5, bool(ratio > LEFT**2 and p < 1e-4)

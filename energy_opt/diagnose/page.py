@@ -6,8 +6,9 @@ import numpy as np
 
 from energy_opt.diagnose.diagnosis import Diagnosis
 from energy_opt.diagnose.errors import reading_of
-from energy_opt.diagnose.friction import draws_of, friction_torque
+from energy_opt.diagnose.friction import friction_torque
 from energy_opt.diagnose.predict import predict
+from energy_opt.power.draws import draws_of
 from energy_opt.reports.page import Report
 from energy_opt.reports.plots import COLOURS, Curve, curves, labelled, new_figure, png
 
@@ -136,7 +137,7 @@ def _friction(result: Diagnosis) -> bytes:
     bare = model.kept(lambda e: not (e.stage == "torque" and e.dissipates))
     excess = samples.power - predict(bare, samples).reading
     mean = friction_torque(model, n)
-    draws = [friction_torque(drawn, n) for drawn in draws_of(model, n, 60)]
+    draws = [friction_torque(drawn, n) for drawn in draws_of(model, 60)]
     rest = samples.power - p.reading
     for j, joint in enumerate(result.measured.robot.joints):
         at = labelled(axes[j // 2, j % 2], "speed [rad/s]", "friction [N m]", joint)

@@ -72,7 +72,11 @@ def _under(row: Mapping[str, Any]) -> str:
     if joules is None:
         return f"  under {row['name']}: {row['total']:.3f} J"
     of_loss = "" if share is None else f", {share:.2f} % of the loss"
-    return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}"
+    doubt = ""
+    if "saving_joules_interval" in row:
+        low, high = row["saving_joules_interval"]
+        doubt = f"; between {low:.3f} and {high:.3f} J (95 %) by what its data leave open"
+    return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}{doubt}"
 
 
 def table(result: Result, out: Path) -> str:
@@ -84,7 +88,7 @@ def table(result: Result, out: Path) -> str:
         lines.append(f"{name:<22}{cells}")
     worst = result.certificate.worst
     lines.append(result.saved)
-    lines += [_under(row) for row in result.models if len(result.models) > 1]
+    lines += [_under(row) for row in result.models if len(result.models) > 1 or "saving_interval" in row]
     lines.append(
         f"worst limit: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, {worst['value']:.6g} of "
         f"{worst['bound']:.6g} ({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"

@@ -6,16 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
+import numpy as np
+
 from energy_opt.errors import BadInput
 from energy_opt.front.given import DEFAULT, AnyModel, AnyPayload, model_from, payload_from
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Kind, Rival, row_of
 from energy_opt.power import PowerModel
+from energy_opt.power.draws import draws_of
 from energy_opt.power.named import is_named, named_model
 from energy_opt.robot import Robot
 
 CAREFUL = "careful"
+PLANNED, JUDGED = 6, 40  # draws of a model's values that a plan is made for, and that its saving is judged under
+COARSER = 2  # places between two rows: what differs between draws is smooth
 KINDS = ("mean", "worst")
 
 
@@ -40,7 +45,40 @@ def rivals_from(
         rivals.append(Rival(_name(given, number), model))
     if len(rivals) == 1 and robust is None:
         return rivals, None
+    if len(rivals) == 1:  # a plan that holds under what the model's own data leave open
+        rivals += [*_drawn(rivals[0], PLANNED), *_explaining(rivals[0])]
     return rivals, cast(Kind, robust or "mean")
+
+
+def _drawn(rival: Rival, count: int) -> list[Rival]:
+    """Models drawn from a model's covariance; none where it has none."""
+    return [Rival(f"draw {k}", model) for k, model in enumerate(draws_of(rival.model, count), start=1)]
+
+
+def _explaining(rival: Rival) -> list[Rival]:
+    """Other models that explain the same data as well, by the model's file, with the same payload."""
+    doubt, payload = rival.model.doubt, rival.model.get("payload")
+    models = () if doubt is None else doubt.rivals
+    return [
+        Rival(f"rival {k}", model if payload is None else model.replaced(payload))
+        for k, model in enumerate(models, start=1)
+    ]
+
+
+def _interval(result: Result, rival: Rival, robot: Robot) -> dict[str, list[float]]:
+    """95 % intervals of the saving over a model's own draws; empty where it has none, or no saving is stated."""
+    slowed = result.baseline("scaled")
+    if slowed is None or not slowed.valid:
+        return {}
+    savings = []
+    for drawn in _drawn(rival, JUDGED):
+        scorer = Scorer(robot, drawn.model)
+        ours, theirs = (scorer.energy_of(scorer.dense(t, COARSER)) for t in (result.trajectory, slowed.trajectory))
+        savings.append((theirs.total - ours.total, 100 * (theirs.loss - ours.loss) / max(theirs.loss, 1e-12)))
+    if not savings:
+        return {}
+    joules, percent = np.percentile(np.array(savings), [2.5, 97.5], axis=0).T.tolist()
+    return {"saving_interval": percent, "saving_joules_interval": joules}
 
 
 def _name(given: AnyModel, number: int) -> str:
@@ -90,11 +128,14 @@ def said(rows: Sequence[Mapping[str, Any]], what: str) -> list[str]:
 def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     """The result with what models that were not planned with make of it, and a warning where it is dear under one.
 
-    These are the model itself and, where that is one of the source paper's, which knows no friction, the careful one.
+    These are the model itself; where that is one of the source paper's, which knows no friction, the careful one; and
+    where it carries its doubt, the models that explain its data as well. The doubt gives the saving's interval, too.
     """
     if result.models:
-        return result
+        first, *others = result.models
+        return replace(result, models=({**first, **_interval(result, rivals[0], robot)}, *others))
     judges = _with_careful(rivals, robot)
+    judges += _explaining(rivals[0])
     slowed = result.baseline("scaled")
     rows: list[dict[str, Any]] = []
     warnings = list(result.warnings)
@@ -102,7 +143,7 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
         scorer = Scorer(robot, rival.model)
         beside = None if slowed is None or not slowed.valid else scorer.energy(slowed.trajectory)
         row = row_of(rival.name, scorer.energy(result.trajectory), beside)
-        rows.append(row)
+        rows.append({**row, **(_interval(result, rival, robot) if rival is judges[0] else {})})
         joules = row["saving_joules"]
         if isinstance(joules, float) and joules < 0 and rival is not judges[0]:
             warnings.append(

@@ -51,6 +51,7 @@ def _mass(text: str | None) -> PointMass | None:
 
 
 def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
+    from energy_opt.cli.view import view
     from energy_opt.files import to_json, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_set
@@ -81,6 +82,7 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
         load, power = [pose.load for pose in result.poses], [pose.power for pose in result.poses]
         page(result.document(), load, power, result.robot).write(aside / "report.html")
     say(args, _summary(result, args.out))
+    view(args, args.out)
     if args.json:
         sys.stdout.write(to_json(document))
     return 0

@@ -128,6 +128,9 @@ def optimize(
     request = request_of_move(
         arm, power, move, settings.seed, path=path, limits=limits, scene=asked.scene, cell=asked.document()
     )
+    if any(asked.base[3:5]):  # gravity is the scene's -z
+        rivals = [replace(rival, model=rival.model.standing(*asked.base[3:5])) for rival in rivals]
+        power = rivals[0].model
     known: dict[str, Any] = {"cell": load_cell(arm, asked), "stopped": stopped}
     planner: Planner | RobustPlanner = Planner(arm, power, settings, **known)
     if kind is not None:

@@ -18,6 +18,7 @@ from energy_opt.power import PowerModel
 
 ASIDE, NEAR = 0.6, 0.01  # of a centre's distance, and [m], by which each of its coordinates moves at a spread of 1
 TURNED = 0.5  # of the mean moment of inertia, by which products of inertia move
+LIGHTEST, FARTHEST = 0.4, 0.5  # what a link may become: of its mass, and by a share of its centre's distance
 SHOWN = 0.02  # of the noise of a reading: directions below, at a spread of 1, over the root of their count, are left
 
 
@@ -38,8 +39,9 @@ class Links:
         change = (self.basis @ d).reshape(-1, 10)
         mass, com, inertia = [], [], []
         for link, phi in zip(samples.body.plain.tree(), change, strict=True):
-            m = max(link.mass + phi[0], 1e-3 * link.mass, 1e-6)
-            c = (link.mass * link.lever + phi[1:4]) / m
+            m = max(link.mass + phi[0], LIGHTEST * link.mass, 1e-6)
+            far = FARTHEST * float(np.linalg.norm(link.lever)) + NEAR * 5
+            c = link.lever + np.clip((link.mass * link.lever + phi[1:4]) / m - link.lever, -far, far)
             about = _symmetric(phi[4:]) + link.inertia + link.mass * _apart(link.lever)
             i = about - m * _apart(c)
             values, axes = np.linalg.eigh(i)

@@ -79,7 +79,7 @@ def _curves(search: Search, f: Fit) -> list[Fit]:
 
 def calibrated(found: Trace, f: Fit, rivals: Sequence[Fit], wider: float) -> PowerModel:
     """The model of a fit, with its links, its doubt and its rivals."""
-    model = f.full_model(links=_links_help(f))
+    model = f.full_model(links=found.follows and _links_help(f))
     names: list[str] = []
     slopes, at = [], 0
     for c, z in zip(f.charts, f.numbers, strict=True):

@@ -1,0 +1,123 @@
+"""What `diagnose` claims of arms that are not the library's: links off their URDF, laws by other formulas, other noise.
+
+    python benchmarks/misfit.py --out misfit.json [--clean 500] [--misfit 100] [--causes 60] [--laws 12] [--seed 0]
+
+The sets come from `misfit_world.py` (MuJoCo on a changed URDF, motors with currents, noise with memory, drift and
+rounding); `benchmarks/diagnose.py` judges sets of the library's own laws. A crash counts as a false claim and a miss.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from common import finish, table
+from misfit_world import ARMS, CAUSES, LAWS, NOISES, World, write_world
+
+from energy_opt.diagnose import diagnose
+from energy_opt.files import write_json
+from energy_opt.measured import read_set
+
+SAME = {"supply_efficiency": {"meter_gain"}}
+STATED = 0.95  # probability of the upper bounds
+
+
+def worlds(args: argparse.Namespace) -> Iterator[tuple[str, World]]:
+    """The sets, by category; arms and noises take turns."""
+    arms, number = list(ARMS), 100_000 * (args.seed + 1)
+    for k in range(args.clean):
+        yield "clean", World(arms[k % 4], number + k, (0.0, 0.0), NOISES[k // 4 % 4])
+    for k in range(args.misfit):
+        yield "misfit", World(arms[k % 4], number + 10_000 + k, noise=NOISES[k // 4 % 4])
+    for k in range(args.causes):
+        yield "cause", World(arms[k % 4], number + 20_000 + k, noise=NOISES[k // 4 % 4], cause=CAUSES[k % len(CAUSES)])
+    for k in range(args.laws):
+        yield "law", World(arms[k % 4], number + 30_000 + k, noise=NOISES[k // 4 % 4], cause=LAWS[k % len(LAWS)])
+
+
+def run(job: tuple[str, World]) -> dict[str, Any]:
+    """Make one set, diagnose it and judge what is claimed."""
+    category, world = job
+    row: dict[str, Any] = {"category": category, **world.__dict__, "verdict": "crash", "named": ["crash"]}
+    with tempfile.TemporaryDirectory() as place:
+        truth = write_world(world, Path(place) / "set")
+        begun = time.process_time()
+        try:
+            d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+        except Exception as error:
+            return {**row, "error": repr(error), "false": ["crash"], "found": False, "strong": True}
+        named = [e["name"] for e in d["effects"]]
+        true = {world.cause, *SAME.get(world.cause, ())} if world.cause else set()
+        row.update(
+            seconds=time.process_time() - begun,
+            verdict=d["verdict"],
+            named=named,
+            alternatives=d["alternatives"],
+            false=[name for name in named if name not in true],
+            found=bool(true & set(named)) or any(true & set(a) for a in d["alternatives"]),
+            strong=truth.added >= 3 * truth.misfit,
+            usable=d["usable"],
+            holdout=d["error"]["after"]["holdout"],
+        )
+    return row
+
+
+def bound(hits: int, count: int) -> float:
+    """Upper bound of a rate that `hits` of `count` allow (Clopper and Pearson)."""
+    from scipy.stats import beta
+
+    return 1.0 if hits >= count else float(beta.ppf(STATED, hits + 1, count - hits))
+
+
+def main() -> int:
+    """Run the benchmark; exit code 1 where a target is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("misfit_benchmark.json"))
+    for name, count in (("clean", 500), ("misfit", 100), ("causes", 60), ("laws", 12)):
+        parser.add_argument(f"--{name}", type=int, default=count)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    args = parser.parse_args()
+    rows = []
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for row in pool.map(run, worlds(args)):
+            rows.append(row)
+            what = f"{row['category']} {row['arm']} {row['noise']} {row['cause']}"
+            said = " + ".join(row["named"]) or "-"
+            print(f"{what} -> {row['verdict']} {said} false: {row['false']} {row.get('error', '')}", flush=True)
+            write_json(args.out, {"rows": rows})
+    lines, held = [], {}
+    for category, what, must, most in (
+        ("clean", "clean sets with any claim", "<= 1 %", 0.01),
+        ("misfit", "links off by 5-10 %: any claim", "<= 5 %", 0.05),
+    ):
+        of = [row for row in rows if row["category"] == category]
+        if of:
+            hits = sum(bool(row["false"]) for row in of)
+            reached = f"{100 * hits / len(of):.1f} % of {len(of)}, below {100 * bound(hits, len(of)):.1f} % (95 %)"
+            lines.append((what, must, reached))
+            held[f"{what}: {reached}"] = hits <= most * len(of)
+    strong = [row for row in rows if row["category"] == "cause" and row["strong"]]
+    if strong:
+        part = sum(row["found"] for row in strong) / len(strong)
+        lines.append(
+            ("a true cause at three times the misfit: found", ">= 80 %", f"{100 * part:.0f} % of {len(strong)}")
+        )
+        held[f"found {part:.2f}, >= 0.8"] = part >= 0.8
+    for category, what in (("cause", "beside a true cause: a false one"), ("law", "beside a new law: a false one")):
+        of = [row for row in rows if row["category"] == category]
+        if of:
+            wrong = sum(bool(row["false"]) for row in of)
+            lines.append((what, "-", f"{100 * wrong / len(of):.0f} % of {len(of)}"))
+    print("\n" + table(("", "must", "reached"), lines))
+    return finish({}, dict(held), None)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

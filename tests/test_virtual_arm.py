@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from energy_opt.effects import BY_NAME, BaseTilt, MeterDelay, MeterFilter, MeterGain, Payload
+from energy_opt.effects import BY_NAME, BaseTilt, IronLoss, MeterDelay, MeterFilter, MeterGain, Payload, Standby
 from energy_opt.errors import BadInput
 from energy_opt.power import PowerModel, drive_function
 from energy_opt.power.rigid import rigid_inputs, rigid_torque
@@ -240,3 +240,9 @@ def test_every_arm_has_values_for_every_joint() -> None:
         n = arm(name).n
         assert len(data.r_over_kt2) == len(data.friction) == len(data.rotor) == n
         assert max(data.lifts) < n
+
+
+def test_what_cannot_be_played_is_refused() -> None:
+    plant = Plant(PowerModel("ur5", (Standby(power=90.0), IronLoss(hysteresis=1.0, eddy=0.1))))
+    with pytest.raises(BadInput, match="no law for iron_loss"):
+        plant.check(6)

@@ -14,6 +14,16 @@ from energy_opt.power import PowerModel
 from energy_opt.power.model import model_from_document
 from energy_opt.virtual_arm.specials import Special, special_from_row, special_to_row
 
+# Effects that the forward simulation has laws of its own for; all others it would have to ignore.
+PLAYED = frozenset(
+    (
+        *("armature", "base_tilt", "copper_loss", "coulomb_friction", "gear_efficiency", "gravity_spring"),
+        *("inverter_loss", "load_friction", "meter_delay", "meter_filter", "meter_gain", "motion_power", "payload"),
+        *("regeneration", "standby", "standby_drift", "stribeck_friction", "supply_efficiency", "viscous_friction"),
+        "winding_temperature",
+    )
+)
+
 
 @dataclass(frozen=True)
 class Plant:
@@ -41,8 +51,13 @@ class Plant:
         return default if value is None else float(value[0])
 
     def check(self, joints: int) -> None:
-        """Raise BadInput where a per-joint list has the wrong length."""
+        """Raise BadInput where a per-joint list has the wrong length, or an effect cannot be played."""
         self.model.check(joints)
+        for effect in self.model.effects:
+            if effect.name not in PLAYED:
+                raise BadInput(
+                    f"the virtual arm has no law for {effect.name}; it plays {', '.join(sorted(PLAYED))}, and [[special]]"
+                )
         for special in self.specials:
             for key, value in special_to_row(special).items():
                 if np.ndim(value) and np.size(value) != joints:

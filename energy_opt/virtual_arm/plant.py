@@ -55,9 +55,8 @@ class Plant:
         self.model.check(joints)
         for effect in self.model.effects:
             if effect.name not in PLAYED:
-                raise BadInput(
-                    f"the virtual arm has no law for {effect.name}; it plays {', '.join(sorted(PLAYED))}, and [[special]]"
-                )
+                known = ", ".join(sorted(PLAYED))
+                raise BadInput(f"the virtual arm has no law for {effect.name}; it plays {known}, and [[special]]")
         for special in self.specials:
             for key, value in special_to_row(special).items():
                 if np.ndim(value) and np.size(value) != joints:

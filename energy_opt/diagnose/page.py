@@ -9,8 +9,8 @@ from energy_opt.diagnose.errors import reading_of
 from energy_opt.diagnose.friction import friction_torque
 from energy_opt.diagnose.predict import predict
 from energy_opt.power.draws import draws_of
+from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.page import Report
-from energy_opt.reports.plots import COLOURS, Curve, curves, labelled, new_figure, png
 
 WORDS = {
     "explained": "Effects were found, and nothing is left above the noise.",
@@ -20,6 +20,7 @@ WORDS = {
     "insufficient": "The data do not excite what would be needed.",
 }
 SHOWN = 12  # runs drawn
+WILD = 3.0  # times the largest friction of a joint, beyond which a measured point says nothing (slow, noisy)
 MOSTLY = 0.5  # of all joints' speed, beyond which a reading is shown as one joint's friction
 
 
@@ -27,7 +28,7 @@ def page(result: Diagnosis) -> Report:
     """The report."""
     d = result.document
     report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict']}")
-    report.text(d["headline"])
+    report.headline(d["headline"])
     report.text(WORDS[d["verdict"]])
     report.text(d["next_step"])
     for remark in d["remarks"]:
@@ -63,16 +64,16 @@ def page(result: Diagnosis) -> Report:
         report.table(["signal", "joint", "share of what is left", "W rms"], rows, 3)
     else:
         report.text("With nothing beyond the noise.")
-    report.picture(_residuals(result))
+    report.charts(*_residuals(result))
     if any(e.stage == "torque" and e.dissipates for e in result.model.effects):
         report.section("Friction against speed")
         report.text(
             "Friction of the calibrated model with its 95 % band; dots are what is measured beside it where a joint "
             "does most of the motion."
         )
-        report.picture(_friction(result))
+        report.charts(*_friction(result))
     report.section("Power over time")
-    report.picture(_power(result))
+    report.charts(*_power(result))
     report.section("Evidence for each candidate")
     report.text(
         "Logarithm of the odds for each effect, added to the declared model or to the accepted effects (linearised; "
@@ -94,24 +95,26 @@ def page(result: Diagnosis) -> Report:
     return report
 
 
-def _power(result: Diagnosis) -> bytes:
+def _power(result: Diagnosis) -> list[Chart]:
     """Measured, declared and calibrated power of every run (the first `SHOWN` of them)."""
     samples = result.samples
     moving = [k for k, kind in enumerate(samples.kinds) if kind == "motion"] or list(range(len(samples.kinds)))
-    shown = moving[:SHOWN]
     declared, after = reading_of(result.declared, samples), reading_of(result.model, samples)
-    figure, axes = new_figure((len(shown) + 1) // 2, 2, height=2.2)
-    for k, run in enumerate(shown):
+    charts = []
+    for run in moving[:SHOWN]:
         time, power = samples.single[run]
-        where = "holdout" if run in result.holdout else "train"
-        at = labelled(axes[k // 2, k % 2], "set time [s]", "power [W]", f"{samples.files[run]} ({where})")
-        at.plot(time, power, color="#bbbbbb", linewidth=0.8, label="measured")
-        curves(at, [Curve("declared", time, declared[run]), Curve("calibrated", time, after[run])])
-    return png(figure)
+        where = "held out" if run in result.holdout else "train"
+        lines = [
+            Line("measured", time, power, "faint"),
+            Line("declared", time, declared[run]),
+            Line("calibrated", time, after[run]),
+        ]
+        charts.append(Chart(f"{samples.files[run]} ({where})", "set time [s]", "power [W]", lines))
+    return charts
 
 
-def _residuals(result: Diagnosis) -> bytes:
-    """The calibrated model's residual against time, speed, torque and temperature."""
+def _residuals(result: Diagnosis) -> list[Chart]:
+    """The residual before and after against time, speed, torque and temperature."""
     samples = result.samples
     p = predict(result.model, samples)
     before, after = samples.power - predict(result.declared, samples).reading, samples.power - p.reading
@@ -120,41 +123,42 @@ def _residuals(result: Diagnosis) -> bytes:
     panels = [("set time [s]", samples.at), ("fastest joint [rad/s]", speed), ("torque, norm [N m]", torque)]
     if np.isfinite(samples.temperature).all():
         panels.append(("mean joint temperature [degC]", samples.shown(samples.temperature.mean(axis=1))))
-    figure, axes = new_figure((len(panels) + 1) // 2, 2, height=2.6)
-    for k, (name, x) in enumerate(panels):
-        at = labelled(axes[k // 2, k % 2], name, "residual [W]")
-        at.plot(x, before, ".", color=COLOURS[1], markersize=1.5, alpha=0.4, label="declared")
-        at.plot(x, after, ".", color=COLOURS[0], markersize=1.5, alpha=0.4, label="calibrated")
-        at.legend(fontsize=7)
-    return png(figure)
+    return [
+        Chart(
+            f"Residual against {name.partition(' [')[0]}",
+            name,
+            "measured - model [W]",
+            [Line("declared", x, before, "points"), Line("calibrated", x, after, "points")],
+        )
+        for name, x in panels
+    ]
 
 
-def _friction(result: Diagnosis) -> bytes:
+def _friction(result: Diagnosis) -> list[Chart]:
     """Friction of every joint over speed: the model's with its band, and what single joints' motion shows."""
     samples, model, n = result.samples, result.model, result.samples.n
-    figure, axes = new_figure((n + 1) // 2, 2, height=2.2)
     p = predict(model, samples)
     bare = model.kept(lambda e: not (e.stage == "torque" and e.dissipates))
     excess = samples.power - predict(bare, samples).reading
     mean = friction_torque(model, n)
     draws = [friction_torque(drawn, n) for drawn in draws_of(model, 60)]
     rest = samples.power - p.reading
+    charts = []
     for j, joint in enumerate(result.measured.robot.joints):
-        at = labelled(axes[j // 2, j % 2], "speed [rad/s]", "friction [N m]", joint)
         v = samples.shown(samples.v[:, j])
         fastest = max(float(np.abs(v).max()), 0.05)
         grid = np.linspace(-fastest, fastest, 121)
         own = mean(grid, j)
+        low = high = None
         if draws:
             low, high = np.quantile([draw(grid, j) for draw in draws], [0.025, 0.975], axis=0)
-            at.fill_between(grid, low, high, color=COLOURS[0], alpha=0.25, linewidth=0, label="95 %")
+        lines = []
         share = np.abs(v) / np.maximum(samples.shown(np.abs(samples.v).sum(axis=1)), 1e-9)
         mostly = (share > MOSTLY) & (np.abs(v) > 0.05)
         if mostly.any() and np.any(excess[mostly]):
-            at.plot(v[mostly], mean(v[mostly], j) + rest[mostly] / v[mostly], ".", color="#999999", markersize=1.5,
-                    alpha=0.5, label="measured")  # fmt: skip
-        at.plot(grid, own, color=COLOURS[0], label="calibrated")
-        span = max(float(np.abs(own).max()), 0.05)
-        at.set_ylim(-3 * span, 3 * span)
-        at.legend(fontsize=7)
-    return png(figure)
+            measured = mean(v[mostly], j) + rest[mostly] / v[mostly]
+            near = np.abs(measured) < WILD * max(float(np.abs(own).max()), 0.05)
+            lines.append(Line("measured", v[mostly][near], measured[near], "points"))
+        lines.append(Line("calibrated", grid, own, low=low, high=high))
+        charts.append(Chart(f"Friction of {joint}", "speed [rad/s]", "friction [N m]", lines))
+    return charts

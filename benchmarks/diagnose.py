@@ -161,9 +161,11 @@ def _polished(samples: Samples, truth: PowerModel, n: int) -> PowerModel:
     if not free.any():
         return truth
 
+    bounds = _bounds(truth, n, free)
+
     def model(x: np.ndarray) -> PowerModel:
         values = start.copy()
-        values[free] = x
+        values[free] = np.clip(x, *bounds)  # a step may end a rounding error beyond a bound
         return truth.with_values(values, n)
 
     found = least_squares(
@@ -172,7 +174,7 @@ def _polished(samples: Samples, truth: PowerModel, n: int) -> PowerModel:
         lambda x: predict(model(x), samples).jacobian[:, free],
         x_scale=np.maximum(np.abs(start[free]), 1e-2),
         max_nfev=20,
-        bounds=_bounds(truth, n, free),
+        bounds=bounds,
     )
     return model(found.x)
 

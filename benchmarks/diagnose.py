@@ -37,6 +37,7 @@ from energy_opt.virtual_arm.arms import SIZES
 from energy_opt.virtual_arm.sets import MadeSet, fresh_motions, make_set
 from energy_opt.virtual_arm.specials import SPECIALS
 
+ROOM = 1e-9  # beyond an effect's bounds, in the fit that knows the truth
 NAMES = [e.name for e in ALL_EFFECTS if e in SIZES]  # those that the virtual arm can have
 FEW = 300
 LONG_RUNS = 20  # of about 6 s at 125 Hz: the set that must not take longer than 20 s
@@ -165,7 +166,8 @@ def _polished(samples: Samples, truth: PowerModel, n: int) -> PowerModel:
 
     def model(x: np.ndarray) -> PowerModel:
         values = start.copy()
-        values[free] = np.clip(x, *bounds)  # a step may end a rounding error beyond a bound
+        low, high = bounds  # wider than the effects' own by `ROOM`, so that a start on a bound is inside
+        values[free] = np.clip(x, low + ROOM, high - ROOM)
         return truth.with_values(values, n)
 
     found = least_squares(
@@ -182,7 +184,7 @@ def _polished(samples: Samples, truth: PowerModel, n: int) -> PowerModel:
 def _bounds(truth: PowerModel, n: int, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     rows = [(p.lower, p.upper) for e in truth.effects for p in e.parameters for _ in range(p.count(n))]
     low, high = np.array(rows, dtype=float).T
-    return low[free] - 1e-9, high[free] + 1e-9
+    return low[free] - ROOM, high[free] + ROOM
 
 
 def _inside(made: MadeSet, effects: list[dict[str, Any]]) -> list[bool]:

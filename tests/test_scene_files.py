@@ -193,7 +193,7 @@ def short(**changes: Any) -> dict[str, Any]:
         (short(quaternion=[0, 0, 0, 0]), "object crate: its quaternion is zero"),
         (short(type="torus"), "object crate: type is 'torus'; expected box"),
         (short(type="mesh", file="none.stl"), "object crate: none.stl: no such file"),
-        (short(type="mesh", file="../x.stl"), "object crate: .*outside .*--allow-outside"),
+        (short(type="mesh", file="../x.stl"), "object crate: .*outside .*allow_outside"),
         (short(type="mesh", file="x.dae"), "object crate: .*stl or .obj"),
         (short(colour="red"), "object crate: unknown key 'colour'"),
         (short(sise=1), "did you mean 'size'"),
@@ -237,7 +237,7 @@ def test_check_names_every_fault_and_outside_and_large_are_asked_for(
     assert main(["check", str(path), "--allow-outside"]) == 0
     assert capsys.readouterr().out.endswith("usable\n")
     monkeypatch.setattr("energy_opt.cell.scene_files.parts.MOST_TRIANGLES", 0)
-    assert "--allow-large" in check_scene(path, allow_outside=True)[0]
+    assert "allow_large" in check_scene(path, allow_outside=True)[0]
     assert not check_scene(path, allow_outside=True, allow_large=True)
 
 

@@ -1,5 +1,7 @@
 """What several tests start from: robots and the source paper's model, built once."""
 
+import os
+
 import pytest
 
 from energy_opt.power import PowerModel, source_method_2
@@ -22,8 +24,11 @@ def model() -> PowerModel:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """What runs for a night is left out unless it is asked for by `-m nightly`."""
-    if "nightly" not in config.option.markexpr:
-        nightly = [item for item in items if item.get_closest_marker("nightly")]
-        items[:] = [item for item in items if item not in nightly]
-        config.hook.pytest_deselected(items=nightly)
+    """What runs for a night is left out unless asked for by `-m nightly`; what is slow, unless by `-m` or in CI."""
+    asked = config.option.markexpr
+    left_out = set() if "nightly" in asked else {"nightly"}
+    if not asked and not os.environ.get("CI"):
+        left_out.add("slow")
+    late = [item for item in items if any(item.get_closest_marker(name) for name in left_out)]
+    items[:] = [item for item in items if item not in late]
+    config.hook.pytest_deselected(items=late)

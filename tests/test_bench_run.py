@@ -73,6 +73,7 @@ def test_order_of_workers_changes_nothing(suite_file, tmp_path):
     assert len({record["worker"]["process"] for record in read_journal(tmp_path / "two" / NAME)[1]}) == 2
 
 
+@pytest.mark.slow
 def test_killed_and_resumed_equals_uninterrupted(suite_file, tmp_path):
     suite = load_suite(suite_file)
     whole = run_batch(suite, tmp_path / "whole", jobs=2, solve=bench_workers.known)
@@ -132,6 +133,7 @@ def test_a_move_that_raises_is_a_row(suite_file, tmp_path):
     assert batch.summary["failures"][0]["error"] == "ZeroDivisionError: by nought"
 
 
+@pytest.mark.slow
 def test_a_move_that_kills_its_worker_is_a_row(suite_file, tmp_path):
     batch = run_batch(load_suite(suite_file), tmp_path, jobs=2, solve=bench_workers.deadly)
     assert [row["status"] for row in batch.rows] == ["solved"] * 2 + ["failed"] + ["solved"] * (COUNT - 3)
@@ -139,6 +141,7 @@ def test_a_move_that_kills_its_worker_is_a_row(suite_file, tmp_path):
     assert sorted(keys(tmp_path)) == sorted(row["key"] for row in batch.rows)
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_once_costs_nothing(suite_file, tmp_path, monkeypatch):
     monkeypatch.setenv("BENCH_TEST_MARKER", str(tmp_path / "marker"))
     batch = run_batch(load_suite(suite_file), tmp_path / "out", jobs=2, solve=bench_workers.failing_once)

@@ -60,6 +60,14 @@ def test_a_way_around_a_post_is_free_and_the_straight_line_is_not(cell: Cell, mo
     assert again.path is not None and np.array_equal(again.path.coefficients, move.path.coefficients)
 
 
+def test_a_way_around_a_post_passes_the_via_points(cell: Cell, model: PowerModel) -> None:
+    """The second leg is not free; the path that is found passes the point exactly, and is the baseline too."""
+    over = np.array([0.1, 0.1, 0.0, -2.0, 0, 2.1, 0.785])
+    move, first, _ = planner(cell, model).first_path(Move(HOME, OVER, via=(over,), duration=5.0))
+    assert first.source == "own" and move.path is not None and free(cell, move.path) and not first.blocked
+    assert np.abs(move.path(np.linspace(0, 1, 20001)) - over).max(axis=1).min() < 1e-3
+
+
 def test_one_search_serves_a_move_at_several_durations(
     cell: Cell, model: PowerModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -90,6 +98,10 @@ def test_without_a_way_it_says_what_would_help(
     shut = Cell(panda, CellRequest(), Scene(tuple(walls)))
     with pytest.raises(Infeasible, match=r"pip install 'energy-opt\[plan\]'"):
         planner(shut, model).first_path(Move(HOME - side, OVER + side, "retime"))
+    quick = Planner(panda, model, Settings(starts=1, controls=12, compile="never"), cell=shut)
+    with pytest.raises(Infeasible, match=r"no way around was found; pip install .* nor did reshaping") as caught:
+        quick.solve(Move(HOME - side, OVER + side, duration=4.0))
+    assert caught.value.limit == "clearance"
     with pytest.raises(BadInput, match="OMPL is not installed"):
         planner(Cell(panda, CellRequest(planner="ompl"), shut.scene), model).first_path(Move(HOME - side, OVER + side))
 

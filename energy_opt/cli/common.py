@@ -96,6 +96,7 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
     group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping (6)")
+    group.add_argument("--ways", type=int, metavar="N", help="free ways to start from (2; 0 besides a free --path)")
     group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move (40)")
     group.add_argument("--end-acceleration", default="zero", metavar="KIND", help="zero (default) or free (reshape)")
     group.add_argument(
@@ -328,7 +329,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
     """How to solve, as the options say."""
     from energy_opt.motion import Settings
 
-    given = {"starts": args.starts, "controls": args.controls}
+    given = {"starts": args.starts, "controls": args.controls, "ways": args.ways}
     return Settings(
         **{key: value for key, value in given.items() if value is not None},
         seed=args.seed,

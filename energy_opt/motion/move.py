@@ -19,6 +19,7 @@ COUNTS = (  # of settings: name, least, most without `allow_large` (what the mos
     ("starts", 1, 10_000),  # hours
     ("seed", 0, 2**63 - 1),
     ("verify_samples", 100, 2_000_000),  # 1 GB for seven joints
+    ("ways", 0, 100),  # minutes of planning each
     ("controls", 10, 400),  # 2,800 unknowns for seven joints: minutes a start
 )
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
@@ -125,7 +126,8 @@ class Settings:
             the straight line where none is given); None for as far as it likes.
         allow_large: more starts, samples and control points than a careful user would ask for.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
-        ways: how many free ways are looked for, and started from, where the straight line is not free.
+        ways: how many free ways are looked for, and started from, where the straight line is not free, and besides a
+            path that is given; None for two, and for none besides a free path that is given.
     """
 
     starts: int = 24
@@ -144,7 +146,7 @@ class Settings:
     tube: str | None = None
     tool: str | None = None
     allow_large: bool = False
-    ways: int = 2
+    ways: int | None = None
 
     def __post_init__(self) -> None:
         words = self.keep.split(",") if isinstance(self.keep, str) else self.keep

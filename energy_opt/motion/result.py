@@ -58,10 +58,14 @@ class Optimality:
 
 @dataclass(frozen=True)
 class FirstPath:
-    """Where the path comes from that a move starts from: "straight", "given", "own" or "ompl"; and what it took [s]."""
+    """Where the path comes from that a move starts from: "straight", "given", "own" or "ompl"; and what it took [s].
+
+    `blocked` says why it is not free, where it is not.
+    """
 
     source: str
     seconds: float = 0.0
+    blocked: str = ""
 
     def document(self) -> dict[str, object]:
         """As it stands in result.json."""

@@ -160,7 +160,12 @@ class Planner:
         context = replace(self.context(move), ways=ways)
         work = _made(context, move, warm)
         build = self._workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
-        result = choose(context, move, work, build, time.perf_counter() - begin - build)
+        try:
+            result = choose(context, move, work, build, time.perf_counter() - begin - build)
+        except Infeasible as error:
+            if not first.blocked or self._stopped():
+                raise
+            raise Infeasible(f"{first.blocked}; nor did reshaping from it keep clear", limit="clearance") from error
         return replace(result, first_path=first, warnings=(*result.warnings, *self._cell_warnings))
 
     def context(self, move: Move) -> Context:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,15 +14,18 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.clearance import clearance_along
 from energy_opt.motion.limits.base import Limit, box_of
 from energy_opt.motion.move import Move, Settings
-from energy_opt.motion.path import JointPath
+from energy_opt.motion.path import JointPath, through
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.plan.posed import holds, posed
 from energy_opt.motion.result import FirstPath
-from energy_opt.motion.ways import find_ways, ompl
+from energy_opt.motion.ways import Way, find_ways, ompl
 from energy_opt.motion.ways.find import Ends, Source
 from energy_opt.motion.ways.room import Room, steps
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
+
+WAYS = 2  # that are looked for where nothing free is given
+STEPS = (0.2, 0.1, 0.05, 0.025)  # [s] at the joints' speed limits, between places of ways through which a spline goes
 
 
 def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
@@ -39,44 +43,80 @@ def first_path(
 ) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
     """The move with a first path that is free, where this comes from, and further free paths.
 
+    A reshaped move may have one that is not free, where it was given or where no other was found: `blocked` says so.
+
     Raises:
         Infeasible: a move that keeps its path would touch something, or no way around was found.
     """
     begin = time.perf_counter()
-    source: Source = "straight" if move.path is None and not move.via else "given"
-    tube = settings.tube is not None  # about what was asked for: it is no use to start elsewhere
-    if tube:
+    reshape, straight = move.mode == "reshape", move.path is None and not move.via
+    source: Source = "straight" if straight else "given"
+    what = "straight line" if straight else "given path" if move.path is not None else "path through the via points"
+    if settings.tube is not None:  # about what was asked for: it is no use to start elsewhere
         move = replace(move, path=path_of(move))
-    elif source == "straight" and not holds(robot, model, limits, path_of(move)):
+    elif straight and not holds(robot, model, limits, path_of(move)):
         path = posed(robot, model, limits, path_of(move))
         if path is not None and (cell is None or clearance_along(cell, path).proven):
             return replace(move, path=path), FirstPath("own", time.perf_counter() - begin), ()
     if cell is None:
         return move, FirstPath(source), ()
     found = clearance_along(cell, path_of(move))
-    if found.proven or (move.mode == "reshape" and (tube or source == "given")):
-        return move, FirstPath(source, time.perf_counter() - begin), ()
-    if tube or source == "given":
-        what = "straight line" if source == "straight" else "given path"
+    if cell.request.planner == "ompl" and not found.proven and not ompl.installed():
+        raise BadInput("--planner ompl: OMPL is not installed; pip install 'energy-opt[plan]'")
+    if not found.proven and move.path is not None and not reshape:
         raise Infeasible(
             f"the {what} is not free: at {found.time:.4g} of it {found}; "
             "--mode reshape may start from it all the same",
             limit="clearance", position=found.time, excess=found.depth,
         )  # fmt: skip
-    if cell.request.planner == "ompl" and not ompl.installed():
-        raise BadInput("--planner ompl: OMPL is not installed; pip install 'energy-opt[plan]'")
-    lower, upper = box_of(limits, robot.n)
-    ends = Ends.of(move.start, move.goal, lower, upper, robot.limits.velocity)
-    count = settings.ways if move.mode == "reshape" else 1
-    ways = find_ways(
-        Room(cell, np.stack([move.start, move.goal])), ends, steps(robot.body.tree()),
-        planner=cell.request.planner, seed=settings.seed, count=count,
-    )  # fmt: skip
+    ways = _around(robot, cell, settings, limits, move, found.proven)
     seconds = time.perf_counter() - begin
+    if found.proven or (move.path is not None and ways):
+        return move, FirstPath(source, seconds), tuple(way.path for way in ways)
     if ways:
-        further = tuple(way.path for way in ways[1:])
-        return replace(move, path=ways[0].path), FirstPath(ways[0].source, seconds), further
-    if move.mode == "reshape":
-        return move, FirstPath(source, seconds), ()
+        return replace(move, path=ways[0].path), FirstPath(ways[0].source, seconds), tuple(w.path for w in ways[1:])
     extra = "" if ompl.installed() else "; pip install 'energy-opt[plan]' brings a planner that looks further"
-    raise Infeasible(f"the straight line is not free ({found}), and no way around was found{extra}", limit="clearance")
+    if move.path is not None:
+        blocked = f"the {what} is not free: at {found.time:.4g} of it {found}"
+    else:
+        blocked = f"the {what} is not free ({found}), and no way around was found{extra}"
+    if reshape:
+        return move, FirstPath(source, seconds, blocked), ()
+    raise Infeasible(blocked, limit="clearance")
+
+
+def _around(robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit], move: Move, free: bool) -> list[Way]:
+    """Ways to start from besides a path that is given or `free`, or in place of one that is not."""
+    if settings.tube is not None or (free and (move.path is None or not settings.ways or move.mode == "retime")):
+        return []
+    lower, upper = box_of(limits, robot.n)
+
+    def between(start: np.ndarray, goal: np.ndarray, count: int) -> list[Way]:
+        return find_ways(
+            Room(cell, np.stack([start, goal])), Ends.of(start, goal, lower, upper, robot.limits.velocity),
+            steps(robot.body.tree()), planner=cell.request.planner, seed=settings.seed, count=count,
+        )  # fmt: skip
+
+    if move.via and move.path is None:
+        return _through(cell, between, [move.start, *move.via, move.goal])
+    count = max(1, WAYS if settings.ways is None else settings.ways)
+    return between(move.start, move.goal, count if move.mode == "reshape" else 1)
+
+
+def _through(
+    cell: Cell, between: Callable[[np.ndarray, np.ndarray, int], list[Way]], points: Sequence[np.ndarray]
+) -> list[Way]:
+    """One way through points (n,) one after the other, a spline through places of ways between them; or none."""
+    legs: list[Way] = []
+    for start, goal in itertools.pairwise(points):
+        found = between(start, goal, 1)
+        if not found:
+            return []
+        legs += found
+    source = max((leg.source for leg in legs), key=("straight", "own", "ompl").index)
+    for step in STEPS:
+        places = [leg.path(np.linspace(0, 1, 2 + int(leg.length / step)))[:-1] for leg in legs]
+        path = through(np.vstack([*places, points[-1]]))
+        if clearance_along(cell, path).proven:
+            return [Way(path, source, legs[-1].seconds, sum(leg.length for leg in legs))]
+    return []

@@ -91,6 +91,7 @@ def add_move(parser: argparse.ArgumentParser) -> None:
         "--keep", action="append", default=[], metavar="WHAT",
         help="upright[:DEG] (5), orientation[:DEG] (2) or line[:MM] (1) of the tool (repeatable)",
     )  # fmt: skip
+    group.add_argument("--tube", metavar="WIDTH", help="0.1rad (each joint) or 0.02m (tool): near the given path (no)")
     group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
@@ -341,6 +342,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
         tool_speed=args.tool_speed,
         tool_acceleration=args.tool_acceleration,
         keep=tuple(args.keep),
+        tube=args.tube,
         tool=args.tool,
         allow_large=getattr(args, "allow_large", False),
     )

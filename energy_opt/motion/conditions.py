@@ -1,4 +1,4 @@
-"""Conditions on a tool's pose, in the words in which they are asked for."""
+"""Conditions on a motion, in the words in which they are asked for."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from energy_opt.errors import BadInput
 
 KEEP = {"upright": (5.0, "deg", 180.0), "orientation": (2.0, "deg", 180.0), "line": (1.0, "mm", np.inf)}
 """What can be kept: how nearly where nothing is said, its unit, and what the bound must be below."""
+
+TUBE_BELOW = 100.0  # [rad, m] a wider tube is a slip of the unit
 
 
 def kept(words: tuple[str, ...]) -> dict[str, float]:
@@ -33,3 +35,20 @@ def kept(words: tuple[str, ...]) -> dict[str, float]:
             raise BadInput(f"--keep {name}: given twice")
         out[name] = bound
     return out
+
+
+def tube_of(word: str) -> tuple[float, str]:
+    """What `--tube` asks for: a bound above 0, and its unit, rad (of every joint) or m (of the tool).
+
+    Raises:
+        BadInput: anything else.
+    """
+    text = word.strip()
+    unit = "rad" if text.endswith("rad") else "m" if text.endswith("m") else ""
+    try:
+        bound = float(text.removesuffix(unit)) if unit else np.nan
+    except ValueError:
+        bound = np.nan
+    if not 0 < bound < TUBE_BELOW:
+        raise BadInput(f"--tube {word}: expected a width above 0 with its unit: 0.1rad (every joint) or 0.02m (tool)")
+    return bound, unit

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.motion.conditions import kept
+from energy_opt.motion.conditions import kept, tube_of
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
 
@@ -121,6 +121,8 @@ class Settings:
         tool_acceleration: bound of the acceleration of the tool's origin [m/s^2]; None for none.
         keep: "upright[:DEG]", "orientation[:DEG]", "line[:MM]": what of the tool's pose is kept; one word, words with
             commas between them, or a sequence of words.
+        tube: "0.1rad" or "0.02m": how far any joint, or the tool, may be from the nearest point of the given path (of
+            the straight line where none is given); None for as far as it likes.
         allow_large: more starts, samples and control points than a careful user would ask for.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
         ways: how many free ways are looked for, and started from, where the straight line is not free.
@@ -139,6 +141,7 @@ class Settings:
     tool_speed: float | None = None
     tool_acceleration: float | None = None
     keep: str | tuple[str, ...] = ()
+    tube: str | None = None
     tool: str | None = None
     allow_large: bool = False
     ways: int = 2
@@ -147,6 +150,8 @@ class Settings:
         words = self.keep.split(",") if isinstance(self.keep, str) else self.keep
         object.__setattr__(self, "keep", tuple(words))
         kept(tuple(words))
+        if self.tube is not None:
+            tube_of(self.tube)
         for name, least, most in COUNTS:
             value = getattr(self, name)
             larger = self.allow_large and name != "seed"

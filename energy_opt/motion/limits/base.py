@@ -15,6 +15,7 @@ limit does not override is "nothing". A new limit is one file with one class, an
                                order, bound         rows on the control points of the derivative of that order
                                expression(x, p)     symbolic rows at nodes, of (q, v, a, effort, power, t)
                                places(curve)        numeric rows at places of its own, of position only (`PlaceRows`)
+                               excess_at(q)         how far positions are beyond what such rows allow
                                via                  points that are passed at times of the solver's choice
 
 Symbolic rows are compiled and differentiated with the model's node functions: they may depend on the whole state and
@@ -234,6 +235,10 @@ class Limit:
     def expression(self, x: State, p: ca.SX) -> ca.SX:
         """Symbolic rows (m, 1) at a node, in the unit of `scale`."""
         raise NotImplementedError
+
+    def excess_at(self, q: np.ndarray) -> float:
+        """The largest excess at positions (M, n), of a limit whose numeric rows say what it allows; else -inf."""
+        return -np.inf
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceRows | None:
         """Numeric rows near a curve, which gives positions (K, n) at u (K,); asked before every IPOPT round."""

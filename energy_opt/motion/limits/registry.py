@@ -15,6 +15,7 @@ from energy_opt.motion.limits.position import Position
 from energy_opt.motion.limits.power import Power
 from energy_opt.motion.limits.tool_acceleration import ToolAcceleration
 from energy_opt.motion.limits.tool_speed import ToolSpeed
+from energy_opt.motion.limits.tube import Tube
 from energy_opt.motion.limits.velocity import Velocity
 from energy_opt.motion.limits.via import ViaPoints
 from energy_opt.motion.move import Move, Settings
@@ -22,7 +23,7 @@ from energy_opt.robot import Limits, Robot
 
 # besides the robot's own
 ASKED: tuple[type[Limit], ...] = (
-    ViaPoints, Power, ToolSpeed, ToolAcceleration, KeepUpright, KeepOrientation, KeepLine,
+    ViaPoints, Power, ToolSpeed, ToolAcceleration, KeepUpright, KeepOrientation, KeepLine, Tube,
 )  # fmt: skip
 
 

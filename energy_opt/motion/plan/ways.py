@@ -44,18 +44,22 @@ def first_path(
     """
     begin = time.perf_counter()
     source: Source = "straight" if move.path is None and not move.via else "given"
-    if source == "straight" and not holds(robot, model, limits, path_of(move)):
+    tube = settings.tube is not None  # about what was asked for: it is no use to start elsewhere
+    if tube:
+        move = replace(move, path=path_of(move))
+    elif source == "straight" and not holds(robot, model, limits, path_of(move)):
         path = posed(robot, model, limits, path_of(move))
         if path is not None and (cell is None or clearance_along(cell, path).proven):
             return replace(move, path=path), FirstPath("own", time.perf_counter() - begin), ()
     if cell is None:
         return move, FirstPath(source), ()
     found = clearance_along(cell, path_of(move))
-    if found.proven or (move.mode == "reshape" and source == "given"):
+    if found.proven or (move.mode == "reshape" and (tube or source == "given")):
         return move, FirstPath(source, time.perf_counter() - begin), ()
-    if source == "given":
+    if tube or source == "given":
+        what = "straight line" if source == "straight" else "given path"
         raise Infeasible(
-            f"the given path is not free: at {found.time:.4g} of it {found}; "
+            f"the {what} is not free: at {found.time:.4g} of it {found}; "
             "--mode reshape may start from it all the same",
             limit="clearance", position=found.time, excess=found.depth,
         )  # fmt: skip

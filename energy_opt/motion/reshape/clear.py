@@ -171,5 +171,4 @@ class _Rounds:
 
 def _broken(level: Level, outcome: Outcome, task: Task) -> float:
     """The worst excess over a limit, planes aside."""
-    _, shares = level.shares(outcome.curve, task.parameters, task.limits)
-    return max(float(share.max()) - 1 for share in shares.values())
+    return level.excess(outcome.curve, task.parameters, task.limits)[1]

@@ -95,6 +95,12 @@ class Level:
                 used += limit.scale.size
         return float(w @ rate[:, 0]), shares
 
+    def excess(self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit]) -> tuple[float, float]:
+        """Cost, and the worst excess over a limit; planes between bodies aside, as they are no limit of their own."""
+        cost, shares = self.shares(curve, parameters, limits)
+        placed = [limit.excess_at(self.shape.matrices[0] @ curve.points) for limit in limits]
+        return cost, max([float(share.max()) - 1 for share in shares.values()] + placed)
+
     def solve(
         self,
         guess: Curve,

@@ -106,8 +106,8 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
         points[: shape.pinned] = straight.points[: shape.pinned]
         points[-shape.pinned :] = straight.points[-shape.pinned :]
         curve = replace(straight, points=points)
-        cost, shares = level.shares(curve, task.parameters, task.limits)
-        excess = max(0.0, max(float(share.max()) for share in shares.values()) - 1)
+        cost, excess = level.excess(curve, task.parameters, task.limits)
+        excess = max(0.0, excess)
         return (cost - task.offset * curve.duration) * (1 + excess), excess, curve
 
     best, least = np.zeros((2, shape.joints)), np.inf

@@ -1,0 +1,181 @@
+"""A motion stays near a path: every joint within a bound of the path's nearest point, or the tool's origin of its own.
+
+Rows are at places of a curve, with the nearest point found anew wherever the solver goes. In joints they are the
+deviations themselves, as shares of the bound. The distance d of a tool has a kink on the path, where a row of it would
+be broken; so its rows are sqrt((d^2 + w^2) / (2 w^2)) with w the bound, smooth and at most 1 if and only if d is at
+most w (see `keep`). The tool's path is a cubic spline through where a dense sampling of the path puts the tool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Self
+
+import numpy as np
+
+from energy_opt.motion.conditions import tube_of
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.limits.base import Fixed, Limit, PlaceRows, Violation, worst_of
+from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.nearest import Foot, NearestOf
+from energy_opt.motion.path import JointPath, through
+from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.robot import Robot, Tool, tool_of
+from energy_opt.robot.kinematics import Kinematics
+
+PLACES = 80  # along a curve, where rows are: two for each control point of a fine one
+SAMPLED = 2001  # places of the path through which the tool's own goes: it errs by less than 1 um on bends of 1 cm
+
+
+class Carried:
+    """A tool of an arm, in NumPy: where its origin is, and how it moves with the joints."""
+
+    def __init__(self, robot: Robot, tool: Tool) -> None:
+        self.name, self._joint = tool.name, tool.joint
+        self._kinematics, self._origin = Kinematics(robot.body.tree()), np.array(tool.pose)[:3, 3]
+        self._moves = self._kinematics.moves[tool.joint]
+
+    def place(self, q: np.ndarray) -> np.ndarray:
+        """Its origin (M, 3) [m] in the base frame at q (M, n)."""
+        at = self._kinematics(q)
+        return np.asarray(at.origin[:, self._joint] + at.rotation[:, self._joint] @ self._origin)
+
+    def moved(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Axes z of the joints, and the velocities w that they give it; zero of those that do not, (M, n, 3) each."""
+        at, slides = self._kinematics(q), self._kinematics.prismatic[:, None]
+        w = np.where(slides, at.axis, np.cross(at.axis, self.place(q)[:, None] - at.origin[:, :-1]))
+        return at.axis * (self._moves[:, None] & ~slides), w * self._moves[:, None]
+
+    def bent(self, axes: np.ndarray, moved: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Sum of the second derivatives of its origin's coordinates times weight (M, 3), (M, n, n).
+
+        d2x / dq_i dq_j = z_i x w_j for i above or at j.
+        """
+        half = np.cross(weight[:, None], axes) @ moved.transpose(0, 2, 1) * self._kinematics.moves[:-1].T
+        return np.asarray(half + (half * ~np.eye(half.shape[1], dtype=bool)).transpose(0, 2, 1))
+
+
+class Tube(Limit):
+    """A bound [rad or m].
+
+    Attributes:
+        near: finds nearest points of the path, the joints' or the tool's.
+        tool: what is kept near; None for all joints (their names in `joints`).
+    """
+
+    name, unit = "tube", "rad"
+
+    def __init__(self, joints: Sequence[str], near: NearestOf, bound: float, tool: Carried | None = None) -> None:
+        self.joints, self.near, self.most, self.tool = tuple(joints), near, bound, tool
+
+    @classmethod
+    def of(cls, robot: Robot, path: JointPath, words: str, tool: Tool) -> Self:
+        """The tube about a path that words like 0.1rad or 0.02m ask for."""
+        bound, unit = tube_of(words)
+        if unit == "rad":
+            return cls(robot.joints, NearestOf(path), bound)
+        carried = Carried(robot, tool)
+        places = path(np.linspace(0, 1, SAMPLED))
+        return cls(robot.joints, NearestOf(through(carried.place(places))), bound, carried)
+
+    @classmethod
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
+        if settings.tube is None or move is None or move.path is None:
+            return None
+        return cls.of(robot, move.path, settings.tube, tool_of(robot.body, settings.tool))
+
+    def where(self, joints: Sequence[str], column: int) -> str:
+        return joints[column] if self.tool is None else self.tool.name
+
+    def _away(self, q: np.ndarray) -> np.ndarray:
+        """How far positions (M, n) are from the path: per joint (M, n) [rad], or of the tool (M, 1) [m]."""
+        if self.tool is None:
+            return np.abs(self.near(q).off)
+        return np.linalg.norm(self.near(self.tool.place(q)).off, axis=1)[:, None]
+
+    def worst(self, x: Dense) -> Violation:
+        value = self._away(x.q)
+        return worst_of(self, x, value, np.full(value.shape[1], self.most), value / self.most - 1)
+
+    def excess_at(self, q: np.ndarray) -> float:
+        return float(self._away(q).max()) / self.most - 1
+
+    def scaled(self, share: float) -> Self:
+        return type(self)(self.joints, self.near, self.most * share, self.tool)
+
+    def fixed(self, d: PathDynamics) -> Fixed:
+        value, unit = self._away(d.q), "rad" if self.tool is None else "m"
+
+        def text(k: int, j: int) -> str:
+            return f"{value[k, j]:.4g} {unit} from the path, allowed are {self.most:.4g} (--tube)"
+
+        return Fixed(value / self.most - 1, text)
+
+    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceRows:
+        u = (np.arange(PLACES) + 0.5) / PLACES
+        if self.tool is None:
+            return JointRows(self.near, self.most, u, len(self.joints))
+        return ToolRows(self.near, self.most, u, self.tool)
+
+
+class JointRows:
+    """Deviations of all joints at all places, as shares of the bound (see `limits.base.PlaceRows`)."""
+
+    def __init__(self, near: NearestOf, bound: float, u: np.ndarray, joints: int) -> None:
+        self.u, self._near, self._bound = u, near, bound
+        self.place, self.keys = np.repeat(np.arange(len(u)), joints), np.arange(len(u) * joints)
+        self.lower, self.upper = np.full(len(self.keys), -1.0), np.ones(len(self.keys))
+        self._at: np.ndarray | None = None
+
+    def _move(self, q: np.ndarray) -> Foot:
+        if self._at is not q:
+            self._at, self._foot = q, self._near(q)
+        return self._foot
+
+    def value(self, q: np.ndarray) -> np.ndarray:
+        """(R,)."""
+        return self._move(q).off.ravel() / self._bound
+
+    def gradient(self, q: np.ndarray) -> np.ndarray:
+        """(R, n)."""
+        return self._move(q).off_slope.reshape(-1, q.shape[1]) / self._bound
+
+    def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """(K, n, n)."""
+        return self._move(q).off_curvature(multipliers.reshape(q.shape) / self._bound)
+
+
+class ToolRows:
+    """sqrt((d^2 / w^2 + 1) / 2) at all places, for a tool's distance d and the bound w."""
+
+    def __init__(self, near: NearestOf, bound: float, u: np.ndarray, tool: Carried) -> None:
+        self.u, self._near, self._bound, self._tool = u, near, bound, tool
+        self.place = self.keys = np.arange(len(u))
+        self.lower, self.upper = np.full(len(u), -np.inf), np.ones(len(u))
+        self._at: np.ndarray | None = None
+
+    def _move(self, q: np.ndarray) -> Foot:
+        if self._at is not q:
+            self._at, self._foot = q, self._near(self._tool.place(q))
+            self._axes, self._moved = self._tool.moved(q)
+            self._f = np.sqrt((np.sum(self._foot.off**2, axis=1) / self._bound**2 + 1) / 2)
+        return self._foot
+
+    def value(self, q: np.ndarray) -> np.ndarray:
+        """(R,)."""
+        self._move(q)
+        return self._f
+
+    def gradient(self, q: np.ndarray) -> np.ndarray:
+        """(R, n): with the gradient e of d^2 / 2, df/dx = e / (2 f w^2)."""
+        off = self._move(q).off / (2 * self._f * self._bound**2)[:, None]
+        return np.asarray((self._moved @ off[:, :, None])[:, :, 0])
+
+    def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """(K, n, n): d2f/dx2 = (de/dx - e e^T / (2 f^2 w^2)) / (2 f w^2)."""
+        foot = self._move(q)
+        size = 2 * self._f * self._bound**2
+        inner = foot.off_slope - foot.off[:, :, None] * foot.off[:, None] / (self._f * size)[:, None, None]
+        inner *= (multipliers / size)[:, None, None]
+        bent = self._tool.bent(self._axes, self._moved, (multipliers / size)[:, None] * foot.off)
+        return np.asarray(self._moved @ inner @ self._moved.transpose(0, 2, 1) + bent)

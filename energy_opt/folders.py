@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,15 +49,32 @@ def written_whole(out: Path, last: str) -> Iterator[Path]:
         aside = Path(tempfile.mkdtemp(prefix=".writing-", dir=out))
         yield aside
         names = sorted((p.relative_to(aside) for p in aside.rglob("*") if p.is_file()), key=lambda p: str(p) == last)
-        (out / last).unlink(missing_ok=True)
-        for name in names:
-            (out / name).parent.mkdir(parents=True, exist_ok=True)
-            os.replace(aside / name, out / name)
+        with _undisturbed():
+            (out / last).unlink(missing_ok=True)
+            for name in names:
+                (out / name).parent.mkdir(parents=True, exist_ok=True)
+                os.replace(aside / name, out / name)
     except OSError as error:
         raise BadInput(f"{out}: cannot be written: {_reason(error)}; nothing in it was changed") from None
     finally:
         if aside is not None:
             shutil.rmtree(aside, ignore_errors=True)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C waits until the block has ended; in another than the main thread it never came."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda *_: pressed.append(1))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if pressed and before is not signal.SIG_IGN:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _reason(error: OSError | ValueError) -> str:

@@ -45,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
+    from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
     from energy_opt.diagnose import diagnose, write
@@ -64,20 +65,20 @@ def run(args: argparse.Namespace) -> int:
     basis = {"model": declared, "payload": args.payload, "limits": args.limits}
     request = request_of_set(args.set, robot, args.seed, **basis, command=args.command)
     guard(args.out / "diagnosis.json", request, args.force)
-    with Progress(args):
-        result = diagnose(measured, declared, args.seed, args.tolerance, given)
+    with stop_on_interrupt() as stopped, Progress(args):
+        result = diagnose(measured, declared, args.seed, args.tolerance, given, stopped)
     result.document["request"] = request
     if said:
         result.document["remarks"].insert(0, said)
     with written_whole(args.out, "diagnosis.json") as aside:
-        if result.document["verdict"] in ("ambiguous", "insufficient"):
-            _next_motion(result, aside, args.seed)
-        write(result, aside)
+        _next_motion(result, aside, args.seed)
+        with stop_on_interrupt() as pressed:
+            write(result, aside)
     say(args, _summary(result, args.out))
     view(args, args.out)
     if args.json:
         sys.stdout.write(to_json(result.document))
-    return 0
+    return 130 if result.document["interrupted"] or pressed() else 0
 
 
 def _declared(args: argparse.Namespace, measured: MeasuredSet) -> tuple[PowerModel, tuple[str, ...], str]:
@@ -104,13 +105,20 @@ def _heat(measured: MeasuredSet) -> list[float]:
 
 
 def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
+    """Propose a motion where one would help, and write it."""
     from energy_opt.errors import Infeasible
     from energy_opt.formats import table
     from energy_opt.next_motion import propose, rivals_of
 
+    if result.document["verdict"] not in ("ambiguous", "insufficient") or result.document["interrupted"]:
+        return
     robot, remarks = result.measured.robot, result.document["remarks"]
     try:
         motion = propose(rivals_of(result.trace, robot.n), robot, seed)
+    except KeyboardInterrupt:  # what was known before is written
+        result.document["interrupted"] = True
+        remarks.append("No motion to record next is proposed: the search for one was interrupted.")
+        return
     except Infeasible as error:
         remarks.append(f"No motion to record next is proposed: {error}.")
         return
@@ -125,7 +133,7 @@ def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
 
 def _summary(result: Diagnosis, out: Path) -> str:
     d = result.document
-    lines = [d["headline"], f"verdict: {d['verdict']}"]
+    lines = [d["headline"], f"verdict: {d['verdict'] or 'none, interrupted'}"]
     for row in d["effects"]:
         refit = " (declared value fitted anew)" if row["refit"] else ""
         sure = f"odds e^{row['log_odds']:.0f}" if row["log_odds"] < 50 else "beyond doubt"

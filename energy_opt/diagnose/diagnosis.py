@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,6 +59,7 @@ def diagnose(
     seed: int = 0,
     tolerance: float = TOLERANCE,
     given: tuple[str, ...] = (),
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Diagnosis:
     """Find what the declared model lacks.
 
@@ -66,6 +68,7 @@ def diagnose(
         declared: the owner's model of the same robot; a payload that the recorder states is added where it has none.
         seed: of the split into training and holdout. tolerance: of energy, %, for `usable`.
         given: declared effects whose values are free without being news.
+        stopped: asked on the way; True ends the search with what is known: "interrupted", and no verdict.
 
     Raises:
         BadInput: the model does not fit the robot, or the set is too small to say anything.
@@ -79,7 +82,7 @@ def diagnose(
     train, holdout = split(samples, seed)
     moving = excited(samples, measured.robot.limits)
     fitted = samples.part(train)
-    found = trace(fitted, declared, measured.robot.limits, moving, given)
+    found = trace(fitted, declared, measured.robot.limits, moving, given, stopped)
     chosen = predictor(found)
     model = calibrated(found, chosen, found.rivals, WIDER)
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
@@ -87,7 +90,8 @@ def diagnose(
     judged = holdout or train
     left = goes_with(found, measured.robot.joints)
     document: dict[str, Any] = {
-        "verdict": found.verdict,
+        "verdict": found.verdict or None,
+        "interrupted": stopped(),
         "headline": "",
         "effects": effect_rows(found),
         "alternatives": [list(f.names) for f in found.rivals] if len(found.rivals) > 1 else [],
@@ -100,6 +104,7 @@ def diagnose(
         "error": {"before": before, "after": after, "noise_floor": samples.floor},
         "noise": {"white": found.noise.white, "wave": found.noise.wave, "memory": found.noise.memory},
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
+        "declared_effects": [e.name for e in declared.effects],
         "model_effects": [e.name for e in model.effects],
         "next_motion": None,
         "remarks": remarks(found, measured, declared, chosen),
@@ -221,7 +226,7 @@ def candidate_rows(found: Trace) -> list[dict[str, Any]]:
 
     The strongest alone come first. None where the effect is accepted already.
     """
-    if not found.follows:
+    if not found.follows or not found.verdict:
         return []
     alone: dict[str, float] = {}
     beside: dict[str, float] = {}

@@ -11,7 +11,7 @@ with the fit and falls with every number that the data had to choose.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,6 +52,10 @@ class Free:
         return self.signal, self.joint
 
 
+class Stopped(Exception):
+    """The work was asked to end; what was fitted so far stands in the search."""
+
+
 @dataclass(frozen=True)
 class World:
     """What all hypotheses on the same data share."""
@@ -63,6 +67,12 @@ class World:
     whiten: Whitener
     offsets: np.ndarray = field(repr=False)  # (M, R)
     given: tuple[str, ...] = ()  # effects of the declared model whose values are free and no news
+    stopped: Callable[[], bool] = lambda: False  # asked while fits are made
+
+    def go_on(self) -> None:
+        """Raises Stopped where the work is to end."""
+        if self.stopped():
+            raise Stopped
 
     @classmethod
     def of(
@@ -73,11 +83,12 @@ class World:
         links: Links,
         noise: Noise,
         given: tuple[str, ...] = (),
+        stopped: Callable[[], bool] = lambda: False,
     ) -> World:
         offsets = np.zeros((len(samples.power), len(samples.parts)))
         for r, part in enumerate(samples.parts):
             offsets[part, r] = 1.0
-        return cls(samples, declared, scale, links, whitener(samples, noise), offsets, given)
+        return cls(samples, declared, scale, links, whitener(samples, noise), offsets, given, stopped)
 
     def before(self, nuisance: Nuisance) -> np.ndarray:
         """Precision (c, c) of links' amounts and runs' levels before the data."""

@@ -27,9 +27,9 @@ MOSTLY = 0.5  # of all joints' speed, beyond which a reading is shown as one joi
 def page(result: Diagnosis) -> Report:
     """The report."""
     d = result.document
-    report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict']}")
+    report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict'] or 'stopped'}")
     report.headline(d["headline"])
-    report.text(WORDS[d["verdict"]])
+    report.text(WORDS.get(d["verdict"], "Stopped before there was a verdict; this is what was known."))
     report.text(d["next_step"])
     for remark in d["remarks"]:
         report.warning(remark)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.diagnose.cross import left_out
-from energy_opt.diagnose.fit import Fit
+from energy_opt.diagnose.fit import Fit, Stopped
 from energy_opt.diagnose.search import Search
 from energy_opt.diagnose.terms import Chart, Term, chart
 from energy_opt.diagnose.trace import Trace
@@ -34,7 +34,14 @@ BETTER = 0.02  # share by which a richer model must foresee better
 
 
 def predictor(found: Trace) -> Fit:
-    """The fit that foresees best."""
+    """The fit that foresees best; what is accepted, or else known, where the work was stopped."""
+    try:
+        return _foreseeing_best(found)
+    except Stopped:
+        return found.accepted if found.verdict else found.root if found.best.free else found.best
+
+
+def _foreseeing_best(found: Trace) -> Fit:
     search = found.search
     tried = [found.root, found.accepted]
     if found.best is not found.accepted:

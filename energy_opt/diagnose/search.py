@@ -144,6 +144,11 @@ class Search:
         self.closed = False
         self.banks.clear()
 
+    def so_far(self, start: Fit) -> Fit:
+        """The likeliest hypothesis that was fitted and weighed; `start` where there is none."""
+        known = [f for f in self.fits.values() if id(f) in self.scores]
+        return max(known, key=self.score, default=start)
+
     def keep(self, f: Fit) -> Fit:
         """Enter a fit that was made elsewhere."""
         self.fits.setdefault((frozenset(c.term for c in f.charts), frozenset(g.key for g in f.free)), f)
@@ -154,6 +159,7 @@ class Search:
     ) -> Fit:
         """A hypothesis' best fit so far, tried from `starts`."""
         key = frozenset(c.term for c in charts), frozenset(g.key for g in free)
+        self.world.go_on()
         new = fit(self.world, nuisance, charts, starts, free, amounts)
         likeliest = self.weighed(new).nuisance
         if likeliest != nuisance:
@@ -200,6 +206,7 @@ class Search:
             for stage in (_single, _swaps, _pairs):
                 best, most = here, reached
                 for option in stage(bank, here):
+                    self.world.go_on()
                     found = bank.glance(option)
                     if found > most and frozenset(_label(bank, k) for k in option) not in poor:
                         best, most = option, found

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
-from energy_opt.diagnose.fit import Fit, Nuisance, World
+from energy_opt.diagnose.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnose.follows import follows
 from energy_opt.diagnose.links import links_of
 from energy_opt.diagnose.noise import Noise, Whitener
@@ -49,6 +50,7 @@ class Trace:
         accepted: what is claimed of it. claims: of its effects, in order. rivals: sets that explain as well, the
             accepted one first. noise: of the readings. left: rms of what is left over noise's slow part.
         idle: joints (indices) that never move. follows: False where power does not go with the motion.
+        verdict: as in diagnosis.json; "" where the search was stopped before it had one.
     """
 
     search: Search
@@ -78,7 +80,12 @@ def excited(samples: Samples, limits: Limits) -> np.ndarray:
 
 
 def trace(
-    samples: Samples, declared: PowerModel, limits: Limits, moving: np.ndarray, given: tuple[str, ...] = ()
+    samples: Samples,
+    declared: PowerModel,
+    limits: Limits,
+    moving: np.ndarray,
+    given: tuple[str, ...] = (),
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Trace:
     """Run the search and judge it.
 
@@ -86,6 +93,7 @@ def trace(
         samples: the training runs. declared: the owner's model.
         moving: (n,) True for the joints that the set excites, see `excited`.
         given: declared effects whose values are free without being news.
+        stopped: asked on the way; True ends the search, with what is known and no verdict.
     """
     now = predict(declared, samples)
     samples = weighted(samples, now.power)
@@ -96,16 +104,26 @@ def trace(
     if not follows(samples, now):
         found = Search(world)
         return Trace(found, nothing, nothing, nothing, "unexplained", (), (nothing,), still, np.inf, True, idle, False)
+    tried: list[Search] = []
+    try:
+        return _searched(replace(world, stopped=stopped), nothing, still, idle, tried)
+    except Stopped:
+        best = tried[-1].so_far(nothing)
+        return Trace(tried[-1], nothing, best, nothing, "", (), (nothing,), still, np.nan, False, idle)
+
+
+def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], tried: list[Search]) -> Trace:
+    """The search, judged; what it tries is put into `tried`."""
     best, noise = nothing, still
     for _ in range(3):
-        found = Search(world)
+        tried.append(found := Search(world))
         best = found.descend(best)
         noise = noise_of(best)
         if _alike(noise, world.whiten.noise):
             break
         world = world.under(noise)
         best = moved(best, world)
-    found = Search(world)
+    tried.append(found := Search(world))
     named = found.descend(best)
     found.open()
     best = found.descend(named)

@@ -42,6 +42,10 @@ def headline(document: dict[str, Any]) -> str:
         f"held out {before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
         f"energy {before['energy_percent']:.1f} → {after['energy_percent']:.1f} %"
     )
+    if not verdict:
+        found = [name for name in document["model_effects"] if name not in document["declared_effects"]]
+        said = f"Stopped before there was a verdict: no cause is claimed; {held}."
+        return said + (f" Likeliest so far: {listed(found)}." if found else "")
     if names:
         verb = "explains" if len(names) == 1 else "explain"
         said = f"{listed(names).capitalize()} {verb} {100 * share:.1f} % of what was above the noise; {held}."
@@ -143,6 +147,8 @@ def _friction_at(f: Fit, joint: int, speed: float) -> float:
 
 def next_step(document: dict[str, Any]) -> str:
     """What to do with it."""
+    if not document["verdict"]:
+        return "Next: let it run to its end."
     if document["usable"]:
         return "Next: good enough to plan with (optimize --model model.toml)."
     if document["verdict"] in ("ambiguous", "insufficient"):

@@ -1,0 +1,105 @@
+"""Ctrl-C at any moment of the verbs that read data: quiet, 130, and what is known by then is written, whole."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from energy_opt.cli import interrupt
+from energy_opt.cli.main import main
+from energy_opt.effects import CoulombFriction
+from energy_opt.folders import written_whole
+from energy_opt.power import load_model
+from energy_opt.virtual_arm.sets import make_set
+
+pytest.importorskip("mujoco")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = make_set(tmp_path_factory.mktemp("set") / "set", "z1", [CoulombFriction(tau_c=0.3)], seed=2)
+    made.declared.save(made.folder / "declared.toml")
+    return made.folder
+
+
+@pytest.fixture(autouse=True)
+def _as_the_command_does() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, interrupt.interrupt)
+    yield
+    signal.signal(signal.SIGINT, before)
+    interrupt._pressed.clear()
+
+
+def pressed(monkeypatch: pytest.MonkeyPatch, place: str, times: int = 1) -> None:
+    """Ctrl-C comes when a function is called for the `times`-th time."""
+    module, _, name = place.partition(":")
+    owner: Any = importlib.import_module(module)
+    *way, name = name.split(".")
+    for part in way:
+        owner = getattr(owner, part)
+    inner: Callable[..., Any] = getattr(owner, name)
+    calls = []
+
+    def press(*words: Any, **more: Any) -> Any:
+        calls.append(1)
+        if len(calls) == times:
+            signal.raise_signal(signal.SIGINT)
+        return inner(*words, **more)
+
+    monkeypatch.setattr(owner, name, press)
+
+
+@pytest.mark.parametrize(
+    ("place", "times", "known"),
+    [
+        ("energy_opt.measured:read_set", 1, False),
+        ("energy_opt.diagnose.diagnosis:take_samples", 1, True),
+        ("energy_opt.diagnose.search:Search.fitted", 1, True),
+        ("energy_opt.diagnose.search:Search.fitted", 2, True),
+        ("energy_opt.diagnose.predictor:_curves", 1, True),
+        ("energy_opt.diagnose.diagnosis:errors", 1, True),
+        ("energy_opt.diagnose.page:page", 1, True),
+    ],
+)
+def test_what_a_diagnosis_knows_is_written(
+    place: str, times: int, known: bool, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    pressed(monkeypatch, place, times)
+    out = tmp_path / "out"
+    code = main(["diagnose", str(folder), "--out", str(out), "--quiet"])
+    assert code == 130 and capsys.readouterr().err == ("" if known else "energy-opt: interrupted\n")
+    assert out.exists() == known
+    if not known:
+        return
+    assert sorted(p.name for p in out.iterdir()) == ["diagnosis.json", "model.toml", "report.html"]
+    d = json.loads((out / "diagnosis.json").read_text())
+    load_model(out / "model.toml").check(6)
+    assert d["interrupted"] == ("page" not in place) and d["error"]["after"]["train"]["power_rmse"] > 0
+    if "search" in place or "take_samples" in place:
+        assert d["verdict"] is None and not d["effects"] and "before there was a verdict" in d["headline"]
+    else:
+        assert d["verdict"] == "explained" and [row["name"] for row in d["effects"]] == ["coulomb_friction"]
+
+
+@pytest.mark.parametrize("place", ["energy_opt.measured:read_set", "energy_opt.identify:identify"])
+def test_identify_ends_quietly(
+    place: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    pressed(monkeypatch, place)
+    assert main(["identify", str(folder), "--out", str(tmp_path / "out"), "--quiet"]) == 130
+    assert capsys.readouterr().err == "energy-opt: interrupted\n" and not (tmp_path / "out").exists()
+
+
+def test_files_change_place_undisturbed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "last").write_text("old")
+    pressed(monkeypatch, "energy_opt.folders:os.replace")
+    with pytest.raises(KeyboardInterrupt), written_whole(tmp_path, "last") as aside:
+        for name in ("first", "last"):
+            (aside / name).write_text("new")
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"first": "new", "last": "new"}

@@ -72,6 +72,7 @@ class World:
         spread: by how much links are off, as (low, high) shares; (0, 0): as in the URDF.
         noise: one of NOISES. cause: one of CAUSES or LAWS, or "" for none.
         stronger: the cause adds at least this many times the misfit's RMS.
+        currents: the joints' currents are logged. metered: the power is. pushed: runs in which a hand pushes the arm.
     """
 
     arm: str
@@ -82,6 +83,9 @@ class World:
     stronger: float = 3.0
     motions: int = 9
     poses: int = 6
+    currents: bool = False
+    metered: bool = True
+    pushed: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -139,7 +143,10 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
     rounding = float(seen.choice([0.5, 1.0])) if world.noise == "quantised" else 0.05
     memory, share = float(np.exp(seen.uniform(np.log(0.2), np.log(2.0)))), seen.uniform(0.5, 1.2)
     wander = seen.uniform(0.3, 1.0) * seen.normal(size=3)
+    hand = np.random.default_rng([world.seed, 8])
     for k, (t, q, v, a, tau, _) in enumerate(parts):
+        if k in world.pushed:
+            tau = tau - _hand(t - t[0], robot, hand)
         true = law.power(t, q, v, a, tau, size)
         total.append(true - law.power(t, q, v, a, tau, 0))
         every = 2 if world.seed % 2 else 3  # 125 or 83 Hz
@@ -157,9 +164,15 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
             shown = shown + wander[0] * np.sin(t[rows] / 70 + wander[1]) + wander[2] * t[rows] / 200
         shown = np.round(shown / rounding) * rounding
         position = np.round((q[rows] + 5e-6 * seen.normal(size=q[rows].shape)) / 2e-5) * 2e-5
-        header = ",".join(["time", *(f"{j}.position" for j in robot.joints), "power"])
+        header, table = ["time", *(f"{j}.position" for j in robot.joints)], [time, *position.T]
+        if world.currents:
+            current = law.motor(t, q, v, a, tau, size)[rows] / law.kt
+            table += [*(current + 0.01 * np.abs(current).max(axis=0) * hand.normal(size=current.shape)).T]
+            header += [f"{j}.current" for j in robot.joints]
+        if world.metered:
+            header, table = [*header, "power"], [*table, shown]
         name = f"run{k + 1:02d}.csv"
-        np.savetxt(folder / name, np.column_stack([time, position, shown]), "%.6f", ",", header=header, comments="")
+        np.savetxt(folder / name, np.column_stack(table), "%.6f", ",", header=",".join(header), comments="")
         entries.append({"file": name, "kind": "static" if not v.any() else "motion", "start": float(t[0])})
     write_toml(folder / "log.toml", {"format": "energy-opt/log/1", "robot": world.arm, "run": entries})
     declared = PowerModel(world.arm, (Standby(power=drives.standby), CopperLoss(r_over_kt2=list(drives.heat))))
@@ -195,10 +208,10 @@ class _Law:
         self.kt, self.resistance = kt, np.array(drives.heat) * kt**2
         self.scales = world.cause in SCALED
 
-    def power(
+    def motor(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau: np.ndarray, size: float
     ) -> np.ndarray:
-        """Power at the mains, W, (N,); with size 0 without the cause."""
+        """Torque of the motors at the joints, N m, (N, n)."""
         c = self.cause if size else ""
         way = np.tanh(v / 0.002)
         if c == "payload" and self.loaded is not None:
@@ -225,6 +238,14 @@ class _Law:
             tau = tau + size * self.rotor * a
         if c == "gravity_spring":
             tau = tau - size * self.spring * (q - self.rest)
+        return tau
+
+    def power(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau: np.ndarray, size: float
+    ) -> np.ndarray:
+        """Power at the mains, W, (N,); with size 0 without the cause."""
+        c = self.cause if size else ""
+        tau = self.motor(t, q, v, a, tau, size)
         current = tau / self.kt
         joint = self.resistance * current**2 + tau * v
         bus = joint.sum(axis=1)
@@ -246,6 +267,16 @@ class _Law:
         if c == "psu_loss":
             total = total * (1 + 4e-4 * self.constant * total)
         return total
+
+
+def _hand(t: np.ndarray, robot: Robot, rng: np.random.Generator) -> np.ndarray:
+    """Torque (N, n) [N m] of a hand that pushes for a second or so, at an eighth to a third of two joints' limits."""
+    out = np.zeros((len(t), robot.n))
+    for j in rng.choice(robot.n, 2, replace=False):
+        begin, lasts = rng.uniform(0.1, 0.6) * t[-1], rng.uniform(0.6, 1.5)
+        shape = np.clip((t - begin) / 0.15, 0, 1) * np.clip((begin + lasts - t) / 0.15, 0, 1)
+        out[:, j] = rng.choice([-1, 1]) * rng.uniform(0.13, 0.33) * robot.limits.effort[j] * shape
+    return out
 
 
 def _buffered(bus: np.ndarray, step: float, capacity: float) -> np.ndarray:

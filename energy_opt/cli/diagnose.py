@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
-    from energy_opt.diagnose import diagnose, write
+    from energy_opt.diagnose import diagnose, diagnose_joints, write, write_joints
     from energy_opt.files import to_json
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_set
@@ -58,13 +58,24 @@ def run(args: argparse.Namespace) -> int:
 
     log = read_log(args.set, args.allow_outside)
     robot = load_robot(args.robot, limits=args.limits) if args.robot else robot_of(log, args.limits)
-    measured = read_set(args.set, robot, allow_outside=args.allow_outside)
+    measured = read_set(args.set, robot, allow_outside=args.allow_outside, meter=False)
     declared, given, said = _declared(args, measured)
     if args.payload:
         declared = declared.replaced(payload_from(args.payload))
     basis = {"model": declared, "payload": args.payload, "limits": args.limits}
     request = request_of_set(args.set, robot, args.seed, **basis, command=args.command)
     guard(args.out / "diagnosis.json", request, args.force)
+    if not _has_meter(measured):
+        alone = diagnose_joints(measured, declared)
+        alone.document["request"] = request
+        alone.document["remarks"] += [said] if said else []
+        with written_whole(args.out, "diagnosis.json") as aside:
+            write_joints(alone, aside)
+        say(args, _summary_of_joints(alone.document, args.out))
+        view(args, args.out)
+        if args.json:
+            sys.stdout.write(to_json(alone.document))
+        return 0
     with stop_on_interrupt() as stopped, Progress(args):
         result = diagnose(measured, declared, args.seed, args.tolerance, given, stopped)
     result.document["request"] = request
@@ -86,17 +97,23 @@ def _declared(args: argparse.Namespace, measured: MeasuredSet) -> tuple[PowerMod
     import numpy as np
 
     from energy_opt.effects import CopperLoss, Standby
-    from energy_opt.power import PowerModel, load_model
+    from energy_opt.power import PowerModel, load_model, source_method_2
 
     if args.model is not None:
         return load_model(args.model), (), ""
     own = measured.path / "declared.toml"
     if own.is_file():
         return load_model(own), (), f"No --model: starting from the set's own {own.name}."
+    if not _has_meter(measured):
+        return source_method_2(measured.robot.name), (), "No --model: standby and copper loss are source-method-2's."
     level = float(np.quantile(np.concatenate([run.power for run in measured.runs]), 0.2))
     start = PowerModel(measured.robot.name, (Standby(power=max(level, 0.0)), CopperLoss(r_over_kt2=_heat(measured))))
     said = "No --model: starting from mechanical power; standby and copper loss are fitted and not called causes."
     return start, ("standby", "copper_loss"), said
+
+
+def _has_meter(measured: MeasuredSet) -> bool:
+    return any(len(run.power) for run in measured.runs)
 
 
 def _heat(measured: MeasuredSet) -> list[float]:
@@ -131,7 +148,22 @@ def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
     remarks.append(f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms.")
 
 
+def _summary_of_joints(d: dict[str, Any], out: Path) -> str:
+    """The same of a set without a meter."""
+    from energy_opt.diagnose.sides import side_words
+
+    lines = [d["headline"], f"verdict: {d['verdict']}"]
+    for row in d["effects"]:
+        lines += [f"  {row['name']}", *(f"    {line}" for line in _values(row, d["joints"]))]
+    lines += ["joints' own readings:", *(f"  {line}" for line in side_words(d["joint_side"]))]
+    lines.append(f"model.toml holds: {', '.join(d['model_effects'])}")
+    lines += [f"note: {remark}" for remark in d["remarks"]]
+    return "\n".join([*lines, d["next_step"], f"written: {out / 'diagnosis.json'}, model.toml, report.html"])
+
+
 def _summary(result: Diagnosis, out: Path) -> str:
+    from energy_opt.diagnose.sides import side_words
+
     d = result.document
     lines = [d["headline"], f"verdict: {d['verdict'] or 'none, interrupted'}"]
     for row in d["effects"]:
@@ -139,6 +171,8 @@ def _summary(result: Diagnosis, out: Path) -> str:
         sure = f"odds e^{row['log_odds']:.0f}" if row["log_odds"] < 50 else "beyond doubt"
         lines.append(f"  {row['name']}{refit}: {100 * row['share_of_residual']:.0f} % of what is explained, {sure}")
         lines += [f"    {line}" for line in _values(row, d["joints"])]
+    if d["joint_side"]:
+        lines += ["joints' own readings:", *(f"  {line}" for line in side_words(d["joint_side"]))]
     if d["alternatives"]:
         lines.append("  fit equally well: " + " | ".join(" + ".join(names) or "nothing" for names in d["alternatives"]))
     if d["nuisance"]:

@@ -21,7 +21,7 @@ MOST_SHAPES = 6  # trials of an effect's shapes
 class Candidate:
     """A term that may be added: columns (M, c) of the readings by amounts x, and how x becomes its numbers.
 
-    precision, low, high: of x before the data. z = origin + way x.
+    precision, mean, low, high: of x before the data. z = origin + way x.
     """
 
     chart: Chart
@@ -31,6 +31,7 @@ class Candidate:
     high: np.ndarray
     origin: np.ndarray
     way: np.ndarray
+    mean: np.ndarray
 
     def start(self, x: np.ndarray) -> np.ndarray:
         """Numbers z by amounts x (c,)."""
@@ -107,7 +108,8 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
             way = np.eye(len(z0))[:, amount]
             covariance = np.linalg.inv(c.precision)[np.ix_(amount, amount)]
             low, high = (c.lower - z0)[amount], (c.upper - z0)[amount]
-            yield Candidate(c, columns[:, amount], np.linalg.inv(covariance), low, high, z0, way)
+            mean = (c.mean - c.origin)[amount]
+            yield Candidate(c, columns[:, amount], np.linalg.inv(covariance), low, high, z0, way, mean)
 
 
 def _declared(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
@@ -125,7 +127,7 @@ def _declared(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
     columns = now.prediction.jacobian[:, where[kind.name]] @ slope
     c = sized(c, columns, w.scale)
     low, high = np.minimum(c.lower - c.origin, 0.0), np.maximum(c.upper - c.origin, 0.0)
-    yield Candidate(c, columns, c.precision, low, high, c.origin, np.eye(len(c.origin)))
+    yield Candidate(c, columns, c.precision, low, high, c.origin, np.eye(len(c.origin)), c.mean - c.origin)
 
 
 def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
@@ -143,14 +145,16 @@ def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
             continue
         if issubclass(kind, StoreEffect):  # it is there or not; its size is another matter
             c = _around(c, tried)
-            yield Candidate(c, columns, np.eye(1), np.zeros(1), np.full(1, 1.2), np.array([tried]), np.zeros((1, 1)))
+            yield Candidate(
+                c, columns, np.eye(1), np.zeros(1), np.full(1, 1.2), np.array([tried]), np.zeros((1, 1)), np.zeros(1)
+            )
             continue
         width = abs(tried - p.neutral)
         c = sized(c, columns / width, w.scale)
         low, high = (0.0, 2.0) if p.trials else (-20.0, 20.0)
         precision = c.precision * width**2
         way = np.array([[tried - p.neutral]])
-        yield Candidate(c, columns, precision, np.array([low]), np.array([high]), c.origin, way)
+        yield Candidate(c, columns, precision, np.array([low]), np.array([high]), c.origin, way, np.zeros(1))
 
 
 def _metered(kind: type[Effect], now: Fit, value: float) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,13 @@ from energy_opt.diagnose.candidates import Candidate
 from energy_opt.diagnose.cross import left_out
 from energy_opt.diagnose.errors import energy_errors, errors, usable
 from energy_opt.diagnose.fit import Fit
+from energy_opt.diagnose.joints import JointSide, joint_side
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.predictor import calibrated, predictor
+from energy_opt.diagnose.pushed import free_runs, push_words, pushes
 from energy_opt.diagnose.remainder import goes_with
 from energy_opt.diagnose.samples import Samples, take_samples
+from energy_opt.diagnose.sides import side_remarks, side_rows, told_by
 from energy_opt.diagnose.split import split
 from energy_opt.diagnose.trace import Trace, excited, trace
 from energy_opt.diagnose.words import headline, next_step, remarks, speeds_seen
@@ -39,6 +42,7 @@ class Diagnosis:
         samples, train, holdout: all runs, and the indices of those fitted and kept.
         declared, model: the model handed in, and the calibrated one; `fit` is where its numbers come from.
         trace: what the search found. document: the content of diagnosis.json.
+        side: what the joints' own readings say, None where there are none.
     """
 
     measured: MeasuredSet
@@ -51,6 +55,7 @@ class Diagnosis:
     fit: Fit
     trace: Trace
     document: dict[str, Any]
+    side: JointSide | None
 
 
 def diagnose(
@@ -76,19 +81,27 @@ def diagnose(
     declared.check(measured.robot.n)
     if measured.payload is not None and declared.get(Payload.name) is None:
         declared = declared.replaced(Payload(mass=measured.payload.mass, com=measured.payload.com))
+    measured = _metered(measured)
+    side = joint_side(measured, declared)
+    found_pushes = pushes(side, measured) if side is not None else []
+    measured, enough = free_runs(measured, found_pushes)
+    if found_pushes and enough:
+        side = joint_side(measured, declared)
+    told = told_by(side, measured.robot.limits) if enough else {}
     samples, smoothing = take_samples(measured)
     if len(samples.power) < FEWEST:
         raise BadInput(f"{measured.path}: {len(samples.power)} readings in all; a diagnosis needs at least {FEWEST}")
     train, holdout = split(samples, seed)
     moving = excited(samples, measured.robot.limits)
     fitted = samples.part(train)
-    found = trace(fitted, declared, measured.robot.limits, moving, given, stopped)
+    found = trace(fitted, declared, measured.robot.limits, moving, given, stopped, told, blind=not enough)
     chosen = predictor(found)
     model = calibrated(found, chosen, found.rivals, WIDER)
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     judged = holdout or train
     left = goes_with(found, measured.robot.joints)
+    rows = side_rows(side, measured.robot.joints, measured.robot.limits, chosen if enough else None)
     document: dict[str, Any] = {
         "verdict": found.verdict or None,
         "interrupted": stopped(),
@@ -106,6 +119,7 @@ def diagnose(
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
         "declared_effects": [e.name for e in declared.effects],
         "model_effects": [e.name for e in model.effects],
+        "joint_side": rows,
         "next_motion": None,
         "remarks": remarks(found, measured, declared, chosen),
         "evidence": evidence_rows(found),
@@ -114,12 +128,33 @@ def diagnose(
         "robot": measured.robot.name,
         "joints": list(measured.robot.joints),
     }
+    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, measured.robot.limits, rows)
     document["remarks"] += speeds_seen(found, measured.robot.joints)
     document["headline"] = headline(document)
     document["next_step"] = next_step(document)
     return Diagnosis(
-        measured, samples, smoothing, tuple(train), tuple(holdout), declared, model, chosen, found, document
+        measured,
+        samples,
+        smoothing,
+        tuple(train),
+        tuple(holdout),
+        declared,
+        model,
+        chosen,
+        found,
+        document,
+        side,
     )
+
+
+def _metered(measured: MeasuredSet) -> MeasuredSet:
+    """The set less the runs without any reading of the meter."""
+    runs = tuple(run for run in measured.runs if len(run.power))
+    less = len(measured.runs) - len(runs)
+    if not less:
+        return measured
+    remark = f"{less} run(s) without a reading of the meter left out"
+    return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:

@@ -15,10 +15,12 @@ from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples
 from energy_opt.effects import LinkInertia
 from energy_opt.power import PowerModel
+from energy_opt.robot import RigidBody
 
 ASIDE, NEAR = 0.6, 0.01  # of a centre's distance, and [m], by which each of its coordinates moves at a spread of 1
 TURNED = 0.5  # of the mean moment of inertia, by which products of inertia move
 LIGHTEST, FARTHEST = 0.4, 0.5  # what a link may become: of its mass, and by a share of its centre's distance
+USUAL_SPREAD = 0.06  # by which links usually are off their URDF, as a share
 SHOWN = 0.02  # of the noise of a reading: directions below, at a spread of 1, over the root of their count, are left
 
 
@@ -54,15 +56,22 @@ class Links:
 
 def links_of(samples: Samples, model: PowerModel) -> Links:
     """The directions that the readings show under a model."""
-    basis = np.zeros((10 * samples.n, 10 * samples.n))
-    for j, link in enumerate(samples.body.plain.tree()):
-        at = slice(10 * j, 10 * j + 10)
-        basis[at, at] = _deviations(link.mass, link.lever, link.inertia)
+    basis = deviations_of(samples.body)
     ways = samples.regressor @ basis
     shown = predict(model, samples, None, ways).pushed / samples.noise
     values, vectors = np.linalg.eigh(shown.T @ shown / len(shown))
     kept = vectors[:, values > SHOWN**2][:, ::-1]
     return Links(basis @ kept, ways @ kept)
+
+
+def deviations_of(body: RigidBody) -> np.ndarray:
+    """Inertial parameters (10 n, 10 n) of all links by deviations of their masses, centres and inertias."""
+    links = body.plain.tree()
+    basis = np.zeros((10 * len(links), 10 * len(links)))
+    for j, link in enumerate(links):
+        at = slice(10 * j, 10 * j + 10)
+        basis[at, at] = _deviations(link.mass, link.lever, link.inertia)
+    return basis
 
 
 def _deviations(m: float, c: np.ndarray, i: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 from energy_opt.diagnose.diagnosis import Diagnosis
 from energy_opt.diagnose.errors import reading_of
 from energy_opt.diagnose.friction import friction_torque
+from energy_opt.diagnose.joints_page import joints_section
 from energy_opt.diagnose.predict import predict
 from energy_opt.power.draws import draws_of
 from energy_opt.reports.charts import Chart, Line
@@ -72,6 +73,8 @@ def page(result: Diagnosis) -> Report:
             "does most of the motion."
         )
         report.charts(*_friction(result))
+    if result.side is not None:
+        joints_section(report, d["joint_side"], result.side)
     report.section("Power over time")
     report.charts(*_power(result))
     report.section("Evidence for each candidate")

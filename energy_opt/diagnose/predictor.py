@@ -43,11 +43,11 @@ def predictor(found: Trace) -> Fit:
 
 def _foreseeing_best(found: Trace) -> Fit:
     search = found.search
+    if not found.follows or found.blind:
+        return found.root
     tried = [found.root, found.accepted]
     if found.best is not found.accepted:
         tried.append(_plain(search, found.best))
-    if not found.follows:
-        return found.root
     tried += _curves(search, tried[-1])
     losses = [float(left_out(f).sum()) for f in tried]
     best = 0

@@ -103,8 +103,8 @@ class Search:
         ends = np.cumsum([0, *(x.shape[1] for x in columns.values())])
         whites = {key: white[:, a:b] for key, a, b in zip(columns, ends[:-1], ends[1:], strict=True)}
         for c in found:
-            odds, mean = odds_of(c.chart.term, self.variants[c.chart.term.name]), np.zeros(c.columns.shape[1])
-            blocks.append(Block(c.chart.term.name, whites[id(c.columns)], c.precision, mean, c.low, c.high, odds, c))
+            odds, name = odds_of(c.chart.term, self.variants[c.chart.term.name]), c.chart.term.name
+            blocks.append(Block(name, whites[id(c.columns)], c.precision, c.mean, c.low, c.high, odds, c))
         for g in curves:
             count, inf = g.columns.shape[1], np.full(g.columns.shape[1], np.inf)
             before = np.eye(count) / g.size**2

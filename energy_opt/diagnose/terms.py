@@ -9,7 +9,8 @@ the joint's limits: what friction or heat can sensibly be there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,12 +31,30 @@ SHAPE = 0.7  # standard deviation of a shape over the value tried
 
 
 @dataclass(frozen=True)
+class Told:
+    """What the joints' own readings say of an effect's numbers: which joints (m,), values (m,), covariance (m, m)."""
+
+    joints: np.ndarray
+    values: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
 class Scale:
-    """What sizes are usual on an arm: effort [N m] and velocity limits [rad/s] (n,), level of its power [W]."""
+    """What sizes are usual on an arm: effort [N m] and velocity limits [rad/s] (n,), level of its power [W].
+
+    `told`: by effect of one number per joint, what is known of it from elsewhere than the power.
+    """
 
     effort: np.ndarray
     velocity: np.ndarray
     level: float
+    told: Mapping[str, Told] = field(default_factory=dict)
+
+    @property
+    def usual_speed(self) -> np.ndarray:
+        """(n,) rad/s at which viscous friction is usually as large as dry friction."""
+        return CRUISE * self.velocity
 
     @classmethod
     def of(cls, limits: Limits, power: np.ndarray) -> Scale:
@@ -132,7 +151,7 @@ def usual(unit: str, joint: int, scale: Scale) -> float | None:
     """Usual size of a joint's number, by its unit; None where that follows from what it does to the power."""
     if joint < 0:
         return None
-    effort, cruise = scale.effort[joint], CRUISE * scale.velocity[joint]
+    effort, cruise = scale.effort[joint], scale.usual_speed[joint]
     sizes = {
         "N m": USUAL * effort,
         "N m s/rad": USUAL * effort / cruise,
@@ -168,11 +187,22 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
     high = np.where(friction, np.minimum(high, most), high)
     high = np.where(viscous, np.minimum(high, most / (CRUISE * speed)), high)
     mean, precision, unknown = _before(kind, term, entries, full, x0, scale, held is not None)
-    pick = np.ix_(rows, rows)
-    covariance = precision[pick]
+    covariance = precision[np.ix_(rows, rows)]
+    mean = mean[rows]
+    if term.name in scale.told:
+        mean, covariance = _informed(mean, covariance, scale.told[term.name])
     return Chart(
-        term, n, x0, rows, x0[rows].copy(), mean[rows], np.linalg.inv(covariance), low[rows], high[rows], unknown[rows]
+        term, n, x0, rows, x0[rows].copy(), mean, np.linalg.inv(covariance), low[rows], high[rows], unknown[rows]
     )
+
+
+def _informed(mean: np.ndarray, covariance: np.ndarray, told: Told) -> tuple[np.ndarray, np.ndarray]:
+    """The normal law after what is told of some of its numbers, one per joint."""
+    seen = covariance[told.joints]
+    gain = np.linalg.solve(seen[:, told.joints] + told.covariance, seen).T
+    mean = mean + gain @ (told.values - mean[told.joints])
+    covariance = covariance - gain @ seen
+    return mean, (covariance + covariance.T) / 2
 
 
 def _before(

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
 from energy_opt.diagnose.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnose.follows import follows
 from energy_opt.diagnose.links import links_of
-from energy_opt.diagnose.noise import Noise, Whitener
+from energy_opt.diagnose.noise import Noise
+from energy_opt.diagnose.noise_seen import noise_of, standing_noise
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples, weighted
 from energy_opt.diagnose.search import Search, moved, root
-from energy_opt.diagnose.terms import Scale
+from energy_opt.diagnose.terms import Scale, Told
 from energy_opt.diagnose.weigh import STEADY
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
@@ -23,7 +23,6 @@ from energy_opt.robot import Limits
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
 RIVAL = 3.0  # and within which another set explains as well: twenty to one
 LOOKED = 6.0  # rivals this near when weighed linearly are fitted
-WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)  # over white noise; s
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed beside an unknown structure
 LEVELS = 0.03  # of the arm's level, by which runs may differ among each other as meters drift
 LEFT = 1.5  # of the noise's slow part, by which what is left must exceed it to be called structure
@@ -51,6 +50,7 @@ class Trace:
             accepted one first. noise: of the readings. left: rms of what is left over noise's slow part.
         idle: joints (indices) that never move. follows: False where power does not go with the motion.
         verdict: as in diagnosis.json; "" where the search was stopped before it had one.
+        blind: True where no cause was sought.
     """
 
     search: Search
@@ -65,6 +65,7 @@ class Trace:
     structured: bool
     idle: tuple[int, ...]
     follows: bool = True
+    blind: bool = False
 
 
 def excited(samples: Samples, limits: Limits) -> np.ndarray:
@@ -86,6 +87,8 @@ def trace(
     moving: np.ndarray,
     given: tuple[str, ...] = (),
     stopped: Callable[[], bool] = lambda: False,
+    told: Mapping[str, Told] | None = None,
+    blind: bool = False,
 ) -> Trace:
     """Run the search and judge it.
 
@@ -94,13 +97,20 @@ def trace(
         moving: (n,) True for the joints that the set excites, see `excited`.
         given: declared effects whose values are free without being news.
         stopped: asked on the way; True ends the search, with what is known and no verdict.
+        told: what is known of effects' numbers from elsewhere than the power, see `Scale`.
+        blind: the runs are such that no cause may be claimed of them; none is sought.
     """
     now = predict(declared, samples)
     samples = weighted(samples, now.power)
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
     still = standing_noise(samples)
-    world = World.of(samples, declared, Scale.of(limits, samples.power), links_of(samples, declared), still, given)
+    scale = replace(Scale.of(limits, samples.power), told=told or {})
+    world = World.of(samples, declared, scale, links_of(samples, declared), still, given)
     nothing = root(world, Nuisance(0.03, 0.3 * still.white))
+    if blind:
+        found = Search(world)
+        none = (nothing,)
+        return Trace(found, *none * 3, "insufficient", (), none, still, 1.0, False, idle, blind=True)
     if not follows(samples, now):
         found = Search(world)
         return Trace(found, nothing, nothing, nothing, "unexplained", (), (nothing,), still, np.inf, True, idle, False)
@@ -163,78 +173,6 @@ def _trifling(found: Search, named: Fit, best: Fit) -> bool:
     start = root(found.world, best.nuisance)
     sizes = [float(np.mean(found.world.whiten(f.residual) ** 2)) for f in (start, named, best)]
     return sizes[1] - sizes[2] < TRIFLE * (sizes[0] - sizes[2])
-
-
-def standing_noise(samples: Samples) -> Noise:
-    """The meter's noise while the arm stands still, each stretch's own mean taken out."""
-    stretches: list[tuple[np.ndarray, np.ndarray]] = []
-    for part in samples.parts:
-        still = np.concatenate([[False], ~samples.moving[part], [False]]).astype(int)
-        edges = np.flatnonzero(np.diff(still))
-        for a, b in zip(edges[::2], edges[1::2], strict=True):
-            a, b = a + 2, b - 2  # what is doubted of a motion's ends
-            if b - a >= 6:
-                stretches.append((samples.at[part][a:b], samples.power[part][a:b]))
-    count = sum(len(t) for t, _ in stretches)
-    if count < 40:
-        return Noise(samples.noise, 0.3 * samples.noise, 0.5)
-    times = [t for t, _ in stretches]
-    y = np.concatenate([p for _, p in stretches])
-    levels = np.zeros((count, len(times)))
-    at = 0
-    for k, t in enumerate(times):
-        levels[at : at + len(t), k] = 1.0
-        at += len(t)
-
-    def worth(wave: float, memory: float) -> tuple[float, float]:
-        whiten = Whitener(Noise(1.0, wave, memory), times, np.ones(count))
-        w = whiten(np.column_stack([y, levels]))
-        q, _ = np.linalg.qr(w[:, 1:])
-        r = w[:, 0] - q @ (q.T @ w[:, 0])
-        free = count - len(times)
-        white = max(float(r @ r) / free, 1e-12)
-        gram = w[:, 1:].T @ w[:, 1:]
-        value = -0.5 * free * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(gram)[1])
-        return value, white**0.5
-
-    return _likeliest(worth, samples.noise)
-
-
-def noise_of(f: Fit) -> Noise:
-    """The noise under which a fit's residual is likeliest, its numbers integrated out."""
-    s, count = f.world.samples, len(f.residual)
-    times = [s.at[p] for p in s.parts]
-    old = f.world.whiten.noise
-    raw = np.column_stack([f.residual, _unwhitened(f)])
-    off = f.theta - f.mean
-    penalty = float(off @ f.precision @ off)
-    here = [w for w in WAVES if 0.2 * old.wave <= w * old.white <= 5 * max(old.wave, 0.6 * old.white)] or list(WAVES)
-
-    def worth(wave: float, memory: float) -> tuple[float, float]:
-        whiten = Whitener(Noise(1.0, wave, memory), times, s.weight)
-        w = whiten(raw)
-        white = max((float(w[:, 0] @ w[:, 0]) + penalty) / count, 1e-12)
-        hessian = w[:, 1:].T @ w[:, 1:] / white + f.precision
-        value = -0.5 * count * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(hessian)[1])
-        return value, white**0.5
-
-    return _likeliest(worth, s.noise, here)
-
-
-def _unwhitened(f: Fit) -> np.ndarray:
-    """Columns (M, P) of a fit by theta, W."""
-    p, s = f.prediction, f.world.samples
-    where = dict(zip((e.name for e in f.model.effects), f.model.slices(s.n), strict=True))
-    own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(f.charts, f.numbers, strict=True)]
-    return np.column_stack([*own, *(g.columns for g in f.free), p.pushed, f.world.offsets])
-
-
-def _likeliest(worth, least: float, waves=WAVES) -> Noise:  # type: ignore[no-untyped-def]
-    """The noise of greatest worth, (value, white) by the wave over white noise and its memory, on a grid."""
-    rows = [(*worth(w, m), w, m) for w, m in product(waves, MEMORIES) if w or m == MEMORIES[0]]
-    _, white, wave, memory = max(rows)
-    white = max(white, 0.8 * least)
-    return Noise(white, wave * white, memory)
 
 
 def _alike(a: Noise, b: Noise) -> bool:

@@ -105,7 +105,12 @@ def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
         before = np.sqrt(np.diag(np.linalg.inv(c.precision)))
         share = after[at : at + len(z)] / before
         at += len(z)
-        if c.term.declared or len(z) % len(joints) or not any(p.per_joint for p in c.term.kind.parameters):
+        if (
+            c.term.declared
+            or c.term.name in f.world.scale.told
+            or len(z) % len(joints)
+            or not any(p.per_joint for p in c.term.kind.parameters)
+        ):
             continue
         of = np.arange(len(z)) * len(joints) // len(z)
         worst = [j for j in range(len(joints)) if np.median(share[of == j]) > UNKNOWN]

@@ -16,6 +16,8 @@ from energy_opt.measured.run import MeasuredSet, Run
 from energy_opt.measured.table import Table
 from energy_opt.robot import PointMass, Robot, load_robot
 
+MANY = 3  # remarks of the same words, beyond which they are said once
+
 
 def read_set(
     folder: str | Path, robot: Robot | None = None, *, allow_outside: bool = False, meter: bool = True
@@ -97,7 +99,20 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
         )
     faults += [fault for one in found for fault in one.faults]
     runs = [run for one in found for run in one.runs]
-    return runs, list(dict.fromkeys(faults)), [remark for one in found for remark in one.remarks]
+    return runs, list(dict.fromkeys(faults)), _together([remark for one in found for remark in one.remarks])
+
+
+def _together(remarks: list[str]) -> list[str]:
+    """Remarks that many files share word for word, as one each."""
+    by_word: dict[str, list[str]] = {}
+    for remark in remarks:
+        file, _, word = remark.partition(": ")
+        by_word.setdefault(word or file, []).append(remark)
+    out = []
+    for word, own in by_word.items():
+        first, last = own[0].partition(": ")[0], own[-1].partition(": ")[0]
+        out += own if len(own) <= MANY else [f"{first} to {last}, {len(own)} files: {word}"]
+    return out
 
 
 def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording]:

@@ -172,6 +172,10 @@ class Cell:
         found = [self._contact(q, p, d) for p, d in self.distances(q, TOUCHING)]
         return max(found, key=lambda contact: contact.depth, default=None)
 
+    def free(self, q: np.ndarray) -> bool:
+        """Whether every pair keeps the clearance that is asked for at q (n,)."""
+        return not self.distances(q, self.asked)
+
     def _contact(self, q: np.ndarray, pair: int, distance: float) -> Contact:
         scene = Scenery(self.bodies, q[None])
         a, b = self.bodies.pairs[pair].tolist()

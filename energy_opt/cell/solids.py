@@ -64,7 +64,7 @@ class Solid:
 
 def vertices_of(mesh: Any) -> np.ndarray:
     """The vertices (V, 3) of coal's mesh."""
-    return np.array([mesh.vertex(i) for i in range(mesh.num_vertices)])
+    return np.array(mesh.vertices())
 
 
 def solid_of(geometry: Any) -> Solid:
@@ -191,7 +191,9 @@ def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
 
     The hull of a part of the surface between two planes is that of its vertices and of where edges cross the planes.
     """
-    edges = np.unique(np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), 1), axis=0)
+    ends = np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), 1).astype(np.int64)
+    one = np.unique(ends[:, 0] * len(vertices) + ends[:, 1])  # rows as numbers: sorted ten times as fast
+    edges = np.column_stack([one // len(vertices), one % len(vertices)])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     along = int(np.argmax(high - low))
     cuts = np.linspace(low[along], high[along], SLABS + 1)

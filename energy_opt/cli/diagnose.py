@@ -7,9 +7,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from energy_opt.cli.common import add_output, payload_from, say
+from energy_opt.cli.common import add_cell, add_output, cell_of, payload_from, say
 
 if TYPE_CHECKING:
+    from energy_opt.cell.request import CellRequest
     from energy_opt.diagnose import Diagnosis
     from energy_opt.measured import MeasuredSet
     from energy_opt.power import PowerModel
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="known payload [kg, m], put into the declared model"
     )
-    parser.add_argument("--allow-outside", action="store_true", help="the set's files may lie outside its folder")
+    add_cell(parser)
     add_output(parser, "diagnosis")
 
 
@@ -64,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
         declared = declared.replaced(payload_from(args.payload))
     basis = {"model": declared, "payload": args.payload, "limits": args.limits}
     request = request_of_set(args.set, robot, args.seed, **basis, command=args.command)
+    surroundings = cell_of(args)  # of the motion to record next
+    request |= {"cell": surroundings.document()} if surroundings.document() else {}
     guard(args.out / "diagnosis.json", request, args.force)
     if not _has_meter(measured):
         alone = diagnose_joints(measured, declared)
@@ -82,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     if said:
         result.document["remarks"].insert(0, said)
     with written_whole(args.out, "diagnosis.json") as aside:
-        _next_motion(result, aside, args.seed)
+        _next_motion(result, aside, args.seed, surroundings)
         with stop_on_interrupt() as pressed:
             write(result, aside)
     say(args, _summary(result, args.out))
@@ -121,9 +124,10 @@ def _heat(measured: MeasuredSet) -> list[float]:
     return [2.0 / (0.3 * effort) ** 2 for effort in measured.robot.limits.effort]
 
 
-def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
+def _next_motion(result: Diagnosis, out: Path, seed: int, surroundings: CellRequest) -> None:
     """Propose a motion where one would help, and write it."""
-    from energy_opt.errors import Infeasible
+    from energy_opt.cell.load import load_cell
+    from energy_opt.errors import BadInput, Infeasible
     from energy_opt.formats import table
     from energy_opt.next_motion import propose, rivals_of
 
@@ -131,12 +135,13 @@ def _next_motion(result: Diagnosis, out: Path, seed: int) -> None:
         return
     robot, remarks = result.measured.robot, result.document["remarks"]
     try:
-        motion = propose(rivals_of(result.trace, robot.n), robot, seed)
+        cell = load_cell(robot, surroundings)
+        motion = propose(rivals_of(result.trace, robot.n), robot, seed, cell)
     except KeyboardInterrupt:  # what was known before is written
         result.document["interrupted"] = True
         remarks.append("No motion to record next is proposed: the search for one was interrupted.")
         return
-    except Infeasible as error:
+    except (Infeasible, BadInput) as error:  # a diagnosis does not fail for a mesh that is missing
         remarks.append(f"No motion to record next is proposed: {error}.")
         return
     if motion is None:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_output, payload_from, say
+from energy_opt.cli.common import add_cell, add_output, cell_of, payload_from, say
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: the one that log.toml names)")
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload held in the poses [kg, m]")
-    parser.add_argument("--allow-outside", action="store_true", help="the set's files may lie outside its folder")
+    add_cell(parser)
     add_output(parser, "identify")
 
 
@@ -123,6 +123,7 @@ def _summary(result: Identification, out: Path) -> str:
 
 
 def _suggest(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
+    from energy_opt.cell.load import load_cell
     from energy_opt.files import to_json, write_table
     from energy_opt.identify import suggest
     from energy_opt.measured import read_log
@@ -132,7 +133,8 @@ def _suggest(args: argparse.Namespace, robot: Robot | None, mass: PointMass | No
         if args.set is None:
             raise BadInput("identify --suggest needs --robot, or a set whose log.toml names one")
         robot = robot_of(read_log(args.set, args.allow_outside), args.limits)
-    found = suggest(robot, args.suggest, args.seed, mass)
+    cell = load_cell(robot, cell_of(args))
+    found = suggest(robot, args.suggest, args.seed, mass, None if cell is None else cell.free)
     path = args.out / "suggested_poses.csv"
     header = [*(f"{joint}.position" for joint in robot.joints), "gravity_torque_squared"]
     write_table(path, header, [*found.poses.T, found.load])

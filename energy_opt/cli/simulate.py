@@ -8,10 +8,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_output, add_prefix, payload_from, say
-from energy_opt.errors import BadInput
+from energy_opt.cli.common import add_cell, add_output, add_prefix, cell_of, payload_from, say
+from energy_opt.errors import BadInput, Infeasible
 
 if TYPE_CHECKING:
+    from energy_opt.motion.trajectory import Trajectory
     from energy_opt.robot import Robot
     from energy_opt.virtual_arm import Plant, Reference, Run
 
@@ -56,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--jitter", type=float, default=0.0, metavar="S", help="standard deviation of sampling times (0)"
     )
     group.add_argument("--log", nargs="*", default=[], metavar="SIGNAL", help="also log velocity, effort")
-    parser.add_argument("--allow-large", action="store_true", help="simulate more than an hour of motion")
+    add_cell(parser)
     add_output(parser, "simulated", report=False)
 
 
@@ -134,10 +135,9 @@ def _references(args: argparse.Namespace, robot: Robot) -> tuple[list[Reference]
 
     if not 0 <= args.static < np.inf:
         raise BadInput(f"--static {args.static}: expected seconds, 0 or more")
-    read = [
-        (reference_of(read_trajectory(path, robot.joints, args.joint_prefix), path.stem), str(path))
-        for path in args.trajectories
-    ]
+    files = [(read_trajectory(path, robot.joints, args.joint_prefix), path) for path in args.trajectories]
+    _check_clear(args, robot, files)
+    read = [(reference_of(trajectory, path.stem), str(path)) for trajectory, path in files]
     out: list[Reference] = []
     sources: list[str] = []
     seconds = args.repeat * sum(reference.duration + 2 * args.rest + args.static for reference, _ in read)
@@ -152,6 +152,29 @@ def _references(args: argparse.Namespace, robot: Robot) -> tuple[list[Reference]
         out.append(dataclasses.replace(reference, name=f"run{len(out) + 1:02d}"))
         sources.append(source)
     return out, sources
+
+
+def _check_clear(args: argparse.Namespace, robot: Robot, files: list[tuple[Trajectory, Path]]) -> None:
+    """Refuse what would break an arm.
+
+    Raises:
+        Infeasible: a trajectory touches the arm's own body or its cell; names pair, time and depth.
+    """
+    from energy_opt.cell.load import load_cell
+
+    cell = load_cell(robot, cell_of(args))
+    if cell is None:
+        return
+    for trajectory, path in files:
+        t = trajectory
+        found = cell.prove(t.time, t.position, t.velocity, t.acceleration)
+        if found.verdict == "colliding":
+            raise Infeasible(
+                f"{path}: {found}; --self-collision off (and no --scene) plays it all the same",
+                limit="clearance", position=found.time, excess=found.depth,
+            )  # fmt: skip
+        if not found.proven:
+            say(args, f"warning: {path}: {found}")
 
 
 def _remarks(runs: list[Run], robot: Robot) -> list[str]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -27,14 +29,23 @@ class Suggestion:
     width: float
 
 
-def suggest(robot: Robot, count: int, seed: int = 0, payload: PointMass | None = None) -> Suggestion:
+def suggest(
+    robot: Robot,
+    count: int,
+    seed: int = 0,
+    payload: PointMass | None = None,
+    free: Callable[[np.ndarray], bool] | None = None,
+) -> Suggestion:
     """Choose `count` poses that maximise det(X^T X), X = [1, |g|^2], and differ from each other.
 
     For a line that determinant is largest with half of the poses at either end of |g|^2. Among poses of nearly the same
     load the ones farthest from those already chosen are taken.
 
+    Args:
+        free: whether the arm touches nothing at a pose (n,); None where that does not matter.
+
     Raises:
-        BadInput: fewer than 3 poses are asked for.
+        BadInput: fewer than 3 poses are asked for, or not so many can be held.
     """
     if count < 3:
         raise BadInput(f"--suggest {count}: a line with an interval needs 3 poses or more")
@@ -52,8 +63,11 @@ def suggest(robot: Robot, count: int, seed: int = 0, payload: PointMass | None =
         raise BadInput("the arm can hold hardly any pose within its effort limits; are limits and payload right?")
     order = np.argsort(load)
     band = max(count, len(order) // 50)
-    low, high = order[:band], order[-band:]
-    chosen: list[int] = [int(order[-1]), int(order[0])]
+    ends = (order, order[::-1])
+    low, high = (np.fromiter(islice((k for k in end if free is None or free(drawn[k])), band), int) for end in ends)
+    if len(low) < count:
+        raise BadInput("the arm can hold hardly any pose without touching something")
+    chosen: list[int] = [int(high[0]), int(low[0])]
     for k in range(2, count):
         pool = high if k % 2 == 0 else low
         apart = np.min(np.abs(drawn[pool][:, None] - drawn[chosen][None]).max(axis=2), axis=1)

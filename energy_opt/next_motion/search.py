@@ -3,16 +3,19 @@
 There and back between two poses, fast and then slowly, so that speed, direction and load all change. Pairs of poses are
 drawn and tried with straight ways; from the most telling pairs, every way is reshaped by the optimizer so that the
 rivals' readings differ most. All candidates, the straight ones too, are judged alike: by the smallest of the rivals'
-mutual rms differences at the meter, within all limits by the certificate, and within those on torque under every rival.
+mutual rms differences at the meter, within all limits by the certificate, and within those on torque under every rival;
+and by the proof that they touch nothing, where there is a cell.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.energy import Scorer
@@ -56,17 +59,20 @@ class NextMotion:
     certificate: Certificate
 
 
-def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0) -> NextMotion | None:
+def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0, cell: Cell | None = None) -> NextMotion | None:
     """The most telling motion found, or None where no motion tells any two of the models apart.
 
     Where some pairs are the same at the meter whatever the motion, the others count.
 
+    Args:
+        cell: the arm's body and what stands around it, which the motion is proven to keep clear of.
+
     Raises:
-        Infeasible: no drawn motion holds the robot's limits.
+        Infeasible: no drawn motion holds the robot's limits and keeps clear.
     """
     rng = np.random.default_rng(seed)
     shape, limits = Shape(robot.n, Basis(CONTROLS, PACKING)), _calm(robot.limits)
-    judge = _Judge(models, robot)
+    judge = _Judge(models, robot, cell)
     drawn = []
     for _ in range(DRAWN):
         poses = rng.uniform(limits.lower, limits.upper, (2, robot.n))
@@ -77,18 +83,19 @@ def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0) -> NextMo
     if not judge.live.any():
         return None
     drawn.sort(key=lambda row: -row[0][judge.live].min())
-    straight = next((legs for *_, legs in drawn if (judge.torque(legs) <= 1).all()), None)
+    straight = next((legs for *_, legs in drawn if (judge.torque(legs) <= 1).all() and judge.clear(legs)), None)
     if straight is None:
-        raise Infeasible("no drawn motion from pose to pose holds the torque limits under all rival models")
+        clear = "" if cell is None else " and keeps clear"
+        raise Infeasible(f"no drawn motion from pose to pose holds the torque limits under all rival models{clear}")
     candidates = [(judge.score(judge.apart(straight, FINE)), straight)]
     functions = contrast_functions(models, robot.body, judge.torque(straight).argmax(axis=0))
     level, tried = Level(shape, functions), int(np.clip(WORK / functions.curvature.n_instructions(), 1, TRIED))
-    for apart, ways, _ in drawn[:tried]:
+    for apart, ways, _ in itertools.islice((row for row in drawn if judge.clear(row[2])), tried):
         candidates += _improved(level, judge, ways, apart, rng)
     for value, legs in sorted(candidates, key=lambda pair: -pair[0]):
         trajectory = joined(legs, robot.joints)
         certificate = certify(trajectory, judge.scorers[0], joint_limits(robot.limits))
-        if certificate.valid:
+        if certificate.valid and judge.clear(legs):
             return NextMotion(judge.scorers[0].filled(trajectory), value, candidates[0][0], certificate)
     raise Infeasible("no motion from pose to pose holds the robot's limits")
 
@@ -96,8 +103,8 @@ def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0) -> NextMo
 class _Judge:
     """Judges motions; `live` (pairs,) marks the pairs of rivals that some motion tells apart."""
 
-    def __init__(self, models: Sequence[PowerModel], robot: Robot) -> None:
-        self.models, self.robot = models, robot
+    def __init__(self, models: Sequence[PowerModel], robot: Robot, cell: Cell | None) -> None:
+        self.models, self.robot, self.cell = models, robot, cell
         self.scorers = [Scorer(robot, model) for model in models]
         self.live = np.zeros(0, dtype=bool)
 
@@ -108,6 +115,11 @@ class _Judge:
     def score(self, apart: np.ndarray) -> float:
         """The smallest difference that counts, W."""
         return float(apart[self.live].min())
+
+    def clear(self, legs: Sequence[Curve]) -> bool:
+        """Is a motion proven to touch nothing?"""
+        t = joined(legs, self.robot.joints)
+        return self.cell is None or self.cell.prove(t.time, t.position, t.velocity, t.acceleration).proven
 
     def torque(self, legs: Sequence[Curve]) -> np.ndarray:
         """Largest motor torque under each rival, as a share of its limit, (rivals, n)."""

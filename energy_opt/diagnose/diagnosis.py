@@ -21,7 +21,7 @@ from energy_opt.diagnose.samples import Samples, take_samples
 from energy_opt.diagnose.sides import side_remarks, side_rows, told_by
 from energy_opt.diagnose.split import split
 from energy_opt.diagnose.trace import Trace, excited, trace
-from energy_opt.diagnose.words import headline, next_step, remarks, speeds_seen
+from energy_opt.diagnose.words import headline, news, next_step, remarks, speeds_seen
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput
 from energy_opt.measured import MeasuredSet, Smoothing
@@ -107,7 +107,7 @@ def diagnose(
         "interrupted": stopped(),
         "headline": "",
         "effects": effect_rows(found),
-        "alternatives": [list(f.names) for f in found.rivals] if len(found.rivals) > 1 else [],
+        "alternatives": [news(f) for f in found.rivals] if len(found.rivals) > 1 else [],
         "nuisance": _nuisance(chosen, model),
         "explained_share": explained_share(before, after, samples.floor),
         "usable": usable(energy_errors(model, samples.part(judged)), tolerance / 100),
@@ -119,6 +119,7 @@ def diagnose(
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
         "declared_effects": [e.name for e in declared.effects],
         "model_effects": [e.name for e in model.effects],
+        "fitted": list(given),
         "joint_side": rows,
         "next_motion": None,
         "remarks": remarks(found, measured, declared, chosen),

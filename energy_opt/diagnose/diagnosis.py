@@ -99,7 +99,6 @@ def diagnose(
     model = calibrated(found, chosen, found.rivals, WIDER)
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
-    judged = holdout or train
     left = goes_with(found, measured.robot.joints)
     rows = side_rows(side, measured.robot.joints, measured.robot.limits, chosen if enough else None)
     document: dict[str, Any] = {
@@ -110,7 +109,7 @@ def diagnose(
         "alternatives": [news(f) for f in found.rivals] if len(found.rivals) > 1 else [],
         "nuisance": _nuisance(chosen, model),
         "explained_share": explained_share(before, after, samples.floor),
-        "usable": usable(energy_errors(model, samples.part(judged)), tolerance / 100),
+        "usable": bool(holdout) and usable(energy_errors(model, samples.part(holdout)), tolerance / 100),
         "tolerance": tolerance,
         "residual_goes_with": [{k: row[k] for k in ("signal", "joint", "strength", "setting")} for row in left],
         "remainder": [{k: row[k] for k in ("signal", "joint", "watts")} for row in left],

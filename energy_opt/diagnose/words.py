@@ -11,7 +11,7 @@ from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.friction import friction_torque
 from energy_opt.diagnose.trace import SLOW, Trace
 from energy_opt.effects import effect_class
-from energy_opt.measured import MeasuredSet
+from energy_opt.measured import MeasuredSet, coarse
 from energy_opt.power import PowerModel
 
 UNKNOWN = 0.4  # of what was known before, beyond which the data hardly narrowed a number
@@ -95,14 +95,16 @@ def remarks(found: Trace, measured: MeasuredSet, declared: PowerModel, model_fit
         out.append(
             f"The recording states a payload of {mass:.3g} kg at ({com}) m, declared or not; it counts as declared."
         )
+    if any(coarse(run) for run in measured.runs):
+        out.append("Rows of the joints are too far apart to show accelerations: log them at 10 Hz or more.")
     if not measured.clock:
         out.append("The log does not state every run's start; runs are taken to follow one another without a pause.")
-    if found.structured:
+    if found.structured and np.isfinite(found.left):
         out.append(f"What is left varies {found.left:.3g} times as much in motion as the meter's noise at standstill.")
     out += _borrowed(model_fit, joints)
     for f in found.rivals[1:]:
-        names = news(f)
-        out.append(f"Fits as well: {listed(names) if names else 'nothing missing'}.")
+        more = news(f)
+        out.append(f"Fits as well: {listed(more) if more else 'nothing missing'}.")
     return out
 
 

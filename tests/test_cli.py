@@ -1,12 +1,14 @@
 """The command line as a user meets it: files, exit codes, one line for every fault."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
 import yaml
 
-from energy_opt.cli.main import main
+from energy_opt.cli.main import VERBS, main, parsers
+from energy_opt.cli.usage import UNITS, USAGE
 from energy_opt.files import read_table
 from energy_opt.robot import load_robot
 
@@ -116,3 +118,61 @@ def test_check_names_the_fault(tmp_path, capsys):
     table.write_text(f"{header}\n0,{START}\n1,{GOAL.replace('1.2', 'x', 1)}\n")
     assert main(["check", str(table), "--robot", "panda"]) == 2
     assert "row 3, column panda_joint1.position" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_ends_with_examples_that_parse(verb, capsys):
+    with pytest.raises(SystemExit):
+        main([verb, "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    commands, read, written = USAGE[verb]
+    assert "example" in said and f"reads: {read}" in said and f"writes: {written}" in said and UNITS in said
+    for command in commands:
+        assert command in said  # unbroken, to be copied
+        words = shlex.split(command.partition(" > ")[0])[1:]
+        if words[0] in VERBS:
+            _, unknown = parsers(words)[0].parse_known_args(words)
+            assert not unknown
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["optimise"], "optimize"),
+        (["optimize", "--robot", "pnda"], "panda"),
+        (["robots", "pnda"], "panda"),
+        (["effects", "coulomb_frction"], "coulomb_friction"),
+        (["optimize", "--robot", "panda", "--start", "panda_jont1=0", "--goal", GOAL], "panda_joint1"),
+        (["optimize", "--robot", "panda", "--lock", "panda_jont1=0", "--start", START, "--goal", GOAL], "panda_joint1"),
+        (["optimize", "--robot", "panda", "--gaol", GOAL], "--goal"),
+        (["optimize", "--robot", "panda", "--start", START, "--goal", GOAL, "--write", "urscrpt"], "urscript"),
+        (["optimize", "--robot", "panda", "--start", START, "--goal", GOAL, "--model", "carefull"], "careful"),
+    ],
+)
+def test_what_is_nearly_right_is_named_also_in_json(words, hint, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, "--json"]) == 2
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert document["status"] == "bad_input" and f"{hint!r}" in document["message"].replace('"', "'")
+    assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_json_is_one_document_also_where_a_verb_fails(verb, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    required = {"optimize": ["--robot", "panda"], "tradeoff": ["--robot", "panda"], "import": ["--out", "set"],
+                "simulate": ["--plant", "x.toml"]}  # fmt: skip
+    assert main([verb, *required.get(verb, []), *([] if verb in required and verb[0] in "ot" else ["nowhere"]),
+                 "--json"]) == 2  # fmt: skip
+    out, _ = capsys.readouterr()
+    assert "status" in json.loads(out) or json.loads(out)["usable"] is False
+    assert main([verb, "--nonsense", "--json"]) == 2  # arguments that are not even read
+    assert json.loads(capsys.readouterr().out)["status"] == "bad_input"
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
+def test_completion_knows_verbs_and_options(shell, capsys):
+    assert main(["--print-completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert all(verb in script for verb in VERBS) and "max-duration" in script

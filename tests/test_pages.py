@@ -1,27 +1,73 @@
-"""Pages in a real browser: every plot drawn, no word on the console, nothing asked of a network, nothing too wide."""
+"""Every verb's page in a real browser: all is drawn, nothing is said or asked for, nothing too wide; it plays."""
 
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, Browser
 
+from energy_opt.cli.examples import example
+from energy_opt.cli.main import main
 from energy_opt.reports.charts import MOST_POINTS, Chart, Line
-from energy_opt.reports.motion import Played, Solid, player
+from energy_opt.reports.motion import Closest, Played, Solid, player
 from energy_opt.reports.page import Report
 from energy_opt.robot import Robot
 
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 LARGEST = 6e6  # [byte] of a page
+WIDTHS = (400, 1280)  # [px]
 TETRAHEDRON = (
     np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.2]]),
     np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]),
 )
+START, GOAL = "0,-0.785,0,-2.356,0,1.571,0.785", "0.6,-0.3,0.2,-1.8,0.2,1.9,0.4"
+PLANNED = ["--robot", "panda", "--start", START, "--goal", GOAL, "--compile", "never", "--model", "source-method-2"]
+SUITE = """
+format = "energy-opt/suite/1"
+name = "small"
+robots = ["panda"]
+modes = ["retime"]
+durations = ["1.5x"]
+models = ["source_method_2"]
+random = { count = 1, seed = 1, range = 0.3 }
+"""
+JOB = f"""
+format = "energy-opt/job/1"
+robot = "panda"
+cycle_time = 4.0
+home = [{START}]
+mode = "retime"
+[[step]]
+name = "there"
+to = [{GOAL}]
+[[step]]
+wait = 0.4
+[[step]]
+name = "back"
+to = "home"
+"""
+PLANT = """
+format = "energy-opt/model/1"
+robot = "panda"
+[[effect]]
+name = "standby"
+power = 90.0
+[[effect]]
+name = "copper_loss"
+r_over_kt2 = 0.004
+[[effect]]
+name = "viscous_friction"
+b = 1.5
+"""
+# Verb -> plots on its page (None: as many as there are joints and runs), and whether an arm moves there.
+PAGES = {
+    "optimize": (6, True), "tradeoff": (3, True), "job": (6, True), "bench": (2, False),
+    "identify": (1, False), "diagnose": (None, False),
+}  # fmt: skip
 
 
 def _report(robot: Robot) -> Report:
@@ -31,7 +77,8 @@ def _report(robot: Robot) -> Report:
     solids = [Solid(j, *TETRAHEDRON) for j in range(-1, robot.n)]
     report = Report("<b>x</b> $\\frac$")
     played = [Played("result", motion), Played("scaled", motion, ghost=True)]
-    report.player(player(robot, played, solids, [Solid(-1, *TETRAHEDRON)], ("closest: a and b, 3 mm", 1.0)))
+    closest = Closest(("a", "b"), 0.003, 1.0)
+    report.player(player(robot, played, solids, [Solid(-1, *TETRAHEDRON)], closest, [(0.5, "</script>")]))
     lines = [Line(joint, t, q[:, j]) for j, joint in enumerate(robot.joints)]
     report.charts(
         Chart("Position", "time [s]", "position [rad]", lines, {"limit": 1.0}, timed=True),
@@ -44,27 +91,111 @@ def _report(robot: Robot) -> Report:
     return report.table(["a", "b"], [["x" * 300, 1.0]])
 
 
-def _seen(page: Path, profile: Path) -> tuple[str, str]:
-    """The document after its scripts ran, and what the browser said."""
-    assert BROWSER is not None
-    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
-    command += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
-    command += ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--enable-logging=stderr"]
-    command += [f"--user-data-dir={profile}", "--virtual-time-budget=20000", "--window-size=800,900", "--dump-dom"]
-    done = subprocess.run([*command, page.as_uri()], capture_output=True, text=True, timeout=120, check=True)
-    return done.stdout, done.stderr
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    browser = Browser(tmp_path_factory.mktemp("profile"))
+    yield browser
+    browser.close()
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
-def test_a_page_draws_everything_in_a_browser(panda: Robot, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page of each verb, as the command writes it."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    at = tmp_path_factory.mktemp("pages")
+    for name, text in (("suite", SUITE), ("job", JOB), ("plant", PLANT)):
+        (at / f"{name}.toml").write_text(text)
+    (at / "scene.yaml").write_text(example("scene"))
+    reshape = ["--duration", "1.5", "--starts", "1", "--controls", "12", "--scene", str(at / "scene.yaml")]
+    plays = [str(at / name / "trajectory.csv") for name in ("retime", "optimize")]
+    for name, words in {
+        "optimize": ["optimize", *PLANNED, *reshape],
+        "retime": ["optimize", *PLANNED, "--mode", "retime", "--duration", "2"],
+        "tradeoff": ["tradeoff", *PLANNED, "--mode", "retime", "--durations", "1:2:2", "--cycle", "4"],
+        "bench": ["bench", str(at / "suite.toml"), "--jobs", "1", "--compile", "never"],
+        "job": ["job", str(at / "job.toml"), "--compile", "never"],
+        "set": ["simulate", *plays, "--plant", str(at / "plant.toml"), "--repeat", "3", "--static", "1"],
+        "identify": ["identify", str(at / "set")],
+        "diagnose": ["diagnose", str(at / "set")],
+    }.items():
+        assert main([*words, "--out", str(at / name), "--quiet"]) == 0, name
+    return at
+
+
+@pytest.mark.parametrize("verb", PAGES)
+def test_every_verbs_page_in_a_browser(browser: Browser, pages: Path, verb: str) -> None:
+    page, (plots, moving) = pages / verb / "report.html", PAGES[verb]
+    assert page.stat().st_size < LARGEST
+    browser.view(WIDTHS[-1])
+    browser.open(page)
+    assert browser.run("document.body.dataset.ready") == "yes"
+    places, drawn = browser.run(
+        "['.chart', '.plot[data-drawn] .main-svg'].map(c => document.querySelectorAll(c).length)"
+    )
+    assert places >= 2 if plots is None else places == plots
+    assert drawn >= places and browser.run("[...document.querySelectorAll('.plot')].every(p => p.clientHeight > 100)")
+    assert browser.run("document.querySelector('canvas[data-drawn]') !== null") is moving
+    assert "energy-opt " in browser.run("document.querySelector('pre').textContent")  # the command
+    colours: list[str] = []
+    for width, dark in zip(WIDTHS[::-1], (False, True), strict=True):
+        browser.view(width, dark)
+        wide = "[...document.querySelectorAll('.plot svg, canvas, button')].filter(e => e.getBoundingClientRect()"
+        browser.until(f"{wide}.right > {width} + 1).length === 0")  # plots follow the window's width
+        assert browser.run("document.documentElement.scrollWidth") <= width
+        ink, paper = "document.querySelector('.plot .xtitle')).fill", "document.body).backgroundColor"
+        colours += [browser.run(f"getComputedStyle({part}") for part in (ink, paper)]
+    assert len(set(colours)) == 4  # ink and paper, light and dark
+    cells = browser.run("[...document.querySelectorAll('table')].map(t => [...t.rows].map(r => r.cells.length))")
+    assert all(len(set(rows)) == 1 and len(rows) > 0 for rows in cells)
+    titles = browser.run("[...document.querySelectorAll('.xtitle')].map(t => t.textContent)")
+    assert titles and all(re.search(r"\[.+\]$", title) for title in titles)  # each with its unit
+    assert (
+        browser.said == [] and [url for url in browser.asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    )
+
+
+def test_plots_and_arm_are_tied_and_play(browser: Browser, pages: Path) -> None:
+    browser.view(WIDTHS[-1])
+    browser.open(pages / "optimize" / "report.html")
+    time, arm = "Number.parseFloat(document.querySelector('.time').textContent)", "document.querySelector('canvas')"
+    shown = f"{arm}.toDataURL()"
+    cursor = "Number.parseFloat(document.querySelector('.cursor').style.left)"
+    at_rest, place = browser.run(shown), browser.run(cursor)
+    assert browser.run(time) == 0
+    browser.run("document.querySelector('.player button').click()")  # play
+    browser.until(f"{time} > 0.2")
+    assert browser.run(shown) != at_rest and browser.run(cursor) > place
+    browser.until(f"{time} >= 1.5 && document.querySelector('.player button').textContent === 'play'")  # to the end
+    browser.run("document.querySelector('.closest').click()")
+    closest, held = browser.run(time), browser.run("document.querySelector('.closest').textContent")
+    assert 0 <= closest <= 1.5 and " mm" in held
+    browser.run("document.querySelector('.plot').scrollIntoView({block: 'center'})")
+    box = browser.run(
+        "(b => [b.x, b.y, b.width, b.height])(document.querySelector('.plot .nsewdrag').getBoundingClientRect())"
+    )
+    for share in (0.25, 0.75):  # the pointer goes over the plot, and the arm follows
+        before = browser.run(shown)
+        for step in range(4):
+            browser.mouse("mouseMoved", box[0] + box[2] * share + step, box[1] + box[3] / 2)
+        browser.until(f"Math.abs({time} - {1.5 * share}) < 0.05")
+        assert browser.run(shown) != before
+    slider = "document.querySelector('.player input[type=range]')"
+    browser.run(f"{slider}.value = 0.5; {slider}.dispatchEvent(new Event('input'))")
+    assert browser.run(time) == pytest.approx(0.5, abs=2e-3) and browser.said == []
+
+
+def test_a_page_of_odd_texts_draws_everything(panda: Robot, tmp_path: Path, browser: Browser) -> None:
     page = tmp_path / "report.html"
     _report(panda).write(page)
-    document, said = _seen(page, tmp_path / "profile")
-    assert 'data-ready="yes"' in document
-    assert document.count('<div class="plot js-plotly-plot" data-drawn="yes"') == 3
-    assert re.search(r"<canvas[^>]*data-drawn=\"yes\"", document)
-    lines = [line for line in said.splitlines() if "GL Driver Message" not in line]  # of the software renderer
-    assert not [line for line in lines if "CONSOLE" in line or "net::" in line]
+    browser.view(400, dark=True)
+    browser.open(page)
+    assert browser.run("document.body.dataset.ready") == "yes"
+    assert browser.run("document.querySelectorAll('.plot[data-drawn]').length") == 3
+    assert browser.run("document.querySelector('canvas[data-drawn]') !== null")
+    assert browser.said == []
 
 
 def test_a_page_is_small_and_asks_for_nothing(panda: Robot, tmp_path: Path) -> None:

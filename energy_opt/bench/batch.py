@@ -38,6 +38,7 @@ def run_batch(
     scheduler: str | None = None,
     quiet: bool = True,
     solve: Solver = solve_task,
+    command: str | None = None,
 ) -> Batch:
     """Run what is left of a suite: results.jsonl as it goes, then results.parquet, report.html and summary.json.
 
@@ -49,6 +50,7 @@ def run_batch(
         force: overwrite the finished results of another suite.
         scheduler: address of a Dask cluster that computes instead.
         solve: what workers do with a task; must be importable there.
+        command: the command line, for the report.
 
     Raises:
         BadInput: `out` holds an unfinished batch and `resume` is False, or another suite's results and `force` is
@@ -87,6 +89,7 @@ def run_batch(
             "seconds": progress.seconds,
             "moves": progress.done - progress.before,
             "moves_per_second": progress.rate,
+            "command": command,
         }
         summary = summarize(rows, len(wanted), run)
         write_parquet(Path(out) / "results.parquet", rows)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,17 @@ from energy_opt.reports.charts import Chart
 from energy_opt.reports.page import Report
 
 NAMED = IDENTITY[1:]  # the suite stands in the title
+HEADS = {
+    "timing": "timing [s, or x of the fastest]",
+    "payload": "payload [kg, m]",
+    "count": "moves",
+    "build_seconds_longest": "longest build [s]",
+    "solve_seconds_median": "solve: median [s]",
+    "solve_seconds_p90": "p90 [s]",
+    "solve_seconds_longest": "longest [s]",
+    "solve_seconds_geometric_mean": "geometric mean [s]",
+    "max_violation": "largest violation [share of the bound]",
+}
 LISTED = 200  # failures that the page lists; all are in results.parquet
 
 
@@ -21,7 +32,8 @@ def write_report(path: Path, rows: Sequence[Row], summary: dict[str, Any]) -> No
     """Write the page."""
     report = Report(f"Batch {summary['suite']}")
     counts = ", ".join(f"{count} {status}" for status, count in sorted(summary["status"].items()))
-    report.text(f"{len(rows)} of {summary['moves']} moves done: {counts or 'none'}.")
+    report.headline(f"{len(rows)} of {summary['moves']} moves done: {counts or 'none'}.")
+    _numbers(report, rows)
     if not summary["complete"]:
         report.warning("The batch is not complete; --resume does what is left.")
     _failures(report, summary["failures"])
@@ -30,7 +42,7 @@ def write_report(path: Path, rows: Sequence[Row], summary: dict[str, Any]) -> No
         report.section("Other objectives against energy")
         report.text("How much more loss is left where another quantity is minimised, on the same move and duration.")
         names = ("robot", "mode", "model", "timing", "objective", "pairs")
-        header = (*names, "loss mean [%]", "loss most [%]", "energy mean [J]")
+        header = (*_heads(names), "loss mean [%]", "loss most [%]", "energy mean [J]")
         report.table(
             header,
             [
@@ -42,13 +54,36 @@ def write_report(path: Path, rows: Sequence[Row], summary: dict[str, Any]) -> No
     report.section("Times")
     report.text("Building a problem happens once per robot and mode in each worker; solving happens for every move.")
     if summary["times"]:
-        report.table(list(summary["times"][0]), [list(row.values()) for row in summary["times"]])
-    report.facts(summary["run"])
+        report.table(_heads(summary["times"][0]), [list(row.values()) for row in summary["times"]])
+    run = summary["run"]
+    report.facts(
+        {
+            "processes": run["jobs"],
+            "scheduler": run["scheduler"],
+            "moves of this run": run["moves"],
+            "took [s]": run["seconds"],
+            "moves per second": run["moves_per_second"],
+        }
+    )
     _certificates(report, summary["certificates"])
     report.section("Machine")
     machine = summary["machine"]
     report.facts({**{k: v for k, v in machine.items() if k != "versions"}, **machine["versions"]})
-    report.write(path)
+    report.command(run).write(path)
+
+
+def _heads(names: Iterable[str]) -> list[str]:
+    return [HEADS.get(name, name) for name in names]
+
+
+def _numbers(report: Report, rows: Sequence[Row]) -> None:
+    """Mean and worst saving over all moves."""
+    saved = [row["saving_loss_percent"] for row in rows if row["saving_loss_percent"] is not None]
+    if saved:
+        report.numbers(
+            {"of the loss saved, mean": f"{np.mean(saved):.3g} %", "at worst": f"{min(saved):.3g} %",
+             "at best": f"{max(saved):.3g} %"}
+        )  # fmt: skip
 
 
 def _failures(report: Report, failures: Sequence[dict[str, Any]]) -> None:
@@ -56,7 +91,9 @@ def _failures(report: Report, failures: Sequence[dict[str, Any]]) -> None:
     if not failures:
         report.text("None.")
         return
-    report.table([*NAMED, "status", "reason"], [[r[n] for n in (*NAMED, "status", "error")] for r in failures[:LISTED]])
+    report.table(
+        [*_heads(NAMED), "status", "reason"], [[r[n] for n in (*NAMED, "status", "error")] for r in failures[:LISTED]]
+    )
     if len(failures) > LISTED:
         report.text(f"... and {len(failures) - LISTED} more.")
 
@@ -70,7 +107,7 @@ def _savings(report: Report, savings: Sequence[dict[str, Any]], rows: Sequence[R
     names = ("robot", "mode", "objective", "model", "payload", "timing")
     quantiles = ("mean", "worst", "p10", "median", "p90", "best")
     report.table(
-        [*names, "moves", *(f"loss {q} [%]" for q in quantiles), "total mean [%]"],
+        [*_heads(names), "moves", *(f"loss {q} [%]" for q in quantiles), "total mean [%]"],
         [
             [row[name] for name in names]
             + [row["loss_percent"]["count"], *(row["loss_percent"][q] for q in quantiles), row["total_percent"]["mean"]]
@@ -97,4 +134,4 @@ def _certificates(report: Report, certificates: dict[str, Any]) -> None:
     worst = certificates["worst"]
     if worst:
         names = (*NAMED, "status", "max_violation")
-        report.table(list(names), [[row[name] for name in names] for row in worst])
+        report.table(_heads(names), [[row[name] for name in names] for row in worst])

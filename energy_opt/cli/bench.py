@@ -62,6 +62,7 @@ def _batch(args: argparse.Namespace) -> int:
     from energy_opt.bench import load_suite, run_batch
     from energy_opt.cli.view import view
     from energy_opt.files import to_json
+    from energy_opt.front.request import stamp
 
     jobs = _free_cores() if args.jobs is None else args.jobs
     if jobs < 1:
@@ -73,8 +74,9 @@ def _batch(args: argparse.Namespace) -> int:
     )
     out = args.out or Path(f"bench_{suite.name}")
     batch = run_batch(
-        suite, out, jobs=jobs, resume=args.resume, force=args.force, scheduler=args.scheduler, quiet=args.quiet
-    )
+        suite, out, jobs=jobs, resume=args.resume, force=args.force, scheduler=args.scheduler, quiet=args.quiet,
+        command=stamp(args.command)["command"],
+    )  # fmt: skip
     if batch.left_out and not args.quiet:
         print(f"{batch.left_out} earlier results belong to another version of the suite; left out", file=sys.stderr)
     view(args, out)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for degrees: two turns
 
 
-def add_common(parser: argparse.ArgumentParser, out: str) -> None:
-    """Options of every verb that plans."""
+def add_common(parser: argparse.ArgumentParser, out: str, default: str = "source-method-2") -> None:
+    """Options of every verb that plans; `default`: which model it plans under where none is given."""
     group = parser.add_argument_group("robot and model")
     group.add_argument("--robot", required=True, metavar="NAME_OR_URDF", help="a name (`energy-opt robots`) or a URDF")
     group.add_argument(
@@ -38,21 +38,21 @@ def add_common(parser: argparse.ArgumentParser, out: str) -> None:
     group.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m] (none)"
     )
-    add_model(group)
+    add_model(group, default)
     group.add_argument(
         "--dynamics", default="auto", metavar="SOURCE", help="auto (default), compact, templates or pinocchio"
     )
     add_output(parser, out)
 
 
-def add_model(group: argparse._ArgumentGroup) -> None:
+def add_model(group: argparse._ArgumentGroup, default: str = "source-method-2") -> None:
     """The power model."""
     group.add_argument(
         "--model",
         action="append",
         default=[],
         metavar="MODEL",
-        help="power model: a file, or source-method-1, source-method-2, careful (default: source-method-2)",
+        help=f"power model: a file, or source-method-1, source-method-2, careful (default: {default})",
     )
 
 
@@ -63,7 +63,7 @@ def add_output(parser: argparse.ArgumentParser, out: str, report: bool = True) -
     group.add_argument("--json", action="store_true", help="the result as one JSON document on stdout")
     group.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random choices (0)")
     group.add_argument("--quiet", action="store_true", help="no progress and no messages")
-    group.add_argument("--force", action="store_true", help="overwrite the result of another request")
+    group.add_argument("--force", action="store_true", help="overwrite what DIR holds of another request")
     if report:
         add_view(group)
 

@@ -11,6 +11,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     parser.add_argument("names", nargs="*", metavar="NAME", help="only these (default: all)")
     parser.add_argument("--json", action="store_true", help="as one JSON document on stdout")
+    parser.add_argument("--quiet", action="store_true", help="no messages")
 
 
 def run(args: argparse.Namespace) -> int:

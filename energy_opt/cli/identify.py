@@ -80,7 +80,7 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
         write_json(aside / "identify.json", document)
         _plot(result, aside / "plot.png")
         load, power = [pose.load for pose in result.poses], [pose.power for pose in result.poses]
-        page(result.document(), load, power, result.robot).write(aside / "report.html")
+        page(document, load, power, result.robot).write(aside / "report.html")
     say(args, _summary(result, args.out))
     view(args, args.out)
     if args.json:

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_model(group)
     add_prefix(group)
     group = parser.add_argument_group("solving")
-    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping")
+    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping (6)")
     group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never (auto)")
     group.add_argument("--resume", action="store_true", help="take the answers that an earlier run into --out left")
     add_cell(parser)

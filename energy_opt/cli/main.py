@@ -15,6 +15,7 @@ from energy_opt import __version__
 from energy_opt.cli.examples import EXAMPLES, example
 from energy_opt.cli.faults import as_error, one_line
 from energy_opt.cli.interrupt import was_pressed
+from energy_opt.cli.usage import epilog
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
 
 VERBS = {
@@ -33,6 +34,16 @@ VERBS = {
 MODULES = {"import": "ingest"}  # verbs whose module cannot have their name
 SHELLS = ("bash", "zsh", "tcsh")
 VECTORS = ("--start", "--goal", "--via", "--suggest-from", "--base")
+
+
+class _Help(argparse.HelpFormatter):
+    """Lines of the epilog stay as they are where they are commands; the others are wrapped."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        lines = text.splitlines()
+        return "\n".join(
+            line if line[:2] == "  " else super(_Help, self)._fill_text(line, width, indent) for line in lines
+        )
 
 
 class _Parser(argparse.ArgumentParser):
@@ -147,7 +158,10 @@ def parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
     group = parser.add_subparsers(dest="verb", metavar="VERB")  # of the same class
     verbs = {}
     for verb, text in VERBS.items():
-        sub = group.add_parser(verb, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
+        sub = group.add_parser(
+            verb, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False,
+            epilog=epilog(verb), formatter_class=_Help,
+        )  # fmt: skip
         if verb in words:  # only the verb that is run is imported
             _module(verb).add_arguments(sub)
         sub.add_argument("--effects", action="append", default=[], metavar="FILE.py", help="effects of your own")

@@ -21,7 +21,7 @@ from energy_opt.cli.controllers import add_controllers, check_controllers, moves
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
-    add_common(parser, "energy_opt_out")
+    add_common(parser, "energy_opt_out", "source-method-2 and careful, in the mean")
     add_move(parser)
     group = parser.add_argument_group("duration (default: free)")
     group.add_argument("--duration", type=float, metavar="T", help="exactly this long [s]")

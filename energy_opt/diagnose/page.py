@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 
 from energy_opt.diagnose.diagnosis import Diagnosis
@@ -36,13 +39,14 @@ def page(result: Diagnosis) -> Report:
         report.warning(remark)
     report.section("Effects")
     if d["effects"]:
-        rows = [
-            [row["name"], name, value, row["ci95"].get(name), row["share_of_residual"], row["p_value"],
-             f"{row['runs_improved'][0]} of {row['runs_improved'][1]}"]
-            for row in d["effects"] for name, value in row["parameters"].items()
-        ]  # fmt: skip
-        header = ["effect", "parameter", "value", "95 % interval", "share of residual", "p", "left-out runs improved"]
-        report.table(header, rows, digits=3)
+        report.table(
+            ["effect", "share of what is explained [%]", "p", "left-out runs improved"],
+            [[row["name"], 100 * row["share_of_residual"], row["p_value"],
+              f"{row['runs_improved'][0]} of {row['runs_improved'][1]}"] for row in d["effects"]],
+            digits=3,
+        )  # fmt: skip
+        header = ["effect", "parameter", "joint", "value", "95 % interval", "unit"]
+        report.table(header, [line for row in d["effects"] for line in _values(row, d["joints"])])
     else:
         report.text("None is claimed.")
     if d["alternatives"]:
@@ -55,14 +59,14 @@ def page(result: Diagnosis) -> Report:
             if e is not None:
                 rows.append([f"{when}, {part}", e["energy_percent"], e["energy_percent_ci95"], e["power_rmse"],
                              e["power_rmse_ci95"]])  # fmt: skip
-    report.table(["", "energy [%]", "95 %", "power RMSE [W]", "95 %"], rows)
+    report.table(["", "error of energy [%]", "95 % [%]", "power RMSE [W]", "95 % [W]"], rows)
     report.facts({"noise floor [W]": d["error"]["noise_floor"]})
     report.section("What the residual goes with")
     if d["residual_goes_with"]:
         watts = [r["watts"] for r in d["remainder"]]
         goes = d["residual_goes_with"]
         rows = [[r["signal"], r["joint"], r["strength"], w] for r, w in zip(goes, watts, strict=True)]
-        report.table(["signal", "joint", "share of what is left", "W rms"], rows, 3)
+        report.table(["signal", "joint", "share of what is left [1]", "rms [W]"], rows, 3)
     else:
         report.text("With nothing beyond the noise.")
     report.charts(*_residuals(result))
@@ -95,7 +99,21 @@ def page(result: Diagnosis) -> Report:
         [[", ".join(r["effects"]) or "declared model", ", ".join(r["structures"]), r["numbers"], r["loss_per_sample"],
           r["score"]] for r in d["evidence"]],
     )  # fmt: skip
-    return report
+    return report.command(d.get("request"))
+
+
+def _values(row: Mapping[str, Any], joints: Sequence[str]) -> list[list[object]]:
+    """A line for every number of an effect."""
+    out: list[list[object]] = []
+    for name, value in row["parameters"].items():
+        unit, interval = row["units"].get(name), row["ci95"].get(name)
+        if not isinstance(value, list):
+            out.append([row["name"], name, None, value, interval, unit])
+            continue
+        owners = joints if len(value) == len(joints) else [str(k) for k in range(1, len(value) + 1)]
+        for owner, number, span in zip(owners, value, interval or [None] * len(value), strict=True):
+            out.append([row["name"], name, owner, number, span, unit])
+    return out
 
 
 def _power(result: Diagnosis) -> list[Chart]:

@@ -221,10 +221,11 @@ def _read(path: Path, load: Callable[[str], Robot], allow_outside: bool) -> tupl
 
 def _steps(reader: _Reader, rows: list[Mapping[str, Any]]) -> list[Step]:
     top = reader.document
+    at = reader.pose(top["home"], "home") if "home" in top else None
+    if at is not None:
+        reader.poses.setdefault("home", at)  # `to = "home"` goes there, also where home is given as positions
     targets = [reader.pose(row["to"], _where(k, row)) if "to" in row else None for k, row in enumerate(rows)]
-    if "home" in top:
-        at = reader.pose(top["home"], "home")
-    else:
+    if "home" not in top:
         at = next((q for row, q in zip(reversed(rows), reversed(targets), strict=True) if "to" in row), None)
         if at is None and not reader.faults:
             reader.faults.append("step: no step moves; give `to`, or `home` to wait at")

@@ -94,6 +94,21 @@ def _rows(t: Trajectory, first: int, last: int) -> Trajectory:
     return Trajectory(t.joints, t.time[rows] - t.time[first], t.position[rows], t.velocity[rows], t.acceleration[rows])
 
 
+def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
+    """Electrical power over the cycle: time (N,) [s], power (N,) [W]; of a wait its mean, brakes included."""
+    times, powers, at = [], [], 0.0
+    for piece in result.pieces:
+        t = piece.trajectory
+        power = np.full(len(t.time), piece.energy / max(t.duration, 1e-9))
+        if piece.source != "wait" and piece.steps:
+            filled = result.scorer(result.job.steps[piece.steps[0]]).filled(t).power
+            power = power if filled is None else filled
+        times.append(at + t.time - t.time[0])
+        powers.append(power)
+        at += t.duration
+    return np.concatenate(times), np.concatenate(powers)
+
+
 def write(result: JobResult, request: Mapping[str, Any], out: Path) -> dict[str, Any]:
     """Write step_01.csv ..., cycle.csv, report.html and job.json, this last; returns the document."""
     number = 0
@@ -105,6 +120,7 @@ def write(result: JobResult, request: Mapping[str, Any], out: Path) -> dict[str,
     formats.write(joined(result.pieces), Path(out) / "cycle.csv")
     found = {**document(result), "request": plain(request)}
     bodies, scene = drawn(result.cell or Cell(result.job.robot, CellRequest()))
-    page(found, joined(result.pieces), result.job.robot, bodies, scene).write(Path(out) / "report.html")
+    cycle = joined(result.pieces)
+    page(found, cycle, result.job.robot, bodies, scene, power_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

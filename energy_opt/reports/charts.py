@@ -16,7 +16,7 @@ class Line:
     """A named line or cloud of points: x and y, both (N,).
 
     Attributes:
-        style: "line", "dash", "points" or "faint" (a thin grey line behind the others).
+        style: "line", "dash", "dots" (a line with its points), "points" or "faint" (thin and grey, behind the others).
         role: lines of one role share a colour on every plot of a page ("result", "scaled", "measured", a joint's name).
         low, high: (N,) edges of a band around it, if any.
     """

@@ -29,9 +29,19 @@ def page(document: Mapping[str, Any], load: Sequence[float], power: Sequence[flo
         r, p0, ci = second["r_over_kt2"], second["standby"], second["ci95"]
         lines.append(Line("Method 2", ends, p0 + r * ends, "line", "calibrated"))
         rows.append(["Method 2", p0, ci["standby"], r, ci["r_over_kt2"], second["r_squared"]])
+        report.headline(
+            f"Overhead {p0:.2f} W and copper loss {r:.4g} W/(N m)^2 by Method 2; {first['standby']:.2f} W by Method 1."
+        )
+    else:
+        report.headline(f"Method 1: {first['standby']:.2f} W of overhead; for Method 2 the poses do not suffice.")
     report.charts(Chart("Static power", "squared gravity torque [(N m)^2]", "power [W]", lines))
     report.table(
-        ["", "overhead [W]", "95 %", "R/Kt^2 [W/(N m)^2]", "95 %", "R^2 of the line"],
+        ["", "overhead [W]", "95 % [W]", "R/Kt^2 [W/(N m)^2]", "95 % [W/(N m)^2]", "R^2 of the line [1]"],
         rows,
     )
-    return report
+    expected = [None if second is None else p0 + r * x for x in load]
+    report.section("Poses").table(
+        ["pose", "squared gravity torque [(N m)^2]", "measured [W]", "Method 2 [W]"],
+        [[k, x, y, e] for k, (x, y, e) in enumerate(zip(load, power, expected, strict=True), start=1)],
+    )
+    return report.command(document.get("request"))

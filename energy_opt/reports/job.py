@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from energy_opt.reports.charts import Chart
+import numpy as np
+
+from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Motion, Played, Solid, player
 from energy_opt.reports.optimize import motion_charts
 from energy_opt.reports.page import Report
@@ -20,12 +22,14 @@ def page(
     robot: Robot,
     bodies: Sequence[Solid] = (),
     scene: Sequence[Solid] = (),
+    power: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Report:
     """The report of a job.json.
 
     Args:
         cycle: the whole cycle as one motion.
         bodies, scene: what the moving arm is drawn with.
+        power: over the cycle, time (N,) [s] and power (N,) [W].
     """
     report = Report(f"{document['robot']}: a cycle of {document['cycle_time']:.4g} s")
     report.headline(headline(document))
@@ -35,7 +39,8 @@ def page(
         report.warning(warning)
     steps = document["steps"]
     names = [f"{k}. {row['name']}" for k, row in enumerate(steps, start=1)]
-    report.player(player(robot, [Played("result", cycle)], bodies, scene))
+    phases = [(row["start"], name) for name, row in zip(names, steps, strict=True)]
+    report.player(player(robot, [Played("result", cycle)], bodies, scene, phases=phases))
     durations, energies = (_by(names, steps, key) for key in ("duration", "energy_total"))
     report.section("Where the cycle goes").charts(
         Chart("Time of each step", "duration [s]", "", bars={"result": durations}),
@@ -52,6 +57,7 @@ def page(
             *([row["name"].replace("_", " "), row["energy_total"]] for row in document["baselines"]),
             ["proven lower bound of retiming", document["optimality"]["lower_bound"]],
         ],
+        digits=7,
     )
     models = document.get("models") or []
     if models:
@@ -59,10 +65,11 @@ def page(
             ["model", "energy of the cycle [J]", "saved against evenly slowed [J]", "saved [%]"],
             [[m["name"], m["total"], m["saving_joules"], m["saving_total_percent"]] for m in models],
         )
-    report.section("Motion").charts(*motion_charts(cycle, {}, robot))
-    if document.get("request", {}).get("command"):
-        report.section("The command that made this").code(document["request"]["command"])
-    return report
+    charts = [chart for chart in motion_charts(cycle, {}, robot) if not chart.empty]
+    if power is not None:
+        charts.append(Chart("Electrical power", "time [s]", "power [W]", [Line("result", *power)], timed=True))
+    report.section("Motion").charts(*charts)
+    return report.command(document.get("request"))
 
 
 def headline(document: Mapping[str, Any]) -> str:

@@ -36,11 +36,31 @@ class Motion(Protocol):
 
 @dataclass(frozen=True)
 class Solid:
-    """A body to draw: vertices (V, 3) [m] in the frame of joint `joint` (-1: the base), triangles (F, 3)."""
+    """A body to draw: vertices (V, 3) [m] in the frame of joint `joint` (-1: the base), triangles (F, 3).
+
+    Attributes:
+        surface: of a half-space: drawn from its free side only.
+    """
 
     joint: int
     vertices: np.ndarray
     triangles: np.ndarray
+    name: str = ""
+    surface: bool = False
+
+
+@dataclass(frozen=True)
+class Closest:
+    """Where a motion comes nearest to touching: the names of both bodies, their distance [m], and when [s]."""
+
+    pair: tuple[str, str]
+    distance: float
+    time: float
+
+    @property
+    def label(self) -> str:
+        """In words."""
+        return f"closest: {' and '.join(self.pair)}, {1000 * self.distance:.3g} mm"
 
 
 @dataclass(frozen=True)
@@ -58,13 +78,15 @@ def player(
     motions: Sequence[Played],
     bodies: Sequence[Solid],
     scene: Sequence[Solid] = (),
-    closest: tuple[str, float] | None = None,
+    closest: Closest | None = None,
+    phases: Sequence[tuple[float, str]] = (),
 ) -> dict[str, Any] | None:
     """What the page's player takes; None where the robot has no bodies to draw.
 
     Args:
         bodies: of the robot; scene: in the base frame (their joint is not looked at).
-        closest: a label and the time [s] to jump to.
+        closest: marked, and a time to jump to.
+        phases: when what begins [s], said while it plays.
     """
     if not bodies:
         return None
@@ -81,12 +103,14 @@ def player(
         "bodies": [{"joint": body.joint, **_solid(body)} for body in bodies],
         "scene": [_solid(body) for body in scene],
         "motions": [_motion(robot, played) for played in motions],
-        "closest": None if closest is None else {"label": closest[0], "time": closest[1]},
+        "closest": closest and {"label": closest.label, "time": rounded(closest.time), "pair": list(closest.pair)},
+        "phases": [{"time": rounded(time), "name": name} for time, name in phases],
     }
 
 
 def _solid(body: Solid) -> dict[str, Any]:
-    return {"vertices": _numbers(body.vertices, 5), "faces": np.asarray(body.triangles).tolist()}
+    shape = {"vertices": _numbers(body.vertices, 5), "faces": np.asarray(body.triangles).tolist()}
+    return {"name": body.name, "surface": body.surface, **shape}
 
 
 def _motion(robot: Robot, played: Played) -> dict[str, Any]:

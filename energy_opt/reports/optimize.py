@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.reports.charts import Chart, Line
-from energy_opt.reports.motion import Motion, Played, Solid, player
+from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
 from energy_opt.reports.page import Report, shown
 from energy_opt.robot import Robot
 
@@ -53,9 +53,7 @@ def page(
             "gap to it [%]": optimality["gap_percent"],
         }
     )
-    if document.get("request", {}).get("command"):
-        report.section("The command that made this").code(document["request"]["command"])
-    return report
+    return report.command(document.get("request"))
 
 
 def headline(document: Mapping[str, Any]) -> str:
@@ -88,12 +86,11 @@ def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
     return out
 
 
-def _closest(document: Mapping[str, Any]) -> tuple[str, float] | None:
-    clearance = document["certificate"].get("clearance")
-    if not clearance or clearance.get("time") is None or clearance.get("min_distance") is None:
+def _closest(document: Mapping[str, Any]) -> Closest | None:
+    found = document["certificate"].get("clearance")
+    if not found or found.get("time") is None or found.get("min_distance") is None or not found["pair"]:
         return None
-    pair = " and ".join(clearance["pair"] or ())
-    return f"closest: {pair}, {1000 * clearance['min_distance']:.3g} mm", float(clearance["time"])
+    return Closest(tuple(found["pair"]), float(found["min_distance"]), float(found["time"]))
 
 
 def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) -> list[Chart]:
@@ -112,9 +109,9 @@ def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) ->
             continue
         charts.append(
             Chart(
-                name.capitalize(),
+                f"{name.capitalize()}, as a share of its limit",
                 "time [s]",
-                f"{name}, share of its limit [1]",
+                f"{name} / limit [1]",
                 _joints(robot, t, np.where(has, values / np.where(has, bound, 1.0), np.nan)),
                 {"limit": 1.0, "-limit": -1.0},
                 timed=True,
@@ -172,7 +169,9 @@ def _certificate(report: Report, document: Mapping[str, Any]) -> None:
         f"Recomputed from trajectory.csv on {certificate['samples']} samples with Pinocchio's torque. A violation is a "
         "share of the bound; at or below zero is inside."
     )
-    report.facts(certificate["max_violation"])
+    report.table(
+        ["limit", "largest violation [share of the bound]"], list(map(list, certificate["max_violation"].items()))
+    )
     worst = certificate["worst"]
     if worst:
         report.text(

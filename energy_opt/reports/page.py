@@ -75,9 +75,11 @@ class Report:
         return self._add(f'<div class="numbers">{cells}</div>')
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[Any]], digits: int = 4) -> Report:
-        """Add a table; each cell is written by `shown`; without rows, nothing."""
-        if not rows:
+        """Add a table; each cell is written by `shown`; without rows, nothing, and no column without a value."""
+        kept = [k for k in range(len(header)) if any(row[k] is not None and row[k] != "" for row in rows)]
+        if not kept:
             return self
+        header, rows = [header[k] for k in kept], [[row[k] for k in kept] for row in rows]
         head = "".join(f"<th>{html.escape(str(cell))}</th>" for cell in header)
         body = "".join(
             "<tr>" + "".join(f"<td>{html.escape(shown(cell, digits))}</td>" for cell in row) + "</tr>\n" for row in rows
@@ -85,12 +87,18 @@ class Report:
         return self._add(f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}</table></div>')
 
     def facts(self, values: Mapping[str, Any], digits: int = 4) -> Report:
-        """Add a table of names and values."""
+        """Add a table of names and values; what has none is left out."""
         rows = "".join(
             f"<tr><td>{html.escape(str(name))}</td><td>{html.escape(shown(value, digits))}</td></tr>\n"
             for name, value in values.items()
+            if value is not None
         )
         return self._add(f'<div class="wide"><table class="facts">\n{rows}</table></div>') if rows else self
+
+    def command(self, request: Mapping[str, Any] | None) -> Report:
+        """Add the command line that a request holds, if one does."""
+        words = (request or {}).get("command")
+        return self.section("The command that made this").code(words) if words else self
 
     def picture(self, png: bytes, caption: str = "") -> Report:
         """Add a PNG (see `plots.png`), embedded."""

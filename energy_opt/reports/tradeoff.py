@@ -35,7 +35,7 @@ def page(
     points = [p for p in document["points"] if p.get("energy_total") is not None]
     x = np.array([p["duration"] for p in points])
     lines = [
-        Line(part, x, np.array([p[f"energy_{part}"] for p in points], dtype=float))
+        Line(part, x, np.array([p[f"energy_{part}"] for p in points], dtype=float), "dots")
         for part in ("total", "standby", "loss", "stored")
     ]
     marks = {} if best is None else {"least energy": (best["duration"], best["energy_total"])}
@@ -52,7 +52,7 @@ def page(
                 f"Energy over the cycle of {cycle['length']:g} s, waiting included",
                 "duration of the move [s]",
                 "energy [J]",
-                [Line("cycle", at, over)],
+                [Line("cycle", at, over, "dots")],
                 marks={} if least is None else {"least over the cycle": (least["duration"], least["energy_total"])},
             )
         )
@@ -72,9 +72,7 @@ def page(
         ["duration [s]", "total [J]", "standby [J]", "loss [J]", "status", "reason"],
         [[*(p.get(name) for name in names), p.get("reason", "")] for p in document["points"]],
     )
-    if document.get("request", {}).get("command"):
-        report.section("The command that made this").code(document["request"]["command"])
-    return report
+    return report.command(document.get("request"))
 
 
 def _nearest(motions: Mapping[float, Motion], duration: float) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 from energy_opt.robot.links import Link, LinkGeometry, PointMass, UrdfLimits
 from energy_opt.robot.meshes import collision_urdf
 from energy_opt.robot.urdf import check_urdf
@@ -42,7 +42,8 @@ def _read(path: Path, lock: Mapping[str, float], collision: str | None = None) -
     full = pin.neutral(model)
     for name, position in lock.items():
         if name not in model.names:
-            raise BadInput(f"{path}: cannot lock {name!r}; joints are {', '.join(model.names[1:])}")
+            names = model.names[1:]
+            raise BadInput(f"{path}: cannot lock {name!r}{near(name, names)}; joints are {', '.join(names)}")
         joint = model.joints[model.getJointId(name)]
         full[joint.idx_q : joint.idx_q + joint.nq] = (
             [np.cos(position), np.sin(position)] if joint.nq == 2 else [position]

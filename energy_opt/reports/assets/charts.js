@@ -27,7 +27,7 @@ function tracesOf(chart, roles) {
     }
     traces.push({
       x: line.x, y: line.y, name: line.name, legendgroup: line.name,
-      mode: line.style === "points" ? "markers" : "lines", type: line.x.length > 3000 ? "scattergl" : "scatter",
+      mode: { points: "markers", dots: "lines+markers" }[line.style] || "lines", type: line.x.length > 3000 ? "scattergl" : "scatter",
       marker: { color: colour, size: line.x.length > 200 ? 3 : 7, opacity: line.x.length > 200 ? 0.45 : 1 },
       line: { color: colour, width: line.style === "faint" ? 1 : 2, dash: line.style === "dash" ? "dash" : "solid" },
     });
@@ -50,7 +50,25 @@ function tracesOf(chart, roles) {
   return traces;
 }
 
-function layoutOf(chart) {
+function namesOf(chart) {
+  return [...chart.lines.map((line) => line.name), ...Object.keys(chart.marks), ...Object.keys(chart.bars)];
+}
+
+// Rows that the legend takes below a plot of this width [px]; its entries are as wide as the widest.
+function legendRows(chart, width) {
+  const names = namesOf(chart);
+  if (names.length < 2) return 0;
+  const widest = 48 + 6.5 * Math.max(...names.map((name) => name.length));
+  return Math.ceil(names.length / Math.max(1, Math.floor((width - 70) / widest)));
+}
+
+function heightOf(chart, width) {
+  const groups = Object.keys(chart.bars), labels = new Set(groups.flatMap((group) => Object.keys(chart.bars[group])));
+  const inner = groups.length ? Math.max(90, labels.size * (chart.stacked ? 22 : 8 + 16 * groups.length)) : 200;
+  return inner + 78 + 19 * legendRows(chart, width);
+}
+
+function layoutOf(chart, width) {
   const ink = styleOf("--ink"), rule = styleOf("--rule"), bars = Object.keys(chart.bars).length + Object.keys(chart.spread).length > 0;
   const axis = (title) => ({ title: { text: title, standoff: 8 }, gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true });
   const shapes = [], annotations = [];
@@ -58,23 +76,26 @@ function layoutOf(chart) {
     shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, y0: value, y1: value, line: { color: styleOf("--dim"), width: 1, dash: "dash" } });
     annotations.push({ xref: "paper", x: 1, y: value, text: name, showarrow: false, xanchor: "right", yanchor: "bottom", font: { size: 10 } });
   }
+  if (chart.timed && chart.closest !== null) {
+    shapes.push({ type: "line", yref: "paper", y0: 0, y1: 1, x0: chart.closest, x1: chart.closest, line: { color: styleOf("--near"), width: 1, dash: "dot" } });
+  }
   return {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 12, family: "system-ui, sans-serif" },
-    margin: { l: 56, r: 12, t: 8, b: 44 }, xaxis: axis(chart.x),
+    margin: { l: 56, r: 12, t: 28, b: 46 + 19 * legendRows(chart, width) }, xaxis: axis(chart.x),
     yaxis: bars ? { ...axis(chart.y), autorange: "reversed" } : axis(chart.y),
     barmode: chart.stacked ? "stack" : "group", hovermode: bars ? "closest" : (chart.timed ? "x unified" : "closest"),
     hoverlabel: { bgcolor: styleOf("--panel"), bordercolor: rule, font: { color: ink } },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: styleOf("--dim"), activecolor: ink },
-    legend: { orientation: "h", y: -0.28, yanchor: "top", font: { size: 11 } }, shapes, annotations,
-    showlegend: chart.lines.length + Object.keys(chart.marks).length + Object.keys(chart.bars).length > 1,
+    legend: { orientation: "h", x: 0, xref: "container", y: 0, yref: "container", yanchor: "bottom", itemsizing: "constant", font: { size: 11 } },
+    showlegend: namesOf(chart).length > 1, shapes, annotations,
   };
 }
 
 // One cursor over all plots of time: `show(t)` draws it, `onTime` is told where the pointer is.
 class Charts {
-  constructor(charts) {
+  constructor(charts, closest) {
     this.roles = new Map();
-    this.charts = charts;
+    this.charts = charts.map((chart) => ({ ...chart, closest }));
     this.places = [];
     this.onTime = null;
   }
@@ -85,7 +106,10 @@ class Charts {
       const plot = document.createElement("div");
       plot.className = "plot";
       place.append(plot);
-      await Plotly.newPlot(plot, tracesOf(chart, this.roles), layoutOf(chart), { responsive: true, displaylogo: false, displayModeBar: "hover" });
+      plot.style.height = heightOf(chart, place.clientWidth) + "px";
+      await Plotly.newPlot(plot, tracesOf(chart, this.roles), layoutOf(chart, place.clientWidth), {
+        displaylogo: false, modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
+      });
       plot.dataset.drawn = "yes";
       const cursor = document.createElement("div");
       cursor.className = "cursor";
@@ -97,8 +121,13 @@ class Charts {
     }
   }
 
+  // After a change of colours or of the page's width.
   restyle() {
-    for (const { chart, plot } of this.places) Plotly.react(plot, tracesOf(chart, this.roles), layoutOf(chart));
+    for (const { chart, plot } of this.places) {
+      const width = plot.parentElement.clientWidth;
+      plot.style.height = heightOf(chart, width) + "px";
+      Plotly.react(plot, tracesOf(chart, this.roles), { ...layoutOf(chart, width), width: plot.clientWidth, height: plot.clientHeight });
+    }
   }
 
   show(time) {

@@ -18,11 +18,13 @@ async function library(name) {
 
 (async () => {
   const data = JSON.parse(await held("data"));
-  const charts = new Charts(data.charts);
+  const closest = data.player && data.player.closest ? data.player.closest.time : null;
+  const charts = new Charts(data.charts, closest);
   if (await library("plotly")) await charts.draw();
+  let player = null;
   if (data.player && await library("three")) {
     try {
-      const player = new Player(document.getElementById("player"), data.player);
+      player = new Player(document.getElementById("player"), data.player);
       player.onTime = (time) => charts.show(time);
       charts.onTime = (time) => { player.playing = false; player.seek(time); };
       player.seek(0);
@@ -30,6 +32,8 @@ async function library(name) {
       document.getElementById("player").textContent = "This browser has no WebGL, which the moving arm needs.";
     }
   }
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.restyle());
+  const restyle = () => { charts.restyle(); if (player) player.seek(player.time); };
+  for (const query of ["(prefers-color-scheme: dark)", "print"]) matchMedia(query).addEventListener("change", restyle);
+  window.addEventListener("resize", restyle);
   document.body.dataset.ready = document.documentElement.scrollWidth > window.innerWidth ? "too wide" : "yes";
 })();

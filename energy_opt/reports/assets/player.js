@@ -13,7 +13,7 @@ class Player {
   build(place) {
     this.canvas = document.createElement("canvas");
     place.append(this.canvas);
-    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: true });
+    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: true, preserveDrawingBuffer: true }); // kept: for print
     this.world = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(38, 2, 0.01, 100);
     this.camera.up.set(0, 0, 1);
@@ -26,7 +26,8 @@ class Player {
     grid.material.transparent = true;
     grid.material.opacity = 0.35;
     this.world.add(grid);
-    for (const object of this.data.scene) this.world.add(this.mesh(object, "#8d99a6", 0.55));
+    this.pair = [];
+    for (const object of this.data.scene) this.world.add(this.mesh(object, "#8d99a6", object.surface ? 0.3 : 0.55));
     this.arms = this.data.motions.map((motion) => this.arm(motion));
     this.aim();
     this.bar(place);
@@ -35,16 +36,17 @@ class Player {
     this.seek(0);
   }
 
-  mesh(body, colour, opacity) {
+  // A surface is seen from its free side only; ghosts lie behind what they coincide with.
+  mesh(body, colour, opacity, ghost) {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(body.vertices.flat()), 3));
     geometry.setIndex(body.faces.flat());
     const flat = geometry.toNonIndexed();
     flat.computeVertexNormals();
-    const material = new THREE.MeshLambertMaterial({ color: colour, transparent: opacity < 1, opacity, side: THREE.DoubleSide, depthWrite: opacity >= 0.6 });
-    const out = new THREE.Mesh(flat, material);
-    if (body.pose) { out.matrixAutoUpdate = false; out.matrix.set(...body.pose.flat()); }
-    return out;
+    const material = new THREE.MeshLambertMaterial({ color: colour, transparent: opacity < 1, opacity, side: body.surface ? THREE.FrontSide : THREE.DoubleSide, depthWrite: opacity >= 0.6 });
+    if (ghost) Object.assign(material, { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
+    else if (this.data.closest && this.data.closest.pair.includes(body.name)) this.pair.push(material);
+    return new THREE.Mesh(flat, material);
   }
 
   arm(motion) {
@@ -59,7 +61,7 @@ class Player {
       turning.push(free);
     }
     for (const body of this.data.bodies) {
-      (body.joint < 0 ? root : turning[body.joint]).add(this.mesh(body, motion.colour, opacity));
+      (body.joint < 0 ? root : turning[body.joint]).add(this.mesh(body, motion.colour, opacity, motion.ghost));
     }
     const points = motion.tool.map((p) => new THREE.Vector3(...p));
     const path = new THREE.Line(new THREE.BufferGeometry().setFromPoints(points), new THREE.LineBasicMaterial({ color: motion.colour }));
@@ -93,6 +95,7 @@ class Player {
     bar.append(this.button, this.slider, this.label);
     if (this.data.closest) {
       const jump = document.createElement("button");
+      jump.className = "closest";
       jump.textContent = this.data.closest.label;
       jump.onclick = () => { this.playing = false; this.seek(this.data.closest.time); };
       bar.append(jump);
@@ -161,6 +164,10 @@ class Player {
     for (const arm of this.arms) if (arm.group.visible) this.pose(arm);
     this.slider.value = this.time;
     this.label.textContent = this.time.toFixed(3) + " s";
+    const phase = this.data.phases.filter((p) => p.time <= this.time + 1e-9).pop();
+    if (phase) this.label.textContent += " · " + phase.name;
+    const near = this.data.closest && Math.abs(this.time - this.data.closest.time) < 0.02 * this.longest;
+    for (const material of this.pair) material.emissive.set(near ? styleOf("--near") : "#000000");
     if (this.onTime) this.onTime(this.time);
     this.draw();
   }

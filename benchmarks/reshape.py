@@ -1,6 +1,6 @@
 """Reshaping against the plain CasADi script of the same problem (plain.py): time and energy, side by side.
 
-    python benchmarks/reshape.py [--moves 8] [--robots panda ur5] [--out numbers.json]
+    python benchmarks/reshape.py [--moves 12] [--robots panda ur5] [--out numbers.json]
 
 Both get the same 40 control points, knots, Gauss nodes, limits and duration. The plain script's time is its one solve
 from one start, without building the problem. Ours is given as the reshaping alone (all starts, the comparison of their
@@ -164,7 +164,9 @@ def show(cells: Sequence[object]) -> None:
 def main(words: Sequence[str] | None = None) -> int:
     """Run the benchmark; exit code 1 where a bound is not held."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--moves", type=int, default=8, help="moves of the panda, half as many of the ur5 (8; all: 20)")
+    parser.add_argument(
+        "--moves", type=int, default=12, help="moves of the panda, half as many of the ur5 (12; all: 20)"
+    )
     parser.add_argument("--robots", nargs="+", choices=list(SUITES), default=list(SUITES))
     parser.add_argument("--tolerance", type=float, default=1e-6, help="of the plain script's IPOPT (1e-6)")
     parser.add_argument("--repeats", type=int, default=1, help="of our own solves, the quickest counts (1)")

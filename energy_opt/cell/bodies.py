@@ -94,7 +94,9 @@ class Scenery:
         """A body's placement as coal wants it."""
         key = (0 if self.bodies.still[body] else k, body)
         if key not in self._placed:
-            self.place(np.array([k]), np.array([body]))
+            b, joint = self.bodies, self.bodies.joint[body]
+            r = self.poses.rotation[k, joint]
+            self._placed[key] = placement(r @ b.rotation[body], r @ b.shift[body] + self.poses.origin[k, joint])
         return self._placed[key]
 
     def place(self, k: np.ndarray, body: np.ndarray) -> None:
@@ -113,12 +115,14 @@ class Scenery:
         """Lower bounds (M,) [m] of pairs' distances from boxes around them (0: none), and the corners of both sides."""
         b = self.bodies
         sides = b.pairs[pair]
-        boxes = []
+        boxes, low, high = [], [], []
         for side in (0, 1):
-            key, back = np.unique(k * len(b.all) + sides[:, side], return_inverse=True)
-            boxes.append(self.corners(key // len(b.all), key % len(b.all))[back])
-        low = [box.min(axis=1) for box in boxes]
-        high = [box.max(axis=1) for box in boxes]
+            at = np.where(b.still[sides[:, side]], 0, k)  # what stands has one box for all configurations
+            key, back = np.unique(at * len(b.all) + sides[:, side], return_inverse=True)
+            box = self.corners(key // len(b.all), key % len(b.all))
+            boxes.append(box[back])
+            low.append(box.min(axis=1)[back])
+            high.append(box.max(axis=1)[back])
         gap = np.maximum(low[0] - high[1], low[1] - high[0]).clip(0)
         out = np.sqrt(np.sum(gap**2, axis=1))
         for side in (0, 1):

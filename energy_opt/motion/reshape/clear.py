@@ -105,31 +105,16 @@ class ClearSearch:
     def __init__(self, cell: Cell, joints: tuple[str, ...]) -> None:
         self.cell, self.joints, self.near = cell, joints, Near(cell.bodies)
 
+    def begin(self, level: Level, task: Task, first: Curve) -> Descent:
+        """A search from `first`."""
+        return Descent(_Rounds(self, level, task), first, all_rows(level.shape, task.limits), task)
+
     def run(self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool], rounds: int = ROUNDS) -> Cleared:
         """The cheapest proven curve that at most so many rounds from `first` come to."""
-        work = _Rounds(self, level, task)
-        found, curve, rows, trust, quiet = work.found, first, all_rows(level.shape, task.limits), TRUST, 0
-        for turn in range(rounds):
-            before = np.inf if found.best is None else found.best.cost
-            outcome, proof = work.one(curve, rows, trust, LOOSE)
-            curve, rows = outcome.curve, outcome.rows
-            share = {"share": 0.6 + 0.35 * (turn + 1) / rounds}
-            log.info(
-                "round %d of at most %d: %s, cost %.6g", turn + 1, rounds, proof.verdict, outcome.cost, extra=share
-            )
-            if proof.proven:
-                trust *= GROWTH
-                small = abs(before - outcome.cost) < DONE * max(outcome.cost - task.offset * curve.duration, 1e-9)
-                quiet = quiet + 1 if small else 0
-            else:
-                work.places.learn(proof, curve.duration)
-                trust = trust if turn < BOLD else max(trust * SHRINK, LEAST)
-                quiet = 0
-            if quiet == 2 or stopped():
-                break
-        if found.best is not None and not stopped():
-            work.one(found.best.curve, found.best.rows, LEAST, FINE)
-        return found
+        descent = self.begin(level, task, first)
+        descent.go(stopped, rounds)
+        descent.finish(stopped)
+        return descent.found
 
     def polished(self, level: Level, task: Task, outcome: Outcome) -> Cleared:
         """A proven outcome solved again nearby, under limits that have changed a little."""
@@ -141,6 +126,45 @@ class ClearSearch:
         """Does the trajectory of a curve keep clear?"""
         t = trajectory_of(curve, self.joints)
         return self.cell.prove(t.time, t.position, t.velocity, t.acceleration, wanted)
+
+
+class Descent:
+    """A search from one curve, that can be left and gone on with; `found` is the cheapest proven curve."""
+
+    def __init__(self, work: _Rounds, first: Curve, rows: np.ndarray, task: Task) -> None:
+        self._work, self._task, self.found = work, task, work.found
+        self._curve, self._rows = first, rows
+        self._trust, self._turn, self._quiet = TRUST, 0, 0
+
+    @property
+    def cost(self) -> float:
+        """What the path can change of the cost of the best that is proven; infinite where nothing is."""
+        return np.inf if self.found.best is None else self._task.cost(self.found.best)
+
+    def go(self, stopped: Callable[[], bool], rounds: int = ROUNDS) -> None:
+        """Up to `rounds` rounds in all, fewer where no more is to be won."""
+        while self._turn < rounds and self._quiet < 2 and not stopped():
+            before = self.cost
+            outcome, proof = self._work.one(self._curve, self._rows, self._trust, LOOSE)
+            self._curve, self._rows, self._turn = outcome.curve, outcome.rows, self._turn + 1
+            share = {"share": 0.6 + 0.35 * self._turn / rounds}
+            log.info(
+                "round %d of at most %d: %s, cost %.6g", self._turn, rounds, proof.verdict, outcome.cost, extra=share
+            )
+            if proof.proven:
+                self._trust *= GROWTH
+                cost = self._task.cost(outcome)
+                small = abs(before - cost) < DONE * max(cost, 1e-9)
+                self._quiet = self._quiet + 1 if small else 0
+            else:
+                self._work.places.learn(proof, outcome.curve.duration)
+                self._trust = self._trust if self._turn <= BOLD else max(self._trust * SHRINK, LEAST)
+                self._quiet = 0
+
+    def finish(self, stopped: Callable[[], bool]) -> None:
+        """Polish the best."""
+        if self.found.best is not None and not stopped():
+            self._work.one(self.found.best.curve, self.found.best.rows, LEAST, FINE)
 
 
 class _Rounds:

@@ -16,7 +16,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
 from energy_opt.motion.limits.clearance import ClearanceRows
-from energy_opt.motion.reshape.level import Curve, Level, Outcome
+from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import FEASIBLE, Task, all_rows
 
@@ -135,6 +135,7 @@ class Descent:
         self._work, self._task, self.found = work, task, work.found
         self._curve, self._rows = first, rows
         self._trust, self._turn, self._quiet = TRUST, 0, 0
+        self._known: Multipliers | None = None
 
     @property
     def cost(self) -> float:
@@ -145,8 +146,9 @@ class Descent:
         """Up to `rounds` rounds in all, fewer where no more is to be won."""
         while self._turn < rounds and self._quiet < 2 and not stopped():
             before = self.cost
-            outcome, proof = self._work.one(self._curve, self._rows, self._trust, LOOSE)
+            outcome, proof = self._work.one(self._curve, self._rows, self._trust, LOOSE, self._known)
             self._curve, self._rows, self._turn = outcome.curve, outcome.rows, self._turn + 1
+            self._known = outcome.multipliers
             share = {"share": 0.6 + 0.35 * self._turn / rounds}
             log.info(
                 "round %d of at most %d: %s, cost %.6g", self._turn, rounds, proof.verdict, outcome.cost, extra=share
@@ -177,13 +179,15 @@ class _Rounds:
         self.places = Places.evenly(len(self._wanted))
         self.found = Cleared()
 
-    def one(self, start: Curve, rows: np.ndarray, reach: float, tolerance: float) -> tuple[Outcome, Clearance]:
+    def one(
+        self, start: Curve, rows: np.ndarray, reach: float, tolerance: float, known: Multipliers | None = None
+    ) -> tuple[Outcome, Clearance]:
         """Solve from `start`, at most `reach` away from it, and have it proven."""
         places, task = self.places, self._task
         held = ClearanceRows(self._search.near, places.u, self._kept.at(places), REACH, places.must)
         outcome = self._level.solve(
             start, task.ends, (*task.limits, held), task.parameters, task.durations,
-            tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach,
+            tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach, multipliers=known,
             options={"max_iter": ITERATIONS, "mu_init": 1e-2},
         )  # fmt: skip
         self.found.iterations += outcome.iterations

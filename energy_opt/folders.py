@@ -13,6 +13,8 @@ from pathlib import Path
 
 from energy_opt.errors import BadInput
 
+ASIDE = ".writing-"  # and the process that writes there
+
 
 def try_folder(out: Path) -> None:
     """Make sure, before the work begins, that results can be written into `out`; it is left as it was.
@@ -46,7 +48,8 @@ def written_whole(out: Path, last: str) -> Iterator[Path]:
     aside = None
     try:
         out.mkdir(parents=True, exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=".writing-", dir=out))
+        _sweep(out)
+        aside = Path(tempfile.mkdtemp(prefix=f"{ASIDE}{os.getpid()}-", dir=out))
         yield aside
         names = sorted((p.relative_to(aside) for p in aside.rglob("*") if p.is_file()), key=lambda p: str(p) == last)
         with _undisturbed():
@@ -59,6 +62,18 @@ def written_whole(out: Path, last: str) -> Iterator[Path]:
     finally:
         if aside is not None:
             shutil.rmtree(aside, ignore_errors=True)
+
+
+def _sweep(out: Path) -> None:
+    """Remove what runs that were killed have left aside."""
+    for folder in out.glob(f"{ASIDE}*"):
+        process = folder.name.removeprefix(ASIDE).partition("-")[0]
+        try:
+            os.kill(int(process), 0)
+        except ProcessLookupError:
+            shutil.rmtree(folder, ignore_errors=True)
+        except (OSError, ValueError, OverflowError):  # another user's, alive; or not ours by its name
+            pass
 
 
 @contextmanager

@@ -2,6 +2,9 @@
 
 import os
 
+os.environ["OMP_NUM_THREADS"] = "1"  # tests run side by side: one thread each, said before numpy is loaded
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
 import pytest
 
 from energy_opt.power import PowerModel, source_method_2

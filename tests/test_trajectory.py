@@ -157,3 +157,20 @@ def test_inverse_dynamics_of_many_states_is_that_of_each(name):
     for payload, gravity in ((None, None), (load, np.array([1.0, 0.0, -9.0]))):
         each = np.vstack([body.torque(*state, payload, gravity) for state in zip(q, v, a, strict=True)])
         assert np.array_equal(body.torque(q, v, a, payload, gravity), each)
+
+
+def test_a_long_motion_is_judged_block_by_block_to_the_same_end(panda, model, monkeypatch):
+    from energy_opt.effects import WindingTemperature
+    from energy_opt.motion.judge import certificate
+    from energy_opt.motion.limits.registry import joint_limits
+
+    t = np.linspace(5, 8, 301)  # time does not begin at 0: laws of time go on from block to block
+    waves = np.arange(1, 8)
+    x = t[:, None] * waves
+    q = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785]) + 0.1 * np.sin(x)
+    motion = Trajectory(panda.joints, t, q, 0.1 * waves * np.cos(x), -0.1 * waves**2 * np.sin(x))
+    scorer = Scorer(panda, model + WindingTemperature(rate=0.3, time_constant=2.0))
+    whole = certificate.certify(motion, scorer, joint_limits(panda.limits))
+    monkeypatch.setattr(certificate, "BLOCK", 170)
+    parts = certificate.certify(motion, scorer, joint_limits(panda.limits))
+    assert parts.document() == whole.document() and parts.peak_power == whole.peak_power

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energy_opt.cli.common import add_cell, add_prefix, refuse_degrees, say
+from energy_opt.cli.faults import one_line
 from energy_opt.errors import BadInput, EnergyOptError
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         sys.stdout.write(to_json({"usable": not bad, "files": rows}))
     for name, found in faults.items():
         for fault in found:
-            print(f"energy-opt: {fault}", file=sys.stderr)
+            print(f"energy-opt: {one_line(fault)}", file=sys.stderr)
         for note in notes[name]:
             say(args, f"note: {note}")
         if not found and not args.quiet and not args.json:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from energy_opt.cli.faults import printable
 from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput, near
 from energy_opt.files import finite_number
@@ -143,7 +144,7 @@ def add_prefix(group: argparse._ActionsContainer) -> None:
 def say(args: argparse.Namespace, text: str) -> None:
     """A message on stderr, unless --quiet."""
     if not args.quiet:
-        print(text, file=sys.stderr)
+        print(printable(text), file=sys.stderr)
 
 
 def load_robot_of(args: argparse.Namespace) -> Robot:

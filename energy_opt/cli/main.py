@@ -107,7 +107,19 @@ def _failed(document: dict[str, Any], words: Sequence[str], code: int) -> int:
     return code
 
 
+def _check_words(words: Sequence[str]) -> None:
+    """Refuse what no option can mean, and libraries stumble over."""
+    for before, word in zip(["", *words], words, strict=False):
+        option, _, value = word.partition("=")
+        if "\0" in word:
+            said = word if word.startswith("--") or not before.startswith("--") else f"{before} {word}"
+            raise BadInput(f"{said}: a character NUL, which no name or number has")
+        if value == "--" and option.startswith("--"):
+            raise BadInput(f"{option}: no value; '--' ends the options")
+
+
 def _run(words: list[str]) -> int:
+    _check_words(words)
     parser, verbs = parsers(words)
     verb = next((word for word in words if not word.startswith("-")), None)
     if words[:1] and words[0].partition("=")[0] in ("--example", "--print-completion"):

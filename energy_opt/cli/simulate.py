@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from energy_opt.robot import Robot
     from energy_opt.virtual_arm import Plant, Reference, Run
 
+MOST_REPEATS = 100_000
+BRIEFEST = 0.1  # [s] of a pose that is held: a meter has some readings of it
 MOST_SECONDS = 3600.0  # of motion: 4 million steps, some minutes and 2 GB
 
 HELP = "play trajectories on a virtual arm and write a measured set"
@@ -70,8 +72,10 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.robot import load_robot
     from energy_opt.virtual_arm import Instruments, load_plant, simulate
 
-    if args.repeat < 1 or args.seed < 0:
-        raise BadInput(f"--repeat {args.repeat}, --seed {args.seed}: expected --repeat 1 or more and --seed 0 or more")
+    if not 1 <= args.repeat <= MOST_REPEATS:
+        raise BadInput(f"--repeat {args.repeat}: expected 1 to {MOST_REPEATS}")
+    if args.seed < 0:
+        raise BadInput(f"--seed {args.seed}: expected 0 or more")
     plant = load_plant(args.plant)
     if args.payload is not None:
         plant = dataclasses.replace(plant, model=plant.model.replaced(payload_from(args.payload)))
@@ -133,8 +137,8 @@ def _references(args: argparse.Namespace, robot: Robot) -> tuple[list[Reference]
     from energy_opt.formats import read_trajectory
     from energy_opt.virtual_arm import pose, reference_of
 
-    if not 0 <= args.static < np.inf:
-        raise BadInput(f"--static {args.static}: expected seconds, 0 or more")
+    if args.static != 0 and not BRIEFEST <= args.static < np.inf:
+        raise BadInput(f"--static {args.static:g}: expected 0, or {BRIEFEST:g} s and more")
     files = [(read_trajectory(path, robot.joints, args.joint_prefix), path) for path in args.trajectories]
     _check_clear(args, robot, files)
     read = [(reference_of(trajectory, path.stem), str(path)) for trajectory, path in files]

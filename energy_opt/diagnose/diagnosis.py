@@ -21,7 +21,7 @@ from energy_opt.diagnose.samples import Samples, take_samples
 from energy_opt.diagnose.sides import side_remarks, side_rows, told_by
 from energy_opt.diagnose.split import split
 from energy_opt.diagnose.trace import Trace, excited, trace
-from energy_opt.diagnose.words import headline, next_step, remarks, speeds_seen
+from energy_opt.diagnose.words import headline, news, next_step, remarks, speeds_seen
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput
 from energy_opt.measured import MeasuredSet, Smoothing
@@ -99,7 +99,6 @@ def diagnose(
     model = calibrated(found, chosen, found.rivals, WIDER)
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
-    judged = holdout or train
     left = goes_with(found, measured.robot.joints)
     rows = side_rows(side, measured.robot.joints, measured.robot.limits, chosen if enough else None)
     document: dict[str, Any] = {
@@ -107,10 +106,10 @@ def diagnose(
         "interrupted": stopped(),
         "headline": "",
         "effects": effect_rows(found),
-        "alternatives": [list(f.names) for f in found.rivals] if len(found.rivals) > 1 else [],
+        "alternatives": [news(f) for f in found.rivals] if len(found.rivals) > 1 else [],
         "nuisance": _nuisance(chosen, model),
         "explained_share": explained_share(before, after, samples.floor),
-        "usable": usable(energy_errors(model, samples.part(judged)), tolerance / 100),
+        "usable": bool(holdout) and usable(energy_errors(model, samples.part(holdout)), tolerance / 100),
         "tolerance": tolerance,
         "residual_goes_with": [{k: row[k] for k in ("signal", "joint", "strength", "setting")} for row in left],
         "remainder": [{k: row[k] for k in ("signal", "joint", "watts")} for row in left],
@@ -119,6 +118,7 @@ def diagnose(
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
         "declared_effects": [e.name for e in declared.effects],
         "model_effects": [e.name for e in model.effects],
+        "fitted": list(given),
         "joint_side": rows,
         "next_motion": None,
         "remarks": remarks(found, measured, declared, chosen),

@@ -19,6 +19,7 @@ SHIFTS = 199
 CHANCE = 0.2  # p-value beyond which chance does as well
 DOUBT = 0.01  # and where neighbouring readings hardly resemble each other, as in noise
 ALIKE = 0.5  # correlation of neighbouring samples of a power that an arm draws
+FEW = 3.0  # readings per column, below which columns fit whatever stands there
 SHOWN = 0.5  # of the meter's noise: mechanical power that varies less cannot be expected to show
 
 
@@ -35,7 +36,11 @@ def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
     columns = _centred(samples.shown(np.column_stack([mechanical, heat, now.power, lost, dragged])), samples)
     if np.std(columns[:, 0]) < SHOWN * samples.noise:
         return True
-    lagged = np.column_stack([_shifted(columns, samples, lag) for lag in LAGS])
+    step = float(np.median(np.concatenate([np.diff(samples.at[s]) for s in samples.parts])))
+    lags = [lag for lag in LAGS if lag == 0 or abs(lag) > step / 2]
+    lagged = np.column_stack([_shifted(columns, samples, lag) for lag in lags])
+    if len(lagged) - len(samples.parts) < FEW * lagged.shape[1]:
+        return True
     u, s, _ = np.linalg.svd(lagged / np.maximum(np.linalg.norm(lagged, axis=0), 1e-12), full_matrices=False)
     u = u[:, s > 1e-6 * s[0]]
     power = _centred(samples.power[:, None], samples)[:, 0]
@@ -43,7 +48,7 @@ def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
     rng = np.random.default_rng(seed)
     by_chance = 0
     for _ in range(SHIFTS):
-        turned = np.concatenate([np.roll(power[s], rng.integers(0, s.stop - s.start)) for s in samples.parts])
+        turned = np.concatenate([np.roll(power[s], rng.integers(1, max(s.stop - s.start, 2))) for s in samples.parts])
         by_chance += float(np.sum((u.T @ turned) ** 2)) >= seen
     together = sum(float(power[s][1:] @ power[s][:-1]) for s in samples.parts)
     rough = together < ALIKE * float(power @ power)

@@ -83,7 +83,7 @@ class JointSide:
 
 
 def joint_side(measured: MeasuredSet, declared: PowerModel) -> JointSide | None:
-    """Fit the joints' readings of a set; None where fewer than `FEW` rows of one kind are logged."""
+    """Fit the joints' readings of a set; None where there are hardly any."""
     runs = [r for r in measured.runs if r.current is not None] or [r for r in measured.runs if r.effort is not None]
     if not runs or sum(len(r.time) for r in runs) < FEW:
         return None

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.diagnose.joints import STILL, JointSide
-from energy_opt.measured import MeasuredSet
+from energy_opt.measured import MeasuredSet, coarse
 
 LASTS = 0.3  # [s] over which a push is averaged
 PUSH = 0.1  # of a joint's effort limit, from which torque of unknown origin is a push; links off by 10 % leave 0.06
@@ -29,7 +29,9 @@ class Push:
 
 
 def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
-    """One for every run that was pushed."""
+    """One for every run that was pushed; none where rows are too far apart to tell inertia from a push."""
+    if any(coarse(run) for run in measured.runs):
+        return []
     limits, joints = measured.robot.limits, measured.robot.joints
     excess = side.left.copy()
     carried = np.abs(np.nan_to_num(side.values[0]))

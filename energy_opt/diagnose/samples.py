@@ -21,6 +21,7 @@ BIN = 0.03  # [s] readings closer than this are averaged
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight
 SLACK = 2e-3  # [s] by which motion and meter may be apart
+SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings of a slow meter; its noise over the level
 REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise says
 
 
@@ -163,8 +164,9 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     parts = laid([slice(0, len(r[0])) for r in readings])
     samples = Samples(
         measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature, torque,
-        at - first, power, parts, operators, counts, np.ones(len(at)), _meter_noise([power[s] for s in parts]),
-        _meter_noise([r.power for r in measured.runs]), measured.clock,
+        at - first, power, parts, operators, counts, np.ones(len(at)),
+        _meter_noise([(at[s], power[s]) for s in parts]),
+        _meter_noise([(r.power_time, r.power) for r in measured.runs]), measured.clock,
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs),
         tuple((run.start + run.power_time - first, run.power) for run in measured.runs),
     )  # fmt: skip
@@ -244,16 +246,22 @@ def _bin_mean(x: np.ndarray, count: int) -> np.ndarray:
     return out
 
 
-def _meter_noise(powers: Sequence[np.ndarray]) -> float:
+def _meter_noise(readings: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     """Standard deviation of a reading's noise, W, from third differences: what no smooth power explains.
 
     Robust twice: by the median within a run, so that kinks and steps of the true power do not count, and over the runs.
-    Coarse readings, whose median difference is zero, go by their rms.
+    Coarse readings, whose median difference is zero, go by their rms. Between readings of a slow meter power is not
+    smooth: there the noise is taken to be no more than `SLOW_NOISE` of the level, or 1 W, and the fit finds it.
     """
-    levels = []
-    for x in powers:
+    levels, steps = [], []
+    for t, x in readings:
         if len(x) > 12:
             third = np.diff(x, 3)
             middle = float(np.median(np.abs(third))) / NORMAL_MEDIAN
             levels.append((middle if middle > 0 else float(np.sqrt(np.mean(third**2)))) / np.sqrt(20))
-    return max(float(np.median(levels)), 1e-3) if levels else 1.0
+            steps.append(float(np.median(np.diff(t))))
+    if not levels:
+        return 1.0
+    level = float(np.median(np.abs(np.concatenate([x for _, x in readings]))))
+    most = max(1.0, SLOW_NOISE * level) if np.median(steps) > SLOW_METER else np.inf
+    return max(min(float(np.median(levels)), most), 1e-3)

@@ -21,6 +21,7 @@ APART = 0.1  # share by which both sides may differ: gears' losses under load, c
 LEAST = 0.03  # of a usual size, that is not told better
 SHOWN = 0.05  # of usual dry friction, that readings must show before they speak of friction at all
 STUDENT = 1.96
+STRANGE = 0.5  # by which torque over a logged torque may be off 1, before that is said
 DISAGREE = 3.0  # standard deviations between both sides, from which that is said
 
 
@@ -132,7 +133,7 @@ def side_words(rows: Sequence[dict[str, Any]]) -> list[str]:
             out.append(f"{row['joint']}: its readings do not follow its torque; nothing can be said in N m")
             continue
         said = f"{row['joint']}: "
-        said += f"Kt {row['scale']:.3g} N m/A" if row["unit"] != "1" else f"{row['scale']:.3g} of the model's torque"
+        said += f"Kt {row['scale']:.3g} N m/A" if row["unit"] != "1" else f"torque {row['scale']:.3g} times the reading"
         if row["own"] is not None:
             said += f", friction at {row['speed']:.2g} rad/s {_span(row['own'])} by its own readings"
             if row["power"] is not None:
@@ -157,6 +158,9 @@ def side_remarks(side: JointSide | None, limits: Limits, rows: Sequence[dict[str
     if side.known.any() and not shows_friction(side, limits) and seen:
         what = "torques" if side.unit == "N m" else "currents"
         out.append(f"The logged {what} hold no friction (measured behind the gears, or computed): not used for it.")
+    off = [row["joint"] for row in rows if row["unit"] == "1" and row["scale"] and abs(row["scale"] - 1) > STRANGE]
+    if off:
+        out.append(f"The logged torques of {', '.join(off)} are no torques in N m; currents, by their size.")
     for row in rows:
         if row["disagreement"] is not None and row["disagreement"] > DISAGREE:
             out.append(

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnose.fit import Fit
+from energy_opt.diagnose.friction import friction_torque
 from energy_opt.diagnose.trace import SLOW, Trace
-from energy_opt.measured import MeasuredSet
+from energy_opt.effects import effect_class
+from energy_opt.measured import MeasuredSet, coarse
 from energy_opt.power import PowerModel
 
 UNKNOWN = 0.4  # of what was known before, beyond which the data hardly narrowed a number
@@ -32,6 +34,11 @@ def listed(names: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
+def news(f: Fit) -> list[str]:
+    """The effects of a fit that are news: not those that were free from the start."""
+    return [name for name in f.names if name not in f.world.given]
+
+
 def headline(document: dict[str, Any]) -> str:
     """One sentence or two for a person."""
     names = [row["name"] for row in document["effects"]]
@@ -48,7 +55,8 @@ def headline(document: dict[str, Any]) -> str:
         return said + (f" Likeliest so far: {listed(found)}." if found else "")
     if names:
         verb = "explains" if len(names) == 1 else "explain"
-        said = f"{listed(names).capitalize()} {verb} {100 * share:.1f} % of what was above the noise; {held}."
+        beside = f" (beside {listed(document['fitted'])}, fitted)" if document["fitted"] else ""
+        said = f"{listed(names).capitalize()}{beside} {verb} {100 * share:.1f} % of what was above the noise; {held}."
     elif verdict == "nothing_missing":
         said = f"Nothing is missing: the declared model is as good as the noise allows; {held}."
     else:
@@ -87,13 +95,16 @@ def remarks(found: Trace, measured: MeasuredSet, declared: PowerModel, model_fit
         out.append(
             f"The recording states a payload of {mass:.3g} kg at ({com}) m, declared or not; it counts as declared."
         )
+    if any(coarse(run) for run in measured.runs):
+        out.append("Rows of the joints are too far apart to show accelerations: log them at 10 Hz or more.")
     if not measured.clock:
         out.append("The log does not state every run's start; runs are taken to follow one another without a pause.")
-    if found.structured:
+    if found.structured and np.isfinite(found.left):
         out.append(f"What is left varies {found.left:.3g} times as much in motion as the meter's noise at standstill.")
     out += _borrowed(model_fit, joints)
     for f in found.rivals[1:]:
-        out.append(f"Fits as well: {listed(f.names) if f.names else 'nothing missing'}.")
+        more = news(f)
+        out.append(f"Fits as well: {listed(more) if more else 'nothing missing'}.")
     return out
 
 
@@ -122,32 +133,27 @@ def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
 
 
 def speeds_seen(found: Trace, joints: Sequence[str]) -> list[str]:
-    """What the data do fix where dry and viscous friction cannot be told apart: their sum at the usual speed."""
+    """What the data do fix where laws of friction cannot be told apart: their sum at the usual speed."""
     f = found.accepted
     names = set().union(*(set(r.names) for r in found.rivals))
-    if not names & {"coulomb_friction", "viscous_friction"} or len(found.rivals) < 2:
+    if (
+        not any(effect_class(name).stage == "torque" and effect_class(name).dissipates for name in names)
+        or len(found.rivals) < 2
+    ):
         return []
     s, out = f.world.samples, []
+    laws = [friction_torque(r.model, s.n) for r in found.rivals]
     for j, joint in enumerate(joints):
         v = np.abs(s.v[:, j])
         v = v[v > 0.03]
         if len(v) < 20:
             continue
         usual = float(np.median(v))
-        sums = [_friction_at(r, j, usual) for r in found.rivals]
+        sums = [float(law(np.array([usual]), j)[0]) for law in laws]
         out.append(
             f"Friction of {joint} at {usual:.2g} rad/s is {min(sums):.2g} to {max(sums):.2g} N m under all of them."
         )
     return out
-
-
-def _friction_at(f: Fit, joint: int, speed: float) -> float:
-    total = 0.0
-    for name, law in (("coulomb_friction", 1.0), ("viscous_friction", speed)):
-        effect = f.model.get(name)
-        if effect is not None:
-            total += float(effect.full(f.world.samples.n)[joint]) * law
-    return total
 
 
 def next_step(document: dict[str, Any]) -> str:

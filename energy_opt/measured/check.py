@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.differentiate import choose_smoothing, kinematics
+from energy_opt.measured.differentiate import choose_smoothing, coarse, kinematics
 from energy_opt.measured.log import LogFile, read_log
 from energy_opt.measured.run import Run
 from energy_opt.measured.sets import collect, robot_of
@@ -54,7 +54,7 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
                 f"{where}: row {row}, column {joint}.position: {value:.4g} rad is outside the joint's limits "
                 f"[{low + margin:.4g}, {high - margin:.4g}]; is the unit right?"
             )
-    if run.velocity is not None and len(run.time) > 16:
+    if run.velocity is not None and len(run.time) > 16 and not coarse(run):
         positions = _positions_only(run)
         own = kinematics(positions, run.time, choose_smoothing([positions])).v
         for j, joint in enumerate(robot.joints):

@@ -15,6 +15,7 @@ from energy_opt.measured.run import Run
 
 CUTOFFS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0)  # [Hz]
 MOVED = 0.01  # [rad] a joint that moves less in a run tells nothing of noise in motion
+COARSE = 0.15  # [s] between rows, from which positions hold no accelerations
 EXCESS = 1.15  # residual variance over that of noise alone, above which a cut-off takes away signal
 
 
@@ -119,6 +120,9 @@ def kinematics(run: Run, at: np.ndarray, noise: Smoothing) -> Kinematics:
     """
     from scipy.interpolate import make_interp_spline
 
+    if coarse(run):
+        return _between(run, at)
+
     def spline(values: np.ndarray, level: float):  # type: ignore[no-untyped-def]
         grid, even = _uniform(run.time, values)
         step = float(grid[1] - grid[0])
@@ -140,3 +144,17 @@ def kinematics(run: Run, at: np.ndarray, noise: Smoothing) -> Kinematics:
         grid, even = _uniform(run.time, run.acceleration)
         a = make_interp_spline(grid, even, k=3)(at)
     return Kinematics(q, v, a, cutoffs)
+
+
+def coarse(run: Run) -> bool:
+    """Are rows so far apart that a motion between them is not known?"""
+    return len(run.time) > 1 and float(np.median(np.diff(run.time))) > COARSE
+
+
+def _between(run: Run, at: np.ndarray) -> Kinematics:
+    """Straight between rows too far apart to differentiate twice; accelerations count where they are logged."""
+    n = run.position.shape[1]
+    v = np.gradient(run.position, run.time, axis=0) if run.velocity is None else run.velocity
+    a = np.zeros_like(v) if run.acceleration is None else run.acceleration
+    q, v, a = (np.column_stack([np.interp(at, run.time, c) for c in x.T]) for x in (run.position, v, a))
+    return Kinematics(q, v, a, np.full(n, np.inf))

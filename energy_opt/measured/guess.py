@@ -132,6 +132,8 @@ def guess_joints(table: Table, robot: Robot) -> Guess:
         out.preset = "ur_rtde"
         out.columns.clear()
         out.words.append("columns of Universal Robots' RTDE recorder (preset ur_rtde)")
+        if "actual_robot_current" not in header:
+            _guess_meter(table, out)
         return out
     _guess_meter(table, out)
     table.load([*(c for by in found.values() for c in by.values())])

@@ -133,6 +133,11 @@ class Trajectory:
         inner = (self.time[:-1, None] + np.diff(self.time)[:, None] * steps).ravel()
         return np.append(inner, self.time[-1])
 
+    def part(self, rows: slice) -> Trajectory:
+        """Some of its rows, one after the other."""
+        first = (self.time, self.position, self.velocity, self.acceleration, self.effort, self.power)
+        return Trajectory(self.joints, *(None if x is None else x[rows] for x in first))  # type: ignore[arg-type]
+
     def slowed(self, duration: float) -> Trajectory:
         """The same path with time stretched evenly to `duration` (s)."""
         k = duration / self.duration

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from energy_opt.robot import Robot
 
 LOG_FORMAT = "energy-opt/log/1"
+SLOWEST = 1e-3  # [Hz] of readings
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,12 @@ class Instruments:
         for name, value in numbers.items():
             if value is not None and not np.isfinite(value):
                 raise BadInput(f"instruments: {name} = {value!r}; expected a finite number")
-        for name in ("rate", "power_resolution", "position_resolution"):
+        for name in ("power_resolution", "position_resolution"):
             if not getattr(self, name) > 0:
                 raise BadInput(f"instruments: {name} = {getattr(self, name)!r}; expected a number above 0")
-        if self.meter_rate is not None and not self.meter_rate > 0:
-            raise BadInput(f"instruments: meter_rate = {self.meter_rate!r}; expected a number above 0")
+        for name, rate in (("rate", self.rate), ("meter_rate", self.meter_rate)):
+            if rate is not None and not rate >= SLOWEST:
+                raise BadInput(f"instruments: {name} = {rate!r}; expected {SLOWEST:g} Hz or more")
         if self.rate > 1 / STEP or (self.meter_rate or 0) > 1 / STEP:
             raise BadInput(f"instruments: no rate above {1 / STEP:g} Hz, the simulation's own")
         if self.noise < 0 or self.jitter < 0 or self.rest < 0:

@@ -13,6 +13,7 @@ from energy_opt.motion.judge.energy import DENSER, Scorer
 from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.trajectory import Trajectory
 
+BLOCK = 300_000  # instants that are judged at once: some 200 MB for seven joints
 ALLOWED = 1e-6  # a violation beyond this share of the bound is one
 
 
@@ -84,9 +85,17 @@ def _size(found: Violation) -> float:
 def certify(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit], samples: int | None = None, rows_only: bool = False
 ) -> Certificate:
-    """Check `trajectory` against `limits` on a grid at least ten times denser than its rows, or of `samples` points."""
+    """Check `trajectory` against `limits` on a grid at least ten times denser than its rows, or of `samples` points.
+
+    Long ones are looked at block by block, in bounded memory; laws with a memory begin anew with each.
+    """
     factor = DENSER if samples is None else max(DENSER, -(-samples // (len(trajectory.time) - 1)))
-    return certificate_of(scorer.dense(trajectory, 1 if rows_only else factor), limits)
+    factor, last = 1 if rows_only else factor, len(trajectory.time) - 1
+    begins = range(0, last, max(BLOCK // factor, 1))
+    found = [certificate_of(scorer.dense(trajectory, factor, rows), limits)
+             for rows in (slice(a, min(a + begins.step, last) + 1) for a in begins)]  # fmt: skip
+    worst = tuple(max(places, key=_size) for places in zip(*(c.found for c in found), strict=True))
+    return Certificate(last * factor + 1, worst, max(c.peak_power for c in found))
 
 
 def certificate_of(dense: Dense, limits: Sequence[Limit]) -> Certificate:

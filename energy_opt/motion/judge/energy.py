@@ -83,9 +83,14 @@ class Scorer:
                     out += weight * (at[1] - at[0])
         return out
 
-    def dense(self, trajectory: Trajectory, factor: int = DENSER) -> Dense:
-        """The trajectory on a grid `factor` times denser than its rows: what energy and limits are read from."""
-        time = trajectory.denser(factor) - trajectory.time[0]
+    def dense(self, trajectory: Trajectory, factor: int = DENSER, rows: slice | None = None) -> Dense:
+        """The trajectory on a grid `factor` times denser than its rows: what energy and limits are read from.
+
+        `rows`: these alone; time goes on counting from the trajectory's first.
+        """
+        begin = trajectory.time[0]
+        trajectory = trajectory if rows is None else trajectory.part(rows)
+        time = trajectory.denser(factor) - begin
         q, v, a, jerk = trajectory.sample_denser(factor)
         return Dense(trajectory, self.robot.body, factor, time, q, v, a, jerk, *self.drive(q, v, a, time))
 

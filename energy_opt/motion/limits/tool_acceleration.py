@@ -33,8 +33,8 @@ class ToolAcceleration(Limit):
     inner = True
 
     def __init__(self, body: RigidBody, tool: Tool, bound: float) -> None:
-        if not 0 < bound < np.inf:
-            raise BadInput(f"--tool-acceleration {bound:g}: expected metres per second squared above 0")
+        if not 1e-06 <= bound <= 1e06:
+            raise BadInput(f"--tool-acceleration {bound:g}: expected 1e-06 to 1e+06 m/s^2")
         self.body, self.tool, self.most = body, tool, float(bound)
         self.scale = np.array([self.most**2])
 

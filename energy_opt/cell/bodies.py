@@ -36,6 +36,7 @@ class Bodies:
         self.joint = np.array([body.joint for body in bodies], dtype=int)
         self.rotation = np.array([body.pose[:3, :3] for body in bodies]).reshape(-1, 3, 3)
         self.shift = np.array([body.pose[:3, 3] for body in bodies]).reshape(-1, 3)
+        self.still = self.joint < 0
         self.flat = np.array([body.solid.corners is None for body in bodies], dtype=bool)
         boxes = [np.zeros((8, 3)) if b.solid.corners is None else b.solid.corners for b in bodies]
         self.corners = np.array([box @ b.pose[:3, :3].T + b.pose[:3, 3] for box, b in zip(boxes, bodies, strict=True)])
@@ -47,6 +48,11 @@ class Bodies:
         a, b = kinematics.moves[self.joint[self.pairs[:, 0]]], kinematics.moves[self.joint[self.pairs[:, 1]]]
         self.moves = np.stack([a & ~b, b & ~a])
         self._rulers: dict[int, Ruler] = {}
+        self._corners: dict[int, tuple[np.ndarray, float]] = {}
+        # pairs that a plane can be held between: convex bodies of which one stands still while joints move the other
+        convex = np.array([body.solid.convex for body in bodies], dtype=bool)
+        sides = self.pairs.T
+        self.planar = convex[sides[0]] & convex[sides[1]] & ~self.moves[1].any(axis=1) & ~self.flat[sides[0]]
 
     def ruler(self, pair: int) -> Ruler:
         """What measures a pair's distance."""
@@ -54,6 +60,15 @@ class Bodies:
             a, b = self.pairs[pair]
             self._rulers[pair] = Ruler(self.all[a].solid, self.all[b].solid)
         return self._rulers[pair]
+
+    def corners_of(self, body: int) -> tuple[np.ndarray, float]:
+        """A convex body's vertices (V, 3) [m] in the frame of its joint, and the radius around them; of a half-space
+        a point of its plane."""
+        if body not in self._corners:
+            hull = self.all[body].solid.hull
+            points = np.zeros((1, 3)) if self.flat[body] else hull.points
+            self._corners[body] = points @ self.rotation[body].T + self.shift[body], hull.radius
+        return self._corners[body]
 
     def names(self, pair: int) -> tuple[str, str]:
         """The names of a pair's bodies."""
@@ -77,23 +92,37 @@ class Scenery:
 
     def placed(self, k: int, body: int) -> Any:
         """A body's placement as coal wants it."""
-        key = k, body
+        key = (0 if self.bodies.still[body] else k, body)
         if key not in self._placed:
             b, joint = self.bodies, self.bodies.joint[body]
             r = self.poses.rotation[k, joint]
             self._placed[key] = placement(r @ b.rotation[body], r @ b.shift[body] + self.poses.origin[k, joint])
         return self._placed[key]
 
+    def place(self, k: np.ndarray, body: np.ndarray) -> None:
+        """Make placements of bodies (M,) at configurations (M,) ready: many at once cost far less than one by one."""
+        b = self.bodies
+        key = np.unique(np.where(b.still[body], 0, k) * len(b.all) + body)
+        k, body = key // len(b.all), key % len(b.all)
+        r, joint = self.poses.rotation[k, b.joint[body]], b.joint[body]
+        rotation = np.matmul(r, b.rotation[body])
+        origin = np.matmul(r, b.shift[body][:, :, None])[..., 0] + self.poses.origin[k, joint]
+        for i, one in enumerate(zip(k.tolist(), body.tolist(), strict=True)):
+            if one not in self._placed:
+                self._placed[one] = placement(rotation[i], origin[i])
+
     def apart(self, k: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lower bounds (M,) [m] of pairs' distances from boxes around them (0: none), and the corners of both sides."""
         b = self.bodies
         sides = b.pairs[pair]
-        boxes = []
+        boxes, low, high = [], [], []
         for side in (0, 1):
-            key, back = np.unique(k * len(b.all) + sides[:, side], return_inverse=True)
-            boxes.append(self.corners(key // len(b.all), key % len(b.all))[back])
-        low = [box.min(axis=1) for box in boxes]
-        high = [box.max(axis=1) for box in boxes]
+            at = np.where(b.still[sides[:, side]], 0, k)  # what stands has one box for all configurations
+            key, back = np.unique(at * len(b.all) + sides[:, side], return_inverse=True)
+            box = self.corners(key // len(b.all), key % len(b.all))
+            boxes.append(box[back])
+            low.append(box.min(axis=1)[back])
+            high.append(box.max(axis=1)[back])
         gap = np.maximum(low[0] - high[1], low[1] - high[0]).clip(0)
         out = np.sqrt(np.sum(gap**2, axis=1))
         for side in (0, 1):

@@ -84,6 +84,8 @@ class Near:
         if must:
             near |= np.isin(k * len(bodies.pairs) + p, [place * len(bodies.pairs) + pair for place, pair in must])
         found: list[Found] = []
+        for side in (0, 1):
+            scene.place(k[near], bodies.pairs[p[near], side])
         for place, pair in zip(k[near].tolist(), p[near].tolist(), strict=True):
             a, b = bodies.pairs[pair].tolist()
             at, bt = scene.placed(place, a), scene.placed(place, b)

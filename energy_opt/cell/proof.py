@@ -5,7 +5,8 @@ other by no more than s within the interval, they are at least d - s apart durin
 clearance that is asked for, the interval is halved, and only the pairs that are still open are carried on. All open
 intervals of one size are looked at together: what is arithmetic on arrays is done once for all of them.
 
-A pair is closed by the cheapest of: boxes around the bodies, convex hulls, convex pieces, meshes. A pair that a mesh
+A pair is closed by the cheapest of: boxes around the bodies, convex hulls, planes between these (see `heights`), convex
+pieces, meshes. A pair that a mesh
 holds apart cannot be inside of another (see `inside`): surfaces that never meet do not pass each other.
 """
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from energy_opt.cell.bodies import Bodies, Scenery
 from energy_opt.cell.curve import MotionCurve, Spans
+from energy_opt.cell.heights import least_heights, turns
 from energy_opt.cell.inside import one_inside_the_other
 from energy_opt.cell.solids import GJK_ERROR
 
@@ -73,7 +75,8 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
         open_ = rest <= wanted[pair]
         if not open_.all():
             out.lower_bound = min(out.lower_bound, float(rest[~open_].min()))
-        again, doubt = _measured(out, scene, span, pair, travel, wanted, np.flatnonzero(open_), time, entered)
+        planes = _Planes(scene, far)
+        again, doubt = _measured(out, scene, span, pair, travel, wanted, np.flatnonzero(open_), time, entered, planes)
         if out.touches:
             haste -= 1
             # too near already: what is left to find out is where else, and whether anything touches
@@ -111,6 +114,7 @@ def _measured(
     which: np.ndarray,
     time: np.ndarray,
     entered: set[int],
+    planes: _Planes,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Measure what boxes left open; proofs and touches go into `out`.
 
@@ -119,8 +123,11 @@ def _measured(
     bodies, again, doubt = scene.bodies, [], []
     least = np.inf if out.least is None else out.least.distance
     out.looked_at += len(which)
-    columns = (which, span[which], pair[which], travel[which], wanted[pair[which]])
-    for i, k, p, way, asked in zip(*(column.tolist() for column in columns), strict=True):
+    for side in (0, 1):
+        scene.place(span[which], bodies.pairs[pair[which], side])
+    rest = planes.rest(span[which], pair[which], travel[which])
+    columns = (which, span[which], pair[which], travel[which], wanted[pair[which]], rest)
+    for i, k, p, way, asked, bend in zip(*(column.tolist() for column in columns), strict=True):
         a, b = bodies.pairs[p].tolist()
         ruler = bodies.ruler(p)
         at, bt = scene.placed(k, a), scene.placed(k, b)
@@ -142,10 +149,42 @@ def _measured(
             if not touch and kept <= 0:
                 doubt.append(i)
         else:
+            if distance - bend > asked:
+                planes.add(i, k, p, bend, asked, ruler.normal)
             again.append(i)
             if kept <= 0:
                 doubt.append(i)
-    return np.array(again, dtype=int), np.array(doubt, dtype=int)
+    closed, least_height = planes.closed()
+    out.lower_bound = min(out.lower_bound, least_height)
+    return np.setdiff1d(np.array(again, dtype=int), closed), np.setdiff1d(np.array(doubt, dtype=int), closed)
+
+
+class _Planes:
+    """What is still open for how far points travel, and may be closed by heights over planes."""
+
+    def __init__(self, scene: Scenery, far: np.ndarray) -> None:
+        self._scene, self._far = scene, far
+        self._rows: list[tuple[int, int, int, float, float]] = []
+        self._normals: list[np.ndarray] = []
+
+    def rest(self, k: np.ndarray, pair: np.ndarray, travel: np.ndarray) -> np.ndarray:
+        """What heights lose by terms of second order (M,) [m]; infinite where no plane can be held."""
+        bodies = self._scene.bodies
+        return np.where(bodies.planar[pair], travel * turns(bodies, pair, self._far[k]), np.inf)
+
+    def add(self, which: int, k: int, pair: int, rest: float, asked: float, normal: np.ndarray) -> None:
+        """An open interval of a pair."""
+        self._rows.append((which, k, pair, rest, asked))
+        self._normals.append(normal)
+
+    def closed(self) -> tuple[np.ndarray, float]:
+        """Which of them are closed, and the least height over the planes of these."""
+        if not self._rows:
+            return np.zeros(0, dtype=int), np.inf
+        which, k, pair, rest, asked = (np.array(column) for column in zip(*self._rows, strict=True))
+        height = least_heights(self._scene, k, pair, np.array(self._normals), self._far[k], rest)
+        good = height > asked
+        return which[good], float(height[good].min(initial=np.inf))
 
 
 def _starts_inside(bodies: Bodies, curve: MotionCurve) -> set[int]:

@@ -257,6 +257,11 @@ class Ruler:
         self._result.clear()
         return float(self._hulls(at, bt, self._request, self._result))
 
+    @property
+    def normal(self) -> np.ndarray:
+        """From the second hull towards the first (3,), where `near` was asked for last."""
+        return -np.asarray(self._result.normal)
+
     def mid(self, at: Any, bt: Any) -> float:
         """Between the nearest pieces, m."""
         least = np.inf

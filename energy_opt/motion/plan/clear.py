@@ -11,7 +11,7 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.candidates import MENDS, Made, reference_time, task_of
 from energy_opt.motion.plan.context import Context, path_of
-from energy_opt.motion.reshape.clear import Cleared, ClearSearch
+from energy_opt.motion.reshape.clear import Cleared, ClearSearch, Descent
 from energy_opt.motion.reshape.level import Outcome
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import Line, Task
@@ -21,6 +21,8 @@ from energy_opt.motion.trajectory import Trajectory
 
 WORTH = 0.05  # a free optimum that is cheaper by this share is worth a second search
 SECOND = 8  # rounds of that
+TRIAL = 4  # rounds of each of several searches: they win four fifths of what all rounds do
+PROMISING, FURTHER = 0.05, 2  # of the cost: searches so near the best then go on, so many at most
 PASSED = 400  # points of a path that a first curve is fitted to
 NOTHING = "reshaping found nothing that keeps clear and is better than the path as it is"
 
@@ -42,13 +44,11 @@ def kept_clear(
     search = ClearSearch(context.cell, context.robot.joints)
     level = context.reshaper(context.settings.objective).fine(task.vias)
     best, spent = Cleared(), free.iterations
-    for line in _lines(context, move, retimed, timing, warm, task, 2 * reference):
-        found = search.run(level, task, task.curve(level.shape, line), context.stopped)
+    lines = _lines(context, move, retimed, timing, warm, task, 2 * reference)
+    for found in _searched([search.begin(level, task, task.curve(level.shape, line)) for line in lines], context):
         spent += found.iterations
         if found.best is not None:
             best.take(found.best)
-        if context.stopped():
-            break
     if best.best is not None and free.outcome is not None and not context.stopped():
         spent += _again(context, search, task, best, free.outcome)
     if best.best is None:
@@ -59,6 +59,19 @@ def kept_clear(
         assert made.outcome is not None
         trajectory = trajectory_of(replace(made.outcome.curve, duration=move.duration), context.robot.joints)
     return replace(made, trajectory=trajectory, iterations=spent + made.iterations, starts=free.starts)
+
+
+def _searched(descents: Sequence[Descent], context: Context) -> list[Cleared]:
+    """What searches come to: of several, a few rounds tell which are worth going on with."""
+    if len(descents) > 1:
+        for descent in descents:
+            descent.go(context.stopped, TRIAL)
+    least = min(descent.cost for descent in descents)
+    good = sorted((d for d in descents if d.cost <= least + PROMISING * abs(least)), key=lambda d: d.cost)
+    for descent in good[:FURTHER]:
+        descent.go(context.stopped)
+        descent.finish(context.stopped)
+    return [descent.found for descent in descents]
 
 
 def _again(context: Context, search: ClearSearch, task: Task, best: Cleared, free: Outcome) -> int:

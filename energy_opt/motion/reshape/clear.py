@@ -16,7 +16,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
 from energy_opt.motion.limits.clearance import ClearanceRows
-from energy_opt.motion.reshape.level import Curve, Level, Outcome
+from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import FEASIBLE, Task, all_rows
 
@@ -105,31 +105,16 @@ class ClearSearch:
     def __init__(self, cell: Cell, joints: tuple[str, ...]) -> None:
         self.cell, self.joints, self.near = cell, joints, Near(cell.bodies)
 
+    def begin(self, level: Level, task: Task, first: Curve) -> Descent:
+        """A search from `first`."""
+        return Descent(_Rounds(self, level, task), first, all_rows(level.shape, task.limits), task)
+
     def run(self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool], rounds: int = ROUNDS) -> Cleared:
         """The cheapest proven curve that at most so many rounds from `first` come to."""
-        work = _Rounds(self, level, task)
-        found, curve, rows, trust, quiet = work.found, first, all_rows(level.shape, task.limits), TRUST, 0
-        for turn in range(rounds):
-            before = np.inf if found.best is None else found.best.cost
-            outcome, proof = work.one(curve, rows, trust, LOOSE)
-            curve, rows = outcome.curve, outcome.rows
-            share = {"share": 0.6 + 0.35 * (turn + 1) / rounds}
-            log.info(
-                "round %d of at most %d: %s, cost %.6g", turn + 1, rounds, proof.verdict, outcome.cost, extra=share
-            )
-            if proof.proven:
-                trust *= GROWTH
-                small = abs(before - outcome.cost) < DONE * max(outcome.cost - task.offset * curve.duration, 1e-9)
-                quiet = quiet + 1 if small else 0
-            else:
-                work.places.learn(proof, curve.duration)
-                trust = trust if turn < BOLD else max(trust * SHRINK, LEAST)
-                quiet = 0
-            if quiet == 2 or stopped():
-                break
-        if found.best is not None and not stopped():
-            work.one(found.best.curve, found.best.rows, LEAST, FINE)
-        return found
+        descent = self.begin(level, task, first)
+        descent.go(stopped, rounds)
+        descent.finish(stopped)
+        return descent.found
 
     def polished(self, level: Level, task: Task, outcome: Outcome) -> Cleared:
         """A proven outcome solved again nearby, under limits that have changed a little."""
@@ -143,6 +128,47 @@ class ClearSearch:
         return self.cell.prove(t.time, t.position, t.velocity, t.acceleration, wanted)
 
 
+class Descent:
+    """A search from one curve, that can be left and gone on with; `found` is the cheapest proven curve."""
+
+    def __init__(self, work: _Rounds, first: Curve, rows: np.ndarray, task: Task) -> None:
+        self._work, self._task, self.found = work, task, work.found
+        self._curve, self._rows = first, rows
+        self._trust, self._turn, self._quiet = TRUST, 0, 0
+        self._known: Multipliers | None = None
+
+    @property
+    def cost(self) -> float:
+        """What the path can change of the cost of the best that is proven; infinite where nothing is."""
+        return np.inf if self.found.best is None else self._task.cost(self.found.best)
+
+    def go(self, stopped: Callable[[], bool], rounds: int = ROUNDS) -> None:
+        """Up to `rounds` rounds in all, fewer where no more is to be won."""
+        while self._turn < rounds and self._quiet < 2 and not stopped():
+            before = self.cost
+            outcome, proof = self._work.one(self._curve, self._rows, self._trust, LOOSE, self._known)
+            self._curve, self._rows, self._turn = outcome.curve, outcome.rows, self._turn + 1
+            self._known = outcome.multipliers
+            share = {"share": 0.6 + 0.35 * self._turn / rounds}
+            log.info(
+                "round %d of at most %d: %s, cost %.6g", self._turn, rounds, proof.verdict, outcome.cost, extra=share
+            )
+            if proof.proven:
+                self._trust *= GROWTH
+                cost = self._task.cost(outcome)
+                small = abs(before - cost) < DONE * max(cost, 1e-9)
+                self._quiet = self._quiet + 1 if small else 0
+            else:
+                self._work.places.learn(proof, outcome.curve.duration)
+                self._trust = self._trust if self._turn <= BOLD else max(self._trust * SHRINK, LEAST)
+                self._quiet = 0
+
+    def finish(self, stopped: Callable[[], bool]) -> None:
+        """Polish the best."""
+        if self.found.best is not None and not stopped():
+            self._work.one(self.found.best.curve, self.found.best.rows, LEAST, FINE)
+
+
 class _Rounds:
     """Rounds of one task: what pairs keep, where they are looked at, and the best that was found."""
 
@@ -153,13 +179,15 @@ class _Rounds:
         self.places = Places.evenly(len(self._wanted))
         self.found = Cleared()
 
-    def one(self, start: Curve, rows: np.ndarray, reach: float, tolerance: float) -> tuple[Outcome, Clearance]:
+    def one(
+        self, start: Curve, rows: np.ndarray, reach: float, tolerance: float, known: Multipliers | None = None
+    ) -> tuple[Outcome, Clearance]:
         """Solve from `start`, at most `reach` away from it, and have it proven."""
         places, task = self.places, self._task
         held = ClearanceRows(self._search.near, places.u, self._kept.at(places), REACH, places.must)
         outcome = self._level.solve(
             start, task.ends, (*task.limits, held), task.parameters, task.durations,
-            tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach,
+            tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach, multipliers=known,
             options={"max_iter": ITERATIONS, "mu_init": 1e-2},
         )  # fmt: skip
         self.found.iterations += outcome.iterations

@@ -38,7 +38,7 @@ BEST = HERE / "best_known.json"
 FRICTION = HERE / "suites" / "models" / "friction_no_regeneration.toml"
 CONTROLS, STARTS = 64, 40  # of the search for the best known
 MEAN, WORST = {"panda": 49.0, "ur5": 70.0}, {"panda": 25.0}  # loss that must be saved, %
-GAP_MEAN, GAP_WORST = 3.0, 10.0  # loss above the best known, at most, %
+GAP_MEAN, GAP_WORST = 2.0, 5.0  # loss above the best known, at most, %
 SAME, DIFFERENT = 0.5, 1.0  # loss above that of the objective energy: at most, at least, %
 STALE = 0.01  # a best known at a duration that is off by more than this share belongs to another move
 

@@ -202,13 +202,13 @@ def test_reshaped_front_has_no_bumps_and_beats_the_retimed_one(panda):
 
 def test_a_front_finds_what_single_moves_find(panda):
     """One search for both: at 2 s the front once stood half above, and other durations beside it changed a point."""
-    planner = Planner(panda, source_method_2(), Settings(compile="never", controls=16, starts=6))
+    planner = Planner(panda, source_method_2(), Settings(compile="never", controls=20, starts=4))
     move = Move(START, GOAL, mode="reshape")
     alone = trace(planner, move, durations=[2.0])
     among = trace(planner, move, durations=[1.4, 2.0])
     single = planner.solve(Move(START, GOAL, mode="reshape", duration=2.0)).energy.loss
-    assert alone.points[0].energy.loss <= 1.001 * single
-    assert among.points[1].energy.loss <= 1.001 * single
+    assert alone.points[0].energy.loss <= single * (1 + 1e-9)
+    assert among.points[1].energy.loss <= single * (1 + 1e-9)
     assert among.points[1].energy.loss == pytest.approx(alone.points[0].energy.loss, rel=2e-3)
 
 

@@ -138,7 +138,7 @@ class Settings:
     dynamics: str = "auto"
     verify_samples: int | None = None
     end_acceleration: str = "zero"
-    controls: int = 40
+    controls: int = 48
     max_power: float | None = None
     tool_speed: float | None = None
     tool_acceleration: float | None = None

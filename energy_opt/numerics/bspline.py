@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 DEGREE = 5  # C^4: acceleration and jerk are smooth
-PACKING = 0.8  # 0: evenly spaced knots, 1: Chebyshev-like clustering at the ends
+PACKING = 0.95  # 0: evenly spaced knots, 1: Chebyshev-like clustering at the ends; 0.8 leaves up to 2 % more loss
 
 
 @dataclass(frozen=True)

@@ -53,27 +53,14 @@ def choose(context: Context, move: Move, work: Work, build_seconds: float, solve
     Raises:
         Infeasible: nothing that answers the move lies within limits.
     """
-    found, energy_counts = work.candidates, context.settings.objective == "energy"
     duration = _duration(move, work)
     baselines = baselines_of(context, move, work.timing, duration)
-    if energy_counts:  # a proxy's answer is what it is; it is not exchanged for a better one
-        found += [(name, judged.trajectory) for name, judged in baselines]
-        found += [("warm", t) for t in work.warm]
-    judged = [(name, context.judge(t)) for name, t in found if answers(move, t)]
-    valid = [(name, j) for name, j in judged if j.certificate.valid]
-    iterations = sum(made.iterations for made in (work.reshaped, work.retimed) if made is not None)
-    if work.retimed is None and work.solution is not None and _may_win(work.solution, valid, energy_counts):
-        mended = mended_timing(context, move, work.solution)
-        iterations += mended.iterations
-        if mended.trajectory is not None and answers(move, mended.trajectory):
-            best = context.judge(mended.trajectory)
-            valid += [("retime", best)] if best.certificate.valid else []
-    if energy_counts:
-        valid += _rested(context, move, valid)
-    if not valid:
+    further = [(name, judged.trajectory) for name, judged in baselines] + [("warm", t) for t in work.warm]
+    found, more = least(context, move, work, further if context.settings.objective == "energy" else [])
+    iterations = more + sum(made.iterations for made in (work.reshaped, work.retimed) if made is not None)
+    if found is None:
         raise Infeasible(work.asked.message or "no trajectory within limits was found", limit="duration")
-    wanted = None if energy_counts else move.mode
-    name, best = min(valid, key=lambda v: (wanted is not None and v[0] != wanted, v[1].energy.total))
+    name, best = found
     if abs(best.trajectory.duration - duration) > 1e-9:
         baselines = baselines_of(context, move, work.timing, best.trajectory.duration)
     interrupted = context.stopped()
@@ -97,21 +84,40 @@ def choose(context: Context, move: Move, work: Work, build_seconds: float, solve
     )
 
 
-def _rested(context: Context, move: Move, valid: Sequence[tuple[str, Judged]]) -> list[tuple[str, Judged]]:
-    """The best of them with its creeping joints at rest, where there are any and it stays within limits."""
-    if not valid:
-        return []
-    name, best = min(valid, key=lambda v: v[1].energy.total)
-    trajectory = at_rest(best.trajectory, context.model)
-    if trajectory is None or not answers(move, trajectory):
-        return []
-    rested = context.judge(trajectory)
-    return [(name, rested)] if rested.certificate.valid else []
+def least(
+    context: Context, move: Move, work: Work, further: Sequence[tuple[str, Trajectory]]
+) -> tuple[tuple[str, Judged] | None, int]:
+    """The valid candidate of least energy by name, of the work's and further ones; None where none is valid.
+
+    And the iterations spent on mending the retimed path. A proxy's answer is what it is: the form that was asked for
+    comes before a better one.
+    """
+    energy_counts = context.settings.objective == "energy"
+    judged = [(name, context.judge(t)) for name, t in (*work.candidates, *further) if answers(move, t)]
+    wanted = None if energy_counts else move.mode
+
+    def valid() -> tuple[str, Judged] | None:
+        ranked = sorted(judged, key=lambda v: (wanted is not None and v[0] != wanted, v[1].energy.total))
+        return next((v for v in ranked if v[1].certificate.valid), None)
+
+    best, iterations = valid(), 0
+    if work.retimed is None and work.solution is not None and _may_win(work.solution, best, energy_counts):
+        mended = mended_timing(context, move, work.solution)
+        iterations = mended.iterations
+        if mended.trajectory is not None and answers(move, mended.trajectory):
+            judged.append(("retime", context.judge(mended.trajectory)))
+            best = valid()
+    if energy_counts and best is not None:  # with its creeping joints at rest, where there are any
+        trajectory = at_rest(best[1].trajectory, context.model)
+        if trajectory is not None and answers(move, trajectory):
+            judged.append((best[0], context.judge(trajectory)))
+            best = valid()
+    return best, iterations
 
 
-def _may_win(solution: RetimeSolution, valid: Sequence[tuple[str, Judged]], energy_counts: bool) -> bool:
+def _may_win(solution: RetimeSolution, best: tuple[str, Judged] | None, energy_counts: bool) -> bool:
     """Is the least energy on the first path, by its own exact quadrature, below all that is there already?"""
-    return not valid or (energy_counts and solution.energy < min(j.energy.total for _, j in valid))
+    return best is None or (energy_counts and solution.energy < best[1].energy.total)
 
 
 def _duration(move: Move, work: Work) -> float:

@@ -1,32 +1,31 @@
-"""A move at one duration after the other: from its starts, as a single move is, and from a neighbour's optimum.
+"""A move at one duration after the other: as a single move is solved, and from a neighbour's optimum.
 
-Fronts of energy against duration are made of such steps. What the starts lead to is found once for durations that lie
-close together, and solved at each; the neighbour's curve is taken as it is, with the new duration and with the rows
-that bound it. Where both are the same optimum the neighbour's is the quicker way there, else the better one counts. So
-a front lies nowhere above what a single move finds. A retimed path is retimed anew, which needs no start.
+Fronts of energy against duration are made of such steps. A step does all that a single solve at its duration does, so
+that a front lies nowhere above what single moves find (but for what they find around obstacles: there a step goes from
+its neighbour's way on alone). What the starts lead to is shared by durations that lie close together, which a single
+move has for itself alone. Then the neighbour's curve is taken as it is, with the new duration and with the rows that
+bound it; the better one counts. A retimed path is retimed anew, which needs no start.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-
-import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import (
-    first_line,
     least_energy_timing,
     mended,
     mended_timing,
     reference_time,
     task_of,
 )
+from energy_opt.motion.plan.choice import least
 from energy_opt.motion.plan.clear import mended_clear
-from energy_opt.motion.plan.context import Context, path_of
+from energy_opt.motion.plan.context import Context
+from energy_opt.motion.plan.making import first_timing, made
 from energy_opt.motion.reshape.clear import ClearSearch
 from energy_opt.motion.reshape.level import Outcome
 from energy_opt.motion.reshape.search import Kept, Reshaper
@@ -36,7 +35,6 @@ from energy_opt.motion.trajectory import Trajectory
 
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
 CARRIED = 6  # rounds from a neighbour that keeps clear
-PLACES = np.linspace(0, 1, 33)  # where curves are compared
 
 
 @dataclass(frozen=True)
@@ -55,17 +53,11 @@ class Neighbours:
     def __init__(self, context: Context, move: Move) -> None:
         self._context, self._move = context, replace(move, duration=None, max_duration=None)
         self._kept: Kept = {}
-        self._coarse: dict[float, list[Outcome]] = {}  # what the starts lead to, by duration
-        self._refined: set[float] = set()  # durations at which that was refined already
+        self._known: dict[float, Optimum | None] = {}  # what single solves find, by duration
 
     @cached_property
     def _timing(self) -> Timing | None:
-        try:
-            return self._context.fastest(path_of(self._move))
-        except Infeasible:
-            if self._move.mode == "retime":
-                raise
-            return None
+        return first_timing(self._context, self._move)
 
     @cached_property
     def _reshaper(self) -> Reshaper:
@@ -83,11 +75,30 @@ class Neighbours:
         reference = reference_time(self._context, move, self._timing)
         task = task_of(self._context, move, reference, duration)
         carried = self._carried(task, neighbour)
-        found = [carried, self._from_starts(task, carried)]
-        if self._context.cell is not None and not any(found):
+        if duration not in self._known:
+            self._known[duration] = self._single(move)
+        found = [carried, self._known[duration]]
+        if self._context.cell is not None and not any(x is not None and x.outcome is not None for x in found):
             found.append(self._cleared(task, neighbour))
         best = min((x for x in found if x is not None), key=lambda x: x.energy.total, default=None)
         return best if best is not None else self._retimed(duration)
+
+    def _single(self, move: Move) -> Optimum | None:
+        """What a solve of the move alone finds; None where nothing within limits came of it."""
+        try:
+            work = made(self._context, move, self._timing, kept=self._kept, around=False)
+        except Infeasible:
+            return None
+        slowed = []
+        if work.timing is not None and work.solution is not None:
+            joints = self._context.robot.joints
+            slowed = [("scaled", work.timing.slowed(work.solution.trajectory.duration).trajectory(joints))]
+        best, _ = least(self._context, move, work, slowed)
+        if best is None:
+            return None
+        name, judged = best
+        outcome = work.asked.outcome if name == "reshape" else None
+        return Optimum(judged.trajectory, judged.energy, work.asked.converged, outcome)
 
     def _carried(self, task: Task, neighbour: Optimum) -> Optimum | None:
         if neighbour.outcome is None:
@@ -113,22 +124,6 @@ class Neighbours:
             return None
         judged = context.judge(made.trajectory)
         return Optimum(made.trajectory, judged.energy, True, made.outcome) if judged.certificate.valid else None
-
-    def _from_starts(self, task: Task, carried: Optimum | None) -> Optimum | None:
-        """What the move's own search finds; None where that is the optimum which the neighbour's led to already."""
-        context, duration = self._context, task.durations[0]
-        if duration not in self._coarse:
-            settings, line = context.settings, first_line(self._move, duration)
-            optima, _, _ = self._reshaper.optima(
-                task, [line], settings.starts, settings.seed, context.stopped, self._kept
-            )
-            self._coarse[duration] = optima
-        optima = self._coarse[duration]
-        if duration in self._refined or (carried is not None and _nearest(optima, carried) == 0):
-            return None
-        self._refined.add(duration)
-        best, _ = self._reshaper.refined(task, optima, context.stopped)
-        return None if best is None else self._judged(best, task)
 
     def _judged(self, outcome: Outcome, task: Task) -> Optimum | None:
         """Within limits by the judge, or None."""
@@ -157,10 +152,3 @@ class Neighbours:
             trajectory, converged = made.trajectory, made.converged
         judged = context.judge(trajectory)
         return Optimum(trajectory, judged.energy, converged) if judged.certificate.valid else None
-
-
-def _nearest(optima: Sequence[Outcome], found: Optimum) -> int:
-    """Which of several coarse optima a fine one belongs to."""
-    t = found.trajectory
-    q = t.sample(t.time[0] + PLACES * t.duration)[0]
-    return int(np.argmin([np.abs(o.curve.position(PLACES) - q).max() for o in optima]))

@@ -20,22 +20,11 @@ from energy_opt.motion.limits.check import check_pose
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.plan.candidates import (
-    Made,
-    least_energy_timing,
-    mended_timing,
-    reshaped,
-    small_enough,
-    stands_still,
-    unsearched,
-    unseen,
-)
-from energy_opt.motion.plan.choice import Work, choose
-from energy_opt.motion.plan.clear import kept_clear
+from energy_opt.motion.plan.choice import choose
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
+from energy_opt.motion.plan.making import first_timing, made
 from energy_opt.motion.plan.ways import check_free, first_path
 from energy_opt.motion.result import FirstPath, Result
-from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.power.rigid import rigid_inputs
@@ -158,7 +147,7 @@ class Planner:
         built, begin = self._workshop.seconds, time.perf_counter()
         move, first, ways = self.first_path(move)
         context = replace(self.context(move), ways=ways)
-        work = _made(context, move, warm)
+        work = made(context, move, first_timing(context, move), warm)
         build = self._workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
         try:
             result = choose(context, move, work, build, time.perf_counter() - begin - build)
@@ -203,48 +192,3 @@ class Planner:
             check_pose(limits, self.robot, self.model, q, what, resting)
             if self.cell is not None:
                 check_free(self.cell, q, what)
-
-
-def _made(context: Context, move: Move, warm: Sequence[Trajectory]) -> Work:
-    """Candidates for a move's answer.
-
-    Raises:
-        Infeasible: no timing or no path holds the limits.
-    """
-    log.info("timing of the first path", extra={"share": 0.05})
-    timing = _first_timing(context, move)
-    if timing is not None and timing.path.moves and unseen(move):
-        made = unsearched(context, move, timing)
-        return Work(
-            timing, None, made if move.mode == "reshape" else None, made if move.mode == "retime" else None, warm
-        )
-    if move.mode == "retime":
-        assert timing is not None
-        if context.settings.objective == "time":
-            asked = timing if move.duration is None else timing.slowed(move.duration)
-            return Work(timing, None, None, Made(asked.trajectory(context.robot.joints)), warm)
-        solution = least_energy_timing(context, move, timing)
-        assert solution is not None
-        return Work(timing, solution, None, mended_timing(context, move, solution), warm)
-    wanted = move.duration if move.duration is not None else move.max_duration
-    solution = None
-    if timing is not None and (wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves):
-        solution = least_energy_timing(context, move, timing)
-    curve = None
-    if not stands_still(move):
-        curve = reshaped(context, move, timing, solution, warm)
-        log.info("keeping clear", extra={"share": 0.6})
-        curve = kept_clear(context, move, timing, solution, curve, warm)
-        if not curve.converged and not context.stopped():
-            curve = small_enough(move, solution, curve)
-    return Work(timing, solution, curve, None, warm)
-
-
-def _first_timing(context: Context, move: Move) -> Timing | None:
-    """TOPP-RA's timing of the first path; a reshaped move may do without one."""
-    try:
-        return context.fastest(path_of(move))
-    except Infeasible:
-        if move.mode == "retime":
-            raise
-        return None

@@ -179,6 +179,12 @@ def fitted(
     return Curve(shape, shape.basis.fit(u, q, head, tail), duration, places)
 
 
+def between(a: Curve, b: Curve, share: float) -> Curve:
+    """The curve at a share of the straight way from one to another of the same shape."""
+    mixed = [(1 - share) * x + share * y for x, y in ((a.points, b.points), (a.via_u, b.via_u))]
+    return Curve(a.shape, mixed[0], (1 - share) * a.duration + share * b.duration, mixed[1])
+
+
 def refined(curve: Curve, shape: Shape, ends: Ends) -> Curve:
     """The same curve with the control points of another shape."""
     u = np.linspace(0, 1, 6 * shape.basis.controls)

@@ -1,17 +1,21 @@
 """The search for a reshaped move: starts on a coarse problem, the best optima solved in full.
 
-A coarse problem (few control points) is cheap to solve, and it is there that local optima differ (see `starts`). Where
+A coarse problem (few control points) is cheap to solve, and most local optima are there already (see `starts`). Where
 the duration is given, the starts are solved at the next larger one of a few durations, each half as long again as the
-one before; what was found there is then solved at the duration itself. So durations that lie close together share
-their starts, a front of energy against duration finds what single moves find, and a start can be feasible where the
-move itself is hardly. The best coarse optima are carried to the fine problem, whose rows bind nearly where theirs did.
+one before. So durations that lie close together share their starts, a front of energy against duration finds what
+single moves find, and a start can be feasible where the move itself is hardly.
+
+But a coarse problem tells badly which optimum is the best one: its loss is up to twice that of the fine problem, by
+different amounts, and another duration has another order. So the best of every valley is solved at the duration itself
+with more control points, which takes hardly longer; the best of these are solved in full.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -19,17 +23,18 @@ from energy_opt.errors import BadInput
 from energy_opt.motion.reshape.layout import Shape
 from energy_opt.motion.reshape.level import Curve, Level, Outcome, refined
 from energy_opt.motion.reshape.nodes import NodeFunctions
-from energy_opt.motion.reshape.starts import Optima, search, solved
+from energy_opt.motion.reshape.starts import Optima, search, solved, valleys
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory, row_step
 from energy_opt.numerics.bspline import Basis
 
 log = logging.getLogger(__name__)
-COARSE, COARSE_PACKING = 12, 0.5
+COARSE, COARSE_PACKING = 12, 0.5  # control points of starts: with 10, every tenth move's best optimum is lost
+MIDDLE, MIDDLE_PACKING = 20, 0.9  # of the comparison of optima: with 12 it errs by some 10 %, with 20 by some percent
 PER_VIA = 2  # control points more for every via point
 RUNG = 1.5  # ratio of the durations at which starts are solved
-KEPT, WORTH_KEEPING = 3, 1.25  # so many optima of the starts are solved at the move's own duration, if so near the best
-REFINED, WORTH_REFINING = 2, 1.03  # so many of these are refined, if so near the best: coarse costs err by some percent
+KEPT, WORTH_KEEPING = 5, 2.0  # so many valleys are compared at the move's own duration, if so near the best
+REFINED, WORTH_REFINING = 3, 1.1  # so many of these are solved in full, if so near the best
 MENDABLE = 0.05  # more control points may still mend an excess up to this share of a bound
 
 Kept = dict[float, Optima]  # what starts led to, by the duration at which they were solved
@@ -50,17 +55,26 @@ class Reshaper:
     def __init__(self, nodes: NodeFunctions, joints: int, controls: int, free_acceleration: bool) -> None:
         self._nodes, self._joints = nodes, joints
         self._controls, self._free = controls, free_acceleration
-        self._levels: dict[tuple[Basis, int], Level] = {}
+        self._levels: dict[Shape, Level] = {}
 
-    def _level(self, basis: Basis, vias: int) -> Level:
-        if (basis, vias) not in self._levels:
-            shape = Shape(self._joints, basis, 3, self._free, vias)
-            self._levels[basis, vias] = Level(shape, self._nodes)
-        return self._levels[basis, vias]
+    def _level(self, shape: Shape) -> Level:
+        if shape not in self._levels:
+            self._levels[shape] = Level(shape, self._nodes)
+        return self._levels[shape]
 
     def coarse(self, vias: int) -> Level:
-        """The level on which starts are solved."""
-        return self._level(Basis(min(COARSE + PER_VIA * vias, self._controls), COARSE_PACKING), vias)
+        """The level on which starts are solved.
+
+        Its end accelerations are free whatever the fine problem's are: a few control points cannot build them up in the
+        little time in which many can, and the loss of trying would hide by what optima differ.
+        """
+        basis = Basis(min(COARSE + PER_VIA * vias, self._controls), COARSE_PACKING)
+        return self._level(Shape(self._joints, basis, free_acceleration=True, vias=vias))
+
+    def middle(self, vias: int) -> Level:
+        """The level on which optima are compared."""
+        basis = Basis(min(MIDDLE + PER_VIA * vias, self._controls), MIDDLE_PACKING)
+        return self._level(Shape(self._joints, basis, free_acceleration=True, vias=vias))
 
     def fine(self, vias: int) -> Level:
         """The level of the answer.
@@ -71,7 +85,7 @@ class Reshaper:
         least = COARSE + PER_VIA * vias - 2
         if self._controls < least:
             raise BadInput(f"--controls {self._controls}: too few for {vias} via points; expected {least} or more")
-        return self._level(Basis(self._controls), vias)
+        return self._level(Shape(self._joints, Basis(self._controls), free_acceleration=self._free, vias=vias))
 
     def search(
         self,
@@ -102,25 +116,24 @@ class Reshaper:
         kept: Kept | None = None,
     ) -> tuple[list[Outcome], int, int]:
         """Coarse optima of the task, the best first; the starts and iterations that they took."""
-        coarse = self.coarse(task.vias)
-        if not task.fixed:
-            known = search(coarse, task, lines, starts, seed, stopped)
-            return sorted(known.found, key=task.rank), known.starts, known.iterations
-        duration = task.durations[0]
-        rung = float(RUNG ** np.ceil(np.log(duration) / np.log(RUNG) - 1e-9))
-        there = task.lasting(rung)
+        coarse, middle = self.coarse(task.vias), self.middle(task.vias)
+        there, used, spent = task, 0, 0
+        if task.fixed:
+            there = task.lasting(float(RUNG ** np.ceil(np.log(task.durations[0]) / np.log(RUNG) - 1e-9)))
+        rung = there.durations[1]
         kept = {} if kept is None else kept
-        used = spent = 0
         if rung not in kept:
-            known = search(coarse, there, lines[:1], starts, seed, stopped)
-            kept[rung], used, spent = known, known.starts, known.iterations
-        best = sorted(kept[rung].found, key=there.rank)[:KEPT]
-        most = WORTH_KEEPING * there.cost(best[0])
-        near = [o for o in best if o is best[0] or (o.broken <= FEASIBLE and there.cost(o) <= most)]
-        guesses = [replace(outcome.curve, duration=duration) for outcome in near]
-        guesses += [task.curve(coarse.shape, line) for line in lines[1:]]
-        found = sorted(solved(coarse, task, guesses, stopped), key=task.rank)
-        return found, used + len(lines) - 1, spent + sum(o.iterations for o in found)
+            found = search(coarse, there, lines[0], starts, seed, stopped)
+            kept[rung], used, spent = found, found.starts, found.iterations
+        best = min(kept[rung].found, key=there.rank)
+        most = WORTH_KEEPING * there.cost(best)
+        near = [o for o in kept[rung].found if o is best or (o.broken <= FEASIBLE and there.cost(o) <= most)]
+        optima = islice(valleys(coarse, there, near), KEPT)
+        guesses = [refined(task.within(o.curve), middle.shape, task.ends) for o in optima]
+        guesses += [task.curve(middle.shape, line) for line in lines[1:]]
+        compared = list(solved(middle, task, guesses, stopped))
+        iterations = spent + sum(o.iterations for o in compared)
+        return list(valleys(middle, task, compared)), used + len(lines) - 1, iterations
 
     def refined(self, task: Task, optima: Sequence[Outcome], stopped: Callable[[], bool]) -> tuple[Outcome | None, int]:
         """The best fine outcome from coarse optima, the best of which come first; and the iterations spent."""
@@ -141,7 +154,7 @@ class Reshaper:
         return best, spent
 
     def _refine(self, curve: Curve, task: Task) -> Outcome:
-        return task.solved(self._of(curve.shape), curve, tolerance=1e-5, barrier=1e-2)
+        return task.solved(self._level(curve.shape), curve, tolerance=1e-5, barrier=1e-2)
 
     def from_line(self, line: Line, task: Task) -> Outcome:
         """The fine problem solved from a line."""
@@ -149,18 +162,15 @@ class Reshaper:
 
     def polish(self, outcome: Outcome, task: Task) -> Outcome:
         """Solve again from an outcome, under limits or values that have changed a little."""
-        level = self._of(outcome.curve.shape)
+        level = self._level(outcome.curve.shape)
         return task.solved(level, outcome.curve, tolerance=1e-6, barrier=1e-3, rows=outcome.rows)
 
     def step(self, outcome: Outcome, task: Task) -> Outcome:
         """Solve from the outcome of a neighbouring task, whose rows and multipliers are nearly this one's."""
         return task.solved(
-            self._of(outcome.curve.shape), outcome.curve, tolerance=1e-5, barrier=1e-5,
+            self._level(outcome.curve.shape), outcome.curve, tolerance=1e-5, barrier=1e-5,
             rows=outcome.rows, multipliers=outcome.multipliers,
         )  # fmt: skip
-
-    def _of(self, shape: Shape) -> Level:
-        return self._level(shape.basis, shape.vias)
 
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:

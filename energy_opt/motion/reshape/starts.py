@@ -12,19 +12,20 @@ and the best optimum has been found twice, or when the budget of starts is spent
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from energy_opt.motion.limits.base import box_of
-from energy_opt.motion.reshape.level import Curve, Level, Outcome
+from energy_opt.motion.reshape.level import Curve, Level, Outcome, between
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 
 log = logging.getLogger(__name__)
 UNSEEN = 0.05  # share of starts that would find something new at which the search ends: 7, 12 or 16 starts for 1, 2, 3
 TWICE = 2  # so often must the best have been found
 NEAR = 0.01  # relative: coarse costs that differ less count as one
+BETWEEN = (0.25, 0.5, 0.75)  # shares of the way from one optimum to another at which a ridge is looked for
 SAME = 0.5  # [rad] coarse curves of one cost that differ less everywhere are one optimum
 # Bends in turns: the share of joints that bend, the standard deviation of their amplitudes as a share of half of a
 # joint's range, and how many are drawn, of which the cheapest is the start. Some moves' best optima are found from
@@ -44,16 +45,13 @@ class Optima:
     iterations: int
 
 
-def search(
-    level: Level, task: Task, lines: Sequence[Line], starts: int, seed: int, stopped: Callable[[], bool]
-) -> Optima:
-    """Solve from the lines and from bends of the first one, `starts` in all, or fewer where that will do."""
-    straight = task.curve(level.shape, lines[0])
+def search(level: Level, task: Task, line: Line, starts: int, seed: int, stopped: Callable[[], bool]) -> Optima:
+    """Solve from a line and from bends of it, `starts` in all, or fewer where that will do."""
+    straight = task.curve(level.shape, line)
 
     def guesses() -> Iterator[Curve]:
         yield straight
-        yield from (task.curve(level.shape, line) for line in lines[1:])
-        yield from (_bent(level, straight, task, seed, k) for k in range(starts - len(lines)))
+        yield from (_bent(level, straight, task, seed, k) for k in range(starts - 1))
 
     found: list[Outcome] = []
     costs: list[float] = []  # of all feasible outcomes
@@ -130,3 +128,25 @@ def _same(a: Outcome, b: Outcome, task: Task) -> bool:
         return False
     near = abs(task.cost(a) - task.cost(b)) <= NEAR * abs(task.cost(a))
     return bool(near and np.abs(a.curve.points - b.curve.points).max() <= SAME)
+
+
+def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
+    """The best outcome of every valley, the best first: between two of one valley the cost nowhere rises."""
+    found: list[Outcome] = []
+    for outcome in sorted(outcomes, key=task.rank):
+        if not any(_joined(level, task, known, outcome) for known in found):
+            found.append(outcome)
+            yield outcome
+
+
+def _joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
+    """Do two outcomes lie in one valley?"""
+    if (a.broken <= FEASIBLE) != (b.broken <= FEASIBLE):
+        return False
+    ridge = max(task.cost(a), task.cost(b))
+    for share in BETWEEN:
+        curve = between(a.curve, b.curve, share)
+        cost, _ = level.shares(curve, task.parameters, task.limits)
+        if cost - task.offset * curve.duration > ridge + NEAR * abs(ridge):
+            return False
+    return True

@@ -54,6 +54,10 @@ class Task:
         """The same in exactly `duration` s."""
         return replace(self, durations=(duration, duration))
 
+    def within(self, curve: Curve) -> Curve:
+        """A curve in a duration that is allowed."""
+        return replace(curve, duration=float(np.clip(curve.duration, *self.durations)))
+
     def solved(
         self,
         level: Level,

@@ -1,0 +1,85 @@
+"""A move's candidates: the first path in its best timing, a curve that is free of that path, one that keeps clear."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+from energy_opt.errors import Infeasible
+from energy_opt.motion.move import Move
+from energy_opt.motion.plan.candidates import (
+    Made,
+    least_energy_timing,
+    mended_timing,
+    reshaped,
+    small_enough,
+    stands_still,
+    unsearched,
+    unseen,
+)
+from energy_opt.motion.plan.choice import Work
+from energy_opt.motion.plan.clear import kept_clear
+from energy_opt.motion.plan.context import Context, path_of
+from energy_opt.motion.reshape.search import Kept
+from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.trajectory import Trajectory
+
+log = logging.getLogger(__name__)
+
+
+def made(
+    context: Context,
+    move: Move,
+    timing: Timing | None,
+    warm: Sequence[Trajectory] = (),
+    kept: Kept | None = None,
+    around: bool = True,
+) -> Work:
+    """Candidates for a move's answer.
+
+    Args:
+        timing: the fastest one of the first path.
+        warm: trajectories to start from besides.
+        kept: what starts led to at other durations of the same move.
+        around: where the free optimum touches something, look for ways around.
+
+    Raises:
+        Infeasible: no timing or no path holds the limits.
+    """
+    if timing is not None and timing.path.moves and unseen(move):
+        made = unsearched(context, move, timing)
+        return Work(
+            timing, None, made if move.mode == "reshape" else None, made if move.mode == "retime" else None, warm
+        )
+    if move.mode == "retime":
+        assert timing is not None
+        if context.settings.objective == "time":
+            asked = timing if move.duration is None else timing.slowed(move.duration)
+            return Work(timing, None, None, Made(asked.trajectory(context.robot.joints)), warm)
+        solution = least_energy_timing(context, move, timing)
+        assert solution is not None
+        return Work(timing, solution, None, mended_timing(context, move, solution), warm)
+    wanted = move.duration if move.duration is not None else move.max_duration
+    solution = None
+    if timing is not None and (wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves):
+        solution = least_energy_timing(context, move, timing)
+    curve = None
+    if not stands_still(move):
+        curve = reshaped(context, move, timing, solution, warm, kept)
+        if around:
+            log.info("keeping clear", extra={"share": 0.6})
+            curve = kept_clear(context, move, timing, solution, curve, warm)
+        if not curve.converged and not context.stopped():
+            curve = small_enough(move, solution, curve)
+    return Work(timing, solution, curve, None, warm)
+
+
+def first_timing(context: Context, move: Move) -> Timing | None:
+    """TOPP-RA's timing of the first path; a reshaped move may do without one."""
+    log.info("timing of the first path", extra={"share": 0.05})
+    try:
+        return context.fastest(path_of(move))
+    except Infeasible:
+        if move.mode == "retime":
+            raise
+        return None

@@ -95,13 +95,18 @@ def shortest(planner: eo.Planner, move: eo.Move) -> float | None:
 
 def solve(arm_name: str, number: int) -> dict[str, Any]:
     """Draw and solve one case, and judge it."""
+    case = draw(eo.load_robot(arm_name), np.random.default_rng([ARMS.index(arm_name), number]))
+    return judged_answer(arm_name, case) | {"number": number}
+
+
+def judged_answer(arm_name: str, case: dict[str, Any]) -> dict[str, Any]:
+    """Solve a case and judge the answer by the second evaluator."""
     robot = eo.load_robot(arm_name)
-    case = draw(robot, np.random.default_rng([ARMS.index(arm_name), number]))
     model = eo.source_model(robot)
     standby, copper = (next(e for e in model.effects if e.name == name) for name in ("standby", "copper_loss"))
     if case["payload"]:
         model = model.replaced(eo.Payload(mass=case["payload"], com=np.zeros(3)))
-    row = {"arm": arm_name, "number": number, **case, "duration": None}
+    row = {"arm": arm_name, **case, "duration": None}
     begin = time.process_time()
     other, loss = second(robot, case["payload"]), np.full(robot.n, float(copper.values["r_over_kt2"][0]))
     try:

@@ -1,6 +1,8 @@
 """The proof that a motion touches nothing: against geometry worked out by hand, and against an independent judge."""
 
 import json
+import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -254,3 +256,25 @@ def test_check_says_what_a_trajectory_touches(panda: Robot, tmp_path: Path, caps
     assert main(["check", str(file), "--robot", "panda", "--floor", "0.2"]) == 2
     assert main(["check", str(file), "--robot", "panda", "--floor", "0.2", "--self-collision", "off"]) == 2
     assert "floor" in capsys.readouterr().err
+
+
+def test_a_scene_of_a_thousand_objects_costs_in_proportion(panda: Robot) -> None:
+    """Small boxes all around, out of reach: time grows with their number, and what is kept of them does."""
+
+    def measured(count: int) -> tuple[float, int]:
+        rng, objects = np.random.default_rng(0), []
+        for k in range(count):
+            pose, angle = np.eye(4), rng.uniform(0, 2 * np.pi)
+            pose[:3, 3] = 2 * np.cos(angle), 2 * np.sin(angle), rng.uniform(0, 1.5)
+            objects.append(SceneObject(f"box {k}", (Shape("box", (0.05, 0.05, 0.05)),), pose))
+        begin = time.process_time()
+        cell = Cell(panda, CellRequest(), Scene(tuple(objects)))
+        tracemalloc.start()
+        found = judged(cell, along(straight(START, START + 0.4), 2.0, 101))
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert found.proven and found.pairs > 15 * count
+        return time.process_time() - begin, peak
+
+    few, many = measured(250), measured(1000)
+    assert many[0] < 8 * few[0] and many[1] < 5 * few[1]  # quadratic would be 16 times

@@ -4,7 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from poses import START
+from test_clear_moves import touches
 
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.power import PowerModel
@@ -55,3 +59,18 @@ def test_ends_that_cannot_keep_it_and_words_that_mean_nothing(panda: Robot, mode
     for wrong in ({"keep": ("level",)}, {"keep": ("upright:-1",)}, {"tool_acceleration": 0.0}):
         with pytest.raises(BadInput, match="expected"):
             Planner(panda, model, Settings(**wrong))
+
+
+def test_it_is_kept_on_the_way_around_a_post(panda: Robot, model: PowerModel) -> None:
+    """The straight line keeps the tool upright but goes through a ball; ways around need not keep it: rows do."""
+    at = np.eye(4)
+    at[:3, 3] = frame(panda, (START + GOAL) / 2)[:3, 3]
+    cell = Cell(panda, CellRequest(), Scene((SceneObject("post", (Shape("sphere", (0.05,)),), at),)))
+    settings = Settings(keep="upright:5", starts=1, controls=20, compile="never")
+    result = Planner(panda, model, settings, cell=cell).solve(Move(START, GOAL, duration=3.0))
+    assert result.status == "solved" and result.certificate.clearance.proven
+    assert result.first_path.source in ("own", "ompl")
+    assert touches(panda, result.trajectory, at) == 0
+    up = frame(panda, START)[2, :3]
+    tilts = [np.degrees(np.arccos(np.clip(frame(panda, q)[2, :3] @ up, -1, 1))) for q in result.trajectory.position]
+    assert max(tilts) <= 5 * (1 + 1e-6)

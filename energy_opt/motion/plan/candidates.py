@@ -26,8 +26,7 @@ SHORTEST = 0.2
 ROWS = 200  # of a first guess
 RESOLUTION = 2e-5  # [rad, m] below which an encoder of 18 bits a turn does not tell two positions apart
 BRIEFEST = 0.01  # [s] of such a move: in less, the rounding of positions alone is beyond a jerk limit
-SMALL = 1e-2  # [rad, m] where dynamics are the same all the way
-TINY = 1e-3  # [rad] so small a move, in as little time as it likes, has no room for another way
+SMALL = 1e-2  # [rad, m] so small a move is not searched: inertia and gravity are the same all the way
 
 
 @dataclass(frozen=True)
@@ -87,6 +86,20 @@ def small_enough(move: Move, line: RetimeSolution | None, curve: Made) -> Made:
         return curve
     message = f"{curve.message}; on a move of less than {SMALL:g} rad the best timing of the straight line is as good"
     return replace(curve, converged=True, message=message)
+
+
+def in_line(context: Context, move: Move, line: RetimeSolution | None) -> Made | None:
+    """The least-energy timing of the straight line for a move so small that no path has less; None for any other.
+
+    Torque is then M a + g with constant M and g, and between ends at rest the least of its square has all joints in
+    one and the same profile of acceleration, which is a straight line. IPOPT's steps would be lost in rounding.
+    """
+    small = np.abs(move.goal - move.start).max() < SMALL and move.path is None
+    if not small or move.via or np.any(move.end_velocities) or line is None or not line.converged:
+        return None
+    if context.settings.objective != "energy" or not context.judge(line.trajectory).within.valid:
+        return None
+    return Made(line.trajectory, line.iterations, message=f"a move of less than {SMALL:g} rad: timed along its line")
 
 
 def least_energy_timing(context: Context, move: Move, timing: Timing) -> RetimeSolution | None:
@@ -187,14 +200,16 @@ def reshaped(
     Raises:
         Infeasible: no curve holds the limits, or none in the time asked for.
     """
+    timed = in_line(context, move, retimed)
+    if timed is not None:
+        return timed
     settings, free_time = context.settings, context.settings.objective == "time"
     reference = reference_time(context, move, timing)
     task = task_of(context, move, reference, None if free_time else move.duration)
     guess = 2 * reference if retimed is None else retimed.trajectory.duration
     lines = [first_line(move, guess), *(Line.of(t) for t in (*warm, *([move.input] if move.input else [])))]
     reshaper = context.reshaper(settings.objective)
-    tiny = not task.fixed and not move.via and np.abs(move.goal - move.start).max() < TINY
-    answer = reshaper.search(task, lines, 1 if tiny else settings.starts, settings.seed, context.stopped, kept)
+    answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept)
     best, spent, starts = answer.best, answer.iterations, answer.starts
     if best is None and retimed is not None and not context.stopped():  # it holds the limits from the beginning
         again = reshaper.search(task, [Line.of(retimed.trajectory)], 1, settings.seed, context.stopped)

@@ -12,7 +12,7 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.candidates import MENDS, Made, reference_time, task_of
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.reshape.clear import Cleared, ClearSearch, Descent
-from energy_opt.motion.reshape.level import Outcome
+from energy_opt.motion.reshape.level import Curve, Outcome
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
@@ -21,6 +21,9 @@ from energy_opt.motion.trajectory import Trajectory
 
 WORTH = 0.05  # a free optimum that is cheaper by this share is worth a second search
 SECOND = 8  # rounds of that
+TOWARDS = (0.95, 0.85, 0.7, 0.5)  # shares of the way from the first path to the free optimum
+SHORT, NEARLY = 8, 0.05  # rounds from there; they end where no more than this share of what may be won is left
+LEFT = 0.12  # and nothing else is tried where no more than this one is
 TRIAL = 4  # rounds of each of several searches: they win four fifths of what all rounds do
 PROMISING, FURTHER = 0.05, 2  # of the cost: searches so near the best then go on, so many at most
 PASSED = 400  # points of a path that a first curve is fitted to
@@ -45,11 +48,19 @@ def kept_clear(
     level = context.reshaper(context.settings.objective).fine(task.vias)
     best, spent = Cleared(), free.iterations
     lines = _lines(context, move, retimed, timing, warm, task, 2 * reference)
-    for found in _searched([search.begin(level, task, task.curve(level.shape, line)) for line in lines], context):
+    curves = [task.curve(level.shape, line) for line in lines]
+    near, least, most = _towards(context, search, task, curves[-1 - len(context.ways)], free.outcome)
+    enough = least + NEARLY * (most - least)
+    for found in [] if near is None else [search.run(level, task, near, context.stopped, SHORT, enough)]:
         spent += found.iterations
         if found.best is not None:
             best.take(found.best)
-    if best.best is not None and free.outcome is not None and not context.stopped():
+    done = not context.ways and best.best is not None and task.cost(best.best) <= least + LEFT * (most - least)
+    for found in [] if done else _searched([search.begin(level, task, curve) for curve in curves], context):
+        spent += found.iterations
+        if found.best is not None:
+            best.take(found.best)
+    if not done and best.best is not None and free.outcome is not None and not context.stopped():
         spent += _again(context, search, task, best, free.outcome)
     if best.best is None:
         return Made(None, spent, True, NOTHING, free.starts)
@@ -59,6 +70,29 @@ def kept_clear(
         assert made.outcome is not None
         trajectory = trajectory_of(replace(made.outcome.curve, duration=move.duration), context.robot.joints)
     return replace(made, trajectory=trajectory, iterations=spent + made.iterations, starts=free.starts)
+
+
+def _towards(
+    context: Context, search: ClearSearch, task: Task, first: Curve, free: Outcome | None
+) -> tuple[Curve | None, float, float]:
+    """The curve that lies farthest from `first` on the way to the free optimum and is proven; and the costs of both.
+
+    Where an arm's own body alone is in the way, the free optimum is touched by little, and nearly all of what it saves
+    is had without a search from afar.
+    """
+    if free is None or free.curve.shape is not first.shape:
+        return None, 0.0, 0.0
+    level = context.reshaper(context.settings.objective).fine(task.vias)
+    cost, _ = level.excess(first, task.parameters, task.limits)
+    least = task.cost(free)
+    most = max(cost - task.offset * first.duration, least)
+    wanted = context.cell.wanted(np.stack([task.ends.start, task.ends.goal])) if context.cell is not None else None
+    for share in TOWARDS:
+        points = (1 - share) * first.points + share * free.curve.points
+        curve = replace(first, points=points, duration=(1 - share) * first.duration + share * free.curve.duration)
+        if wanted is not None and search.proof(curve, wanted).proven:
+            return curve, least, most
+    return None, least, most
 
 
 def _searched(descents: Sequence[Descent], context: Context) -> list[Cleared]:

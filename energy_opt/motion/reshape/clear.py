@@ -109,10 +109,13 @@ class ClearSearch:
         """A search from `first`."""
         return Descent(_Rounds(self, level, task), first, all_rows(level.shape, task.limits), task)
 
-    def run(self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool], rounds: int = ROUNDS) -> Cleared:
-        """The cheapest proven curve that at most so many rounds from `first` come to."""
+    def run(
+        self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool], rounds: int = ROUNDS,
+        enough: float = -np.inf,
+    ) -> Cleared:  # fmt: skip
+        """The cheapest proven curve that at most so many rounds from `first` come to, or the first that is `enough`."""
         descent = self.begin(level, task, first)
-        descent.go(stopped, rounds)
+        descent.go(stopped, rounds, enough)
         descent.finish(stopped)
         return descent.found
 
@@ -142,9 +145,9 @@ class Descent:
         """What the path can change of the cost of the best that is proven; infinite where nothing is."""
         return np.inf if self.found.best is None else self._task.cost(self.found.best)
 
-    def go(self, stopped: Callable[[], bool], rounds: int = ROUNDS) -> None:
-        """Up to `rounds` rounds in all, fewer where no more is to be won."""
-        while self._turn < rounds and self._quiet < 2 and not stopped():
+    def go(self, stopped: Callable[[], bool], rounds: int = ROUNDS, enough: float = -np.inf) -> None:
+        """Up to `rounds` rounds in all, fewer where no more is to be won, or the cost is `enough`."""
+        while self._turn < rounds and self._quiet < 2 and self.cost > enough and not stopped():
             before = self.cost
             outcome, proof = self._work.one(self._curve, self._rows, self._trust, LOOSE, self._known)
             self._curve, self._rows, self._turn = outcome.curve, outcome.rows, self._turn + 1

@@ -51,6 +51,7 @@ def _mass(text: str | None) -> PointMass | None:
 
 
 def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
+    from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
     from energy_opt.files import to_json, write_json
     from energy_opt.folders import written_whole
@@ -60,11 +61,10 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
     from energy_opt.measured.sets import robot_of
     from energy_opt.reports.identify import page
 
-    measured = read_set(
-        args.set,
-        robot or robot_of(read_log(args.set, args.allow_outside), args.limits),
-        allow_outside=args.allow_outside,
-    )
+    arm = robot or robot_of(read_log(args.set, args.allow_outside), args.limits)
+    with Progress(args) as show:
+        show.stage("reading", 0.0, 1.0)
+        measured = read_set(args.set, arm, allow_outside=args.allow_outside)
     for remark in measured.remarks:
         say(args, f"note: {remark}")
     given = {"payload": args.payload, "limits": args.limits, "command": args.command}

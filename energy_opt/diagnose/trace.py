@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,8 @@ from energy_opt.diagnose.terms import Scale, Told
 from energy_opt.diagnose.weigh import STEADY
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
+
+log = logging.getLogger(__name__)
 
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
 RIVAL = 3.0  # and within which another set explains as well: twenty to one
@@ -126,7 +129,8 @@ def trace(
 def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], tried: list[Search]) -> Trace:
     """The search, judged; what it tries is put into `tried`."""
     best, noise = nothing, still
-    for _ in range(3):
+    for turn in range(3):
+        log.info("effects, round %d of at most 3", turn + 1, extra={"share": 0.05 + 0.1 * turn})
         tried.append(found := Search(world))
         best = found.descend(best)
         noise = noise_of(best)
@@ -134,19 +138,23 @@ def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], t
             break
         world = world.under(noise)
         best = moved(best, world)
+    log.info("effects under the noise that was found", extra={"share": 0.35})
     tried.append(found := Search(world))
     named = found.descend(best)
+    log.info("structures that no effect has", extra={"share": 0.5})
     found.open()
     best = found.descend(named)
     if _trifling(found, named, best):
         best = named
     best = max([best, *_other_drives(found, best)], key=found.score)
+    log.info("evidence for each effect", extra={"share": 0.65})
     accepted, claims = _claimed(found, best)
     left, structured = leftover(accepted, still)
     if structured:  # small beside what the declared model leaves?
         before, _ = leftover(root(world, best.nuisance), still)
         structured = left**2 - 1 > TRIFLE * (before**2 - 1)
     structured = structured or wandering(accepted)
+    log.info("rivals", extra={"share": 0.8})
     rivals = _rivals(found, accepted) if not accepted.free and not structured else (accepted,)
     if accepted.free or structured:
         verdict = "unexplained"

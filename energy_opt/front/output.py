@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from energy_opt import formats
 from energy_opt.cell.cell import Cell
@@ -17,9 +17,6 @@ from energy_opt.reports import plots
 from energy_opt.reports.optimize import page
 from energy_opt.reports.solids import drawn
 from energy_opt.robot import Robot
-
-if TYPE_CHECKING:
-    from energy_opt.front.answer import Answer
 
 
 def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None = None) -> None:
@@ -82,7 +79,7 @@ def _under(row: Mapping[str, Any]) -> str:
     return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}{doubt}"
 
 
-def table(result: Answer, out: Path) -> str:
+def table(result: Result, out: Path, robot: Robot) -> str:
     """The short table for the terminal."""
     header, rows = _energies(result)
     lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name in header[1:])]
@@ -90,7 +87,7 @@ def table(result: Answer, out: Path) -> str:
         cells = "".join(f"{value:>12.4f}" if isinstance(value, float) else f"{'-':>12}" for value in values)
         lines.append(f"{name:<22}{cells}")
     worst = result.certificate.worst
-    unit = " " + result.arm.unit(str(worst["limit"]), str(worst["joint"]))
+    unit = " " + robot.unit(str(worst["limit"]), str(worst["joint"]))
     lines.append(result.saved)
     lines += [_under(row) for row in result.models if len(result.models) > 1 or "saving_interval" in row]
     lines.append(

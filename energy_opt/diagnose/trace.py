@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from energy_opt.diagnose.candidates import candidates
 from energy_opt.diagnose.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnose.follows import follows
 from energy_opt.diagnose.links import links_of
@@ -139,6 +140,7 @@ def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], t
     best = found.descend(named)
     if _trifling(found, named, best):
         best = named
+    best = max([best, *_other_drives(found, best)], key=found.score)
     accepted, claims = _claimed(found, best)
     left, structured = leftover(accepted, still)
     if structured:  # small beside what the declared model leaves?
@@ -235,6 +237,23 @@ def _profiled(found: Search, f: Fit) -> float:
     return found.profiled[key]
 
 
+def _other_drives(found: Search, f: Fit) -> list[Fit]:
+    """The hypothesis with every other law of what becomes of negative power: stores are no straight step away."""
+    at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
+    if at is None or f.charts[at].term.declared:
+        return []
+    less = _without(found, f, at)
+    out, tried = [], set()
+    for c in candidates(less):
+        term = c.chart.term
+        if term.kind.stage == "drive" and term.name != f.charts[at].term.name and term not in tried:
+            tried.add(term)
+            start = c.start(np.where(np.isfinite(c.low), c.low, c.high) / 2)
+            free = list(f.free)
+            out.append(found.fitted([*less.charts, c.chart], [*less.numbers, start], free, f.nuisance, f.amounts))
+    return out
+
+
 def _rivals(found: Search, accepted: Fit) -> tuple[Fit, ...]:
     """Sets of other effects whose evidence is as good: one for another, one less, one more."""
     if all(c.term.name in found.world.given for c in accepted.charts):
@@ -255,6 +274,9 @@ def _rivals(found: Search, accepted: Fit) -> tuple[Fit, ...]:
                 near.append((found_value, option))
     out = {frozenset(accepted.names): accepted}
     reached = found.score(accepted)
+    for new in _other_drives(found, accepted):
+        if found.score(new) > reached - RIVAL:
+            out.setdefault(frozenset(new.names), new)
     for _, option in sorted(near, key=lambda row: -row[0])[:6]:
         new = found.refit(bank, option)
         names = frozenset(new.names)

@@ -90,7 +90,10 @@ class World:
 
 @dataclass(frozen=True)
 class Truth:
-    """A set's folder, robot and declared model, and the RMS [W] that misfit and cause add to its power."""
+    """A set's folder, robot and declared model, and the RMS [W] that misfit and cause add to its power.
+
+    `values`: the cause's true numbers by parameter, where its law has the same ones.
+    """
 
     folder: Path
     robot: Robot
@@ -98,6 +101,7 @@ class Truth:
     misfit: float
     added: float
     start: float
+    values: dict[str, list[float]]
 
 
 def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
@@ -178,7 +182,9 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
     declared = PowerModel(world.arm, (Standby(power=drives.standby), CopperLoss(r_over_kt2=list(drives.heat))))
     declared.save(folder / "declared.toml")
     rms = float(np.sqrt(np.mean(misfit**2)))
-    return Truth(folder, robot, declared, rms, float(np.sqrt(np.mean(np.concatenate(total) ** 2))), start)
+    added_rms = float(np.sqrt(np.mean(np.concatenate(total) ** 2)))
+    values = {**law.values(size), **({"mass": [mass]} if mass else {})}
+    return Truth(folder, robot, declared, rms, added_rms, start, values)
 
 
 class _Law:
@@ -207,6 +213,17 @@ class _Law:
         kt = rng.uniform(5.0, 15.0, n)  # N m/A at the joint side
         self.kt, self.resistance = kt, np.array(drives.heat) * kt**2
         self.scales = world.cause in SCALED
+
+    def values(self, size: float) -> dict[str, list[float]]:
+        """The cause's numbers by the parameter's name."""
+        known = {
+            "coulomb_friction": ("tau_c", size * self.drag),
+            "viscous_friction": ("b", size * 1.2 * self.drag),
+            "armature": ("inertia", size * self.rotor),
+            "supply_efficiency": ("eta", np.array([self.eta])),
+            "motion_power": ("power", np.array([size * self.constant * 4.0])),
+        }
+        return {known[self.cause][0]: known[self.cause][1].tolist()} if self.cause in known else {}
 
     def motor(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau: np.ndarray, size: float

@@ -166,7 +166,8 @@ def test_json_is_one_document_also_where_a_verb_fails(verb, tmp_path, capsys, mo
     assert main([verb, *required.get(verb, []), *([] if verb in required and verb[0] in "ot" else ["nowhere"]),
                  "--json"]) == 2  # fmt: skip
     out, _ = capsys.readouterr()
-    assert "status" in json.loads(out) or json.loads(out)["usable"] is False
+    document = json.loads(out)
+    assert document["status"] == "bad_input" and document["message"]
     assert main([verb, "--nonsense", "--json"]) == 2  # arguments that are not even read
     assert json.loads(capsys.readouterr().out)["status"] == "bad_input"
 
@@ -176,3 +177,11 @@ def test_completion_knows_verbs_and_options(shell, capsys):
     assert main(["--print-completion", shell]) == 0
     script = capsys.readouterr().out
     assert all(verb in script for verb in VERBS) and "max-duration" in script
+
+
+def test_suggested_poses_are_not_overwritten_by_others(tmp_path, capsys):
+    words = ["identify", "--robot", "ur5", "--self-collision", "off", "--out", str(tmp_path), "--suggest"]
+    assert main([*words, "3"]) == 0 and main([*words, "3"]) == 0  # the same again
+    assert main([*words, "4"]) == 2
+    assert "other poses" in capsys.readouterr().err
+    assert main([*words, "4", "--force"]) == 0 and len(read_table(tmp_path / "suggested_poses.csv")) == 7

@@ -149,7 +149,11 @@ def test_the_ur_program_follows_the_trajectory(tmp_path: Path, ur5: Robot, pace:
     curve = swing(ur5.joints, UR_START, UR_GOAL, 1.2357)
     urscript.write(resampled(curve, 50), tmp_path / "m.script")
     arm = Controller(UR_START, step)
-    arm.run((tmp_path / "m.script").read_text(), speed=repr(pace))
+    text = (tmp_path / "m.script").read_text()
+    inner = text[text.index("  def quintic") : text.index("    return t - h")]  # uses nothing that it is not handed
+    assert not {"get_steptime", "goal", "here", "start"} & set(re.findall(r"[a-z_]+", inner))
+    assert re.search(r"def quintic\(.*\bdt, speed\):", inner)
+    arm.run(text, speed=repr(pace))
     sent = np.array([q for _, q in arm.sent])
     time = np.arange(1, len(sent)) * step * pace
     assert time[-1] <= curve.duration < time[-1] + step * pace

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import energy_opt as eo
+from energy_opt.bench.journal import read_journal
 from energy_opt.cli import faults
 from energy_opt.cli.main import main
 from energy_opt.folders import try_folder, written_whole
@@ -61,6 +63,7 @@ def _nothing_unforeseen(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--verify-samples", "1000000000000"], "100 to 2000000"),
         (["--controls", "1000000"], "10 to 400"),
         (["--seed", "-1"], "--seed -1"),
+        (["--seed", "9" * 400], "--seed 9999"),
         (["--max-power", "1e-300"], "0.001 to 1e+09 W"),
         (["--tool-speed", "nan"], "1e-06 to 1e+06 m/s"),
         (["--tool-acceleration", "1e300"], "1e-06 to 1e+06 m/s^2"),
@@ -221,6 +224,21 @@ def test_files_of_released_versions_are_read_for_ever_after(file: Path, capsys: 
     words = [] if file.suffix != ".csv" else ["--robot", "z1"]
     assert main(["check", str(file), "--self-collision", "off", *words]) == 0
     assert capsys.readouterr().out.endswith("usable\n")
+
+
+OLD_RESULTS = sorted((Path(__file__).parent / "released_results").iterdir())
+
+
+@pytest.mark.parametrize("folder", OLD_RESULTS, ids=lambda folder: folder.name)
+def test_results_of_released_versions_are_still_of_use(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(folder, tmp_path / "out")
+    header, records, _ = read_journal(folder / "results.jsonl")
+    assert header["suite"] == "released" and records[0]["row"]["status"] == "solved"
+    assert main(["bench", "--compare", str(folder), str(folder)]) == 0
+    assert main([*MOVE, *ENDS, "--out", str(tmp_path / "out")]) == 2  # its request is read, and kept
+    assert "--force" in capsys.readouterr().err
 
 
 def test_a_later_format_is_refused_with_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

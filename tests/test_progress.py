@@ -74,3 +74,13 @@ def test_the_report_opens_where_there_is_a_display(
     view.view(asked, tmp_path)
     view.view(Namespace(view=False, quiet=False), tmp_path)
     assert opened == [(tmp_path / "report.html").resolve().as_uri()]
+
+
+def test_a_stage_maps_the_shares_of_its_parts() -> None:
+    terminal = Terminal()
+    with Progress(Namespace(quiet=False, verbose=False), terminal) as show:
+        show.stage("reading", 0.2, 0.6)
+        LOG.info("file 2 of 4", extra={"share": 0.5})
+        assert show.left(show._begin + 4.0) == pytest.approx(4.0 * 0.6 / 0.4)
+        time.sleep(0.1)
+    assert "reading: file 2 of 4" in terminal.getvalue()

@@ -317,3 +317,29 @@ def test_mimic_joints_follow_and_sliding_ones_show_metres(tmp_path: Path) -> Non
     path.write_text(GRIPPER.replace('joint="finger" ', ""))
     with pytest.raises(BadInput, match="expected the name of another joint"):
         load_robot(path, lock={"finger": 0.03})
+
+
+def test_joints_that_slide_show_metres_and_newtons(tmp_path, capsys):
+    """On stdout, in warnings and on the page; and a long way along a rail is not taken for degrees."""
+    from energy_opt.cli.main import main
+
+    urdf = tmp_path / "rail.urdf"
+    link = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    urdf.write_text(
+        f"""<robot name="rail"><link name="base"/><link name="a">{link}</link><link name="b">{link}</link>
+        <joint name="turn" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+        <limit lower="-3" upper="3" velocity="1" effort="1000"/></joint>
+        <joint name="rail" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/>
+        <limit lower="0" upper="60" velocity="0" effort="0"/></joint></robot>"""
+    )
+    robot = load_robot(str(urdf))
+    assert (
+        robot.units == ("rad", "m") and robot.unit("effort", "rail") == "N" and robot.unit("jerk", "turn") == "rad/s^3"
+    )
+    assert "rail: velocity limit 0 m/s; assumed: 3.142 m/s" in robot.warnings
+    assert "rail: effort limit 0 N; assumed: none" in robot.warnings
+    words = ["optimize", "--robot", str(urdf), "--start", "0,30", "--goal", "0,58", "--mode", "retime", "--compile",
+             "never", "--out", str(tmp_path / "out")]  # fmt: skip
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "of rail" in said and " m/s" in said.partition("worst limit")[2].splitlines()[0] and "rad" not in said

@@ -9,7 +9,17 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from energy_opt.effects import BY_NAME, BaseTilt, IronLoss, MeterDelay, MeterFilter, MeterGain, Payload, Standby
+from energy_opt.effects import (
+    BY_NAME,
+    BaseTilt,
+    MeterDelay,
+    MeterFilter,
+    MeterGain,
+    MeterWindow,
+    Payload,
+    RunOffset,
+    Standby,
+)
 from energy_opt.errors import BadInput
 from energy_opt.power import PowerModel, drive_function
 from energy_opt.power.rigid import rigid_inputs, rigid_torque
@@ -22,6 +32,7 @@ from energy_opt.virtual_arm.sets import arm, base_model
 
 pytest.importorskip("mujoco")
 
+from energy_opt.virtual_arm.joint_laws import JointLaws
 from energy_opt.virtual_arm.mujoco_arm import STEP, MujocoArm
 
 REST = 1e-3  # [rad/s] below this the plant's dry friction fades out
@@ -141,6 +152,54 @@ def test_meter_delays_lags_and_scales() -> None:
     assert reading(late, t, power, STEP)[1300] == pytest.approx(22.0)
     slow = reading(Plant(PowerModel("panda", (MeterFilter(time_constant=0.5),))), t, power, STEP)
     assert slow[1500] == pytest.approx(20 - 10 * np.exp(-1.0), abs=0.05)
+    mean = reading(Plant(PowerModel("panda", (MeterWindow(duration=0.5),))), t, power, STEP)
+    assert mean[[1000, 1250, 1600]] == pytest.approx([10.0, 15.0, 20.0], abs=0.05)
+    # the library's own law says the same
+    np.testing.assert_allclose(MeterWindow.reading(t, power, 0.5)[1100:], mean[1100:], atol=0.05)
+
+
+NEW = {
+    "iron_loss": {"hysteresis": [1.5, 0.5], "eddy": [0.2, 0.4]},
+    "psu_loss": {"affine": 0.1, "quadratic": 1e-3},
+    "idle_hold": {"power": 6.0, "duration": 0.3},
+    "dc_link": {"capacity": 1.5},
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        # speeds 2 and 1 rad/s, torques 3 and -4 N m from 0.5 to 1.5 s: 2 W out; torques turned round: -2 W
+        ("iron_loss", [0, 2 + 1.5 * 2 + 0.5 + 0.2 * 4 + 0.4, -2 + 4.7, 0]),
+        ("psu_loss", [0, 2.0 + 0.2 + 0.004, -2 + 0.2 + 0.004, 0]),
+        ("idle_hold", [0, 2, -2, 6]),
+        ("dc_link", [0, 2, 0, 0]),
+    ],
+)
+def test_power_of_the_newer_laws(name: str, expected: list[float]) -> None:
+    t = np.arange(2000) * STEP
+    v = np.where((t >= 0.5) & (t < 1.5), 1.0, 0.0)[:, None] * [2.0, 1.0]
+    tau = np.where(t < 1.0, 1.0, -1.0)[:, None] * [3.0, -4.0]
+    power = electrical_power(Plant(PowerModel("x", (BY_NAME[name](**NEW[name]),))), t, v, tau)
+    np.testing.assert_allclose(power[[100, 700, 1200, 1600]], expected, atol=1e-9)
+    if name == "dc_link":  # what came back in the last half second, up to 1.5 J, is used first
+        again = electrical_power(Plant(PowerModel("x", (BY_NAME[name](**NEW[name]),))), t, v, -tau)
+        assert again[t < 1.0].max() == 0 and again[(t >= 1.0) & (t < 1.45)].max() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_newer_frictions_on_a_joint() -> None:
+    v = np.array([0.5, -1.0])
+    cases = {
+        "asymmetric_friction": ({"tau_plus": [2.0, 3.0], "tau_minus": [1.0, 4.0]}, [2.0, -4.0]),
+        "power_law_friction": ({"c": [2.0, 3.0], "exponent": 0.5}, [2.0 * 0.5**0.5, -3.0]),
+        "friction_curve": ({"speed": [0.0, 0.5, 2.0], "torque": [[0.0, 1.5, 3.0], [0.0, 1.0, 2.5]]}, [1.5, None]),
+    }
+    for name, (values, expected) in cases.items():
+        laws = JointLaws(Plant(PowerModel("x", (BY_NAME[name](**values),))), 2)
+        torque = laws.damping(v, np.zeros(2)) * v
+        for seen, wanted in zip(torque, expected, strict=True):
+            assert wanted is None or seen == pytest.approx(wanted, rel=1e-4)
+        assert torque[1] < -0.9
 
 
 def test_specials_are_seen_where_they_should_be() -> None:
@@ -243,6 +302,6 @@ def test_every_arm_has_values_for_every_joint() -> None:
 
 
 def test_what_cannot_be_played_is_refused() -> None:
-    plant = Plant(PowerModel("ur5", (Standby(power=90.0), IronLoss(hysteresis=1.0, eddy=0.1))))
-    with pytest.raises(BadInput, match="no law for iron_loss"):
+    plant = Plant(PowerModel("ur5", (Standby(power=90.0), RunOffset(power=[1.0, 2.0]))))
+    with pytest.raises(BadInput, match="no law for run_offset"):
         plant.check(6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,6 +17,8 @@ from energy_opt.bench.suite import Suite
 from energy_opt.bench.summary import summarize
 from energy_opt.bench.work import solve_task
 from energy_opt.files import write_json
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -70,11 +73,13 @@ def run_batch(
         progress = Progress(len(wanted), len(records), quiet=quiet)
         place = partial(cluster, scheduler) if scheduler else partial(local, jobs)
         left = [task for task in suite.tasks if task.key not in records]
+        log.info("%d moves to do, %d known; starting %s", len(left), len(records), scheduler or f"{jobs} processes")
         interrupted = False
         try:
             for record in run_tasks(left, place, progress.show, solve):
                 journal.append(record)
                 records[record["key"]] = record
+                log.info("%s", _said(record["row"]))
                 progress.count(record["row"]["status"] == "solved")
         except KeyboardInterrupt:
             interrupted = True
@@ -91,8 +96,18 @@ def run_batch(
             "moves_per_second": progress.rate,
             "command": command,
         }
+        log.info("writing results.parquet, report.html and summary.json")
         summary = summarize(rows, len(wanted), run)
         write_parquet(Path(out) / "results.parquet", rows)
         write_report(Path(out) / "report.html", rows, summary)
         write_json(Path(out) / "summary.json", summary)
     return Batch(rows, summary, interrupted, left_out)
+
+
+def _said(row: Row) -> str:
+    """A finished move as a line: what it was, how it ended, and the seconds that building and solving took."""
+    named = " ".join(str(row[name]) for name in ("robot", "move", "mode", "timing") if row[name])
+    times = [
+        f"{kind} {row[f'{kind}_seconds']:.2f} s" for kind in ("build", "solve") if row[f"{kind}_seconds"] is not None
+    ]
+    return ", ".join([f"{named}: {row['status']}", *times, *([str(row["error"])] if row["error"] else [])])

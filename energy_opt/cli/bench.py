@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,7 @@ def _compare(args: argparse.Namespace) -> int:
 
 def _batch(args: argparse.Namespace) -> int:
     from energy_opt.bench import load_suite, run_batch
+    from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
     from energy_opt.files import to_json
     from energy_opt.front.request import stamp
@@ -73,10 +75,11 @@ def _batch(args: argparse.Namespace) -> int:
         args.suite, overrides=_overrides(args), seed=args.seed, compile=args.compile, allow_outside=args.allow_outside
     )
     out = args.out or Path(f"bench_{suite.name}")
-    batch = run_batch(
-        suite, out, jobs=jobs, resume=args.resume, force=args.force, scheduler=args.scheduler, quiet=args.quiet,
-        command=stamp(args.command)["command"],
-    )  # fmt: skip
+    with Progress(args) if args.verbose and not args.quiet else nullcontext():
+        batch = run_batch(
+            suite, out, jobs=jobs, resume=args.resume, force=args.force, scheduler=args.scheduler, quiet=args.quiet,
+            command=stamp(args.command)["command"],
+        )  # fmt: skip
     if batch.left_out and not args.quiet:
         print(f"{batch.left_out} earlier results belong to another version of the suite; left out", file=sys.stderr)
     view(args, out)

@@ -46,7 +46,12 @@ def run(args: argparse.Namespace) -> int:
             {"file": name, "usable": not found, "faults": found, "remarks": notes[name]}
             for name, found in faults.items()
         ]
-        sys.stdout.write(to_json({"usable": not bad, "files": rows}))
+        failed = (
+            {"status": "bad_input", "message": "\n".join(fault for found in faults.values() for fault in found)}
+            if bad
+            else {}
+        )
+        sys.stdout.write(to_json({"usable": not bad, **failed, "files": rows}))
     for name, found in faults.items():
         for fault in found:
             print(f"energy-opt: {one_line(fault)}", file=sys.stderr)

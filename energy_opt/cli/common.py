@@ -73,13 +73,13 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     """Options that say which move, shared by optimize and tradeoff."""
     group = parser.add_argument_group("move")
     group.add_argument(
-        "--start", metavar="Q", help="comma-separated joint positions [rad], name=value pairs, or a pose of the SRDF"
+        "--start", metavar="Q", help="comma-separated joint positions [rad, m], name=value pairs, or a pose of the SRDF"
     )
-    group.add_argument("--goal", metavar="Q", help="the same [rad], for the end")
-    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints [rad] or a trajectory instead of both")
+    group.add_argument("--goal", metavar="Q", help="the same, for the end")
+    group.add_argument("--path", type=Path, metavar="FILE", help="waypoints [rad, m] or a trajectory instead of both")
     add_prefix(group)
     group.add_argument(
-        "--via", action="append", default=[], metavar="Q", help="a point [rad] to pass (reshape; repeatable)"
+        "--via", action="append", default=[], metavar="Q", help="a point [rad, m] to pass (reshape; repeatable)"
     )
     group.add_argument("--mode", default="reshape", metavar="MODE", help="reshape (default) or retime")
     group = parser.add_argument_group("conditions")
@@ -269,7 +269,7 @@ def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
         return np.array([given[joint] for joint in joints])
     if len(parts) != len(joints):
         raise BadInput(f"{option}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
-    return np.array([finite_number(part, f"{option} {text}", "numbers [rad]") for part in parts])
+    return np.array([finite_number(part, f"{option} {text}", "numbers [rad, m]") for part in parts])
 
 
 def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
@@ -282,7 +282,7 @@ def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
 
     from energy_opt.robot.limits import look_like_degrees
 
-    found = look_like_degrees(robot.limits, position, DEGREES)
+    found = look_like_degrees(robot.limits, position, DEGREES, robot.slides)
     if found is not None:
         value = float(np.atleast_2d(position)[found])
         raise BadInput(

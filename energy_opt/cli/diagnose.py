@@ -59,7 +59,9 @@ def run(args: argparse.Namespace) -> int:
 
     log = read_log(args.set, args.allow_outside)
     robot = load_robot(args.robot, limits=args.limits) if args.robot else robot_of(log, args.limits)
-    measured = read_set(args.set, robot, allow_outside=args.allow_outside, meter=False)
+    with Progress(args) as show:
+        show.stage("reading", 0.0, 1.0)
+        measured = read_set(args.set, robot, allow_outside=args.allow_outside, meter=False)
     declared, given, said = _declared(args, measured)
     if args.payload:
         declared = declared.replaced(payload_from(args.payload))
@@ -79,7 +81,8 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             sys.stdout.write(to_json(alone.document))
         return 0
-    with stop_on_interrupt() as stopped, Progress(args):
+    with stop_on_interrupt() as stopped, Progress(args) as show:
+        show.stage("searching", 0.0, 1.0)
         result = diagnose(measured, declared, args.seed, args.tolerance, given, stopped)
     result.document["request"] = request
     if said:

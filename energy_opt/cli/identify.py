@@ -11,6 +11,8 @@ from energy_opt.cli.common import add_cell, add_output, cell_of, payload_from, s
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from energy_opt.identify import Identification
     from energy_opt.robot import PointMass, Robot
 
@@ -51,6 +53,7 @@ def _mass(text: str | None) -> PointMass | None:
 
 
 def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
+    from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
     from energy_opt.files import to_json, write_json
     from energy_opt.folders import written_whole
@@ -60,11 +63,10 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
     from energy_opt.measured.sets import robot_of
     from energy_opt.reports.identify import page
 
-    measured = read_set(
-        args.set,
-        robot or robot_of(read_log(args.set, args.allow_outside), args.limits),
-        allow_outside=args.allow_outside,
-    )
+    arm = robot or robot_of(read_log(args.set, args.allow_outside), args.limits)
+    with Progress(args) as show:
+        show.stage("reading", 0.0, 1.0)
+        measured = read_set(args.set, arm, allow_outside=args.allow_outside)
     for remark in measured.remarks:
         say(args, f"note: {remark}")
     given = {"payload": args.payload, "limits": args.limits, "command": args.command}
@@ -137,7 +139,9 @@ def _suggest(args: argparse.Namespace, robot: Robot | None, mass: PointMass | No
     found = suggest(robot, args.suggest, args.seed, mass, None if cell is None else cell.free)
     path = args.out / "suggested_poses.csv"
     header = [*(f"{joint}.position" for joint in robot.joints), "gravity_torque_squared"]
-    write_table(path, header, [*found.poses.T, found.load])
+    columns = [*found.poses.T, found.load]
+    _keep(path, header, columns, args.force)
+    write_table(path, header, columns)
     say(
         args,
         f"{path}: {args.suggest} poses, |gravity torque|^2 from {found.load.min():.4g} to {found.load.max():.4g} "
@@ -148,3 +152,14 @@ def _suggest(args: argparse.Namespace, robot: Robot | None, mass: PointMass | No
             to_json({"robot": robot.name, "joints": list(robot.joints), "poses": found.poses, "load": found.load})
         )
     return 0
+
+
+def _keep(path: Path, header: list[str], columns: list[np.ndarray], force: bool) -> None:
+    """Refuse to overwrite other poses, unless forced."""
+    from energy_opt.files import read_table
+
+    if force or not path.is_file():
+        return
+    held = read_table(path)
+    if list(held) != header or any(list(held[name]) != list(x) for name, x in zip(header, columns, strict=True)):
+        raise BadInput(f"{path} holds other poses; choose another --out, or overwrite it with --force")

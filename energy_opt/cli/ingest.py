@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
+    from energy_opt.cli.progress import Progress
     from energy_opt.files import to_json
     from energy_opt.measured.importing import import_files
     from energy_opt.robot import known_robots, load_robot
@@ -34,7 +35,9 @@ def run(args: argparse.Namespace) -> int:
         named = str(Path(args.robot).resolve())
     with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
         files = _unpacked(args, Path(folder))
-        made = import_files(files, args.out, robot, named, args.force)
+        with Progress(args) as show:
+            show("columns, clocks and robot of each file")
+            made = import_files(files, args.out, robot, named, args.force)
     motions = sum(run.kind == "motion" for run in made.runs)
     readings = sum(len(run.power) for run in made.runs)
     what = f"{len(made.runs)} run(s), {motions} of them motions, {readings} readings of power"

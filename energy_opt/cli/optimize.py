@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         sys.stdout.write(to_json(result.document()))
     elif not args.quiet:
-        print(table(result, args.out))
+        print(table(result, args.out, robot))
     if result.interrupted:
         return 130
     return 0 if result.status == "solved" else 4

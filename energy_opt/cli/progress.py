@@ -33,6 +33,7 @@ class Progress(logging.Handler):
         self._share: float | None = None
         self._expected: float | None = None
         self._own = False  # the verb says itself how far it is
+        self._span: tuple[float, float] | None = None  # of all the work, that a stage's own shares are of
         self._ended, self._written = threading.Event(), False
         self._before = logging.NOTSET
 
@@ -62,14 +63,23 @@ class Progress(logging.Handler):
     def __call__(self, text: str, share: float | None = None) -> None:
         """The verb begins to do `text`; `share` of all its work is done."""
         self._own, self._text, self._share, self._detail, self._expected = True, text, share, "", None
+        self._span = None
         self._say(text)
+
+    def stage(self, text: str, low: float, high: float) -> None:
+        """The verb begins to do `text`, which takes all its work from the share `low` to `high`; parts say the rest."""
+        self(text, low)
+        self._span = low, high
 
     def emit(self, record: logging.LogRecord) -> None:
         """A stage of the solver."""
         self._detail = record.getMessage()
         self._expected, self._stage_begin = getattr(record, "expected", None), time.monotonic()
-        if not self._own:
-            self._share = getattr(record, "share", self._share)
+        share = getattr(record, "share", None)
+        if share is not None and self._span is not None:
+            self._share = self._span[0] + (self._span[1] - self._span[0]) * share
+        elif share is not None and not self._own:
+            self._share = share
         self._say(f"  {self._detail}" if self._own else self._detail)
 
     def line(self) -> str:

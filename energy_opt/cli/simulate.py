@@ -187,7 +187,8 @@ def _remarks(runs: list[Run], robot: Robot) -> list[str]:
     for j, joint in enumerate(robot.joints):
         worst = max(float(abs(r.played.torque[:, j]).max()) for r in runs)
         if worst > robot.limits.effort[j]:
-            out.append(f"warning: {joint}: needed {worst:.3g} N m, its limit is {robot.limits.effort[j]:.3g} N m")
+            unit = robot.unit("effort", joint)
+            out.append(f"warning: {joint}: needed {worst:.3g} {unit}, its limit is {robot.limits.effort[j]:.3g} {unit}")
     return out
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,8 @@ from energy_opt.diagnose.predict import predict
 from energy_opt.power.draws import draws_of
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.page import Report
+from energy_opt.robot import Robot
+from energy_opt.robot.units import sliding
 
 WORDS = {
     "explained": "Effects were found, and nothing is left above the noise.",
@@ -46,7 +48,7 @@ def page(result: Diagnosis) -> Report:
             digits=3,
         )  # fmt: skip
         header = ["effect", "parameter", "joint", "value", "95 % interval", "unit"]
-        report.table(header, [line for row in d["effects"] for line in _values(row, d["joints"])])
+        report.table(header, [line for row in d["effects"] for line in _values(row, result.measured.robot)])
     else:
         report.text("None is claimed.")
     if d["alternatives"]:
@@ -102,7 +104,7 @@ def page(result: Diagnosis) -> Report:
     return report.command(d.get("request"))
 
 
-def _values(row: Mapping[str, Any], joints: Sequence[str]) -> list[list[object]]:
+def _values(row: Mapping[str, Any], robot: Robot) -> list[list[object]]:
     """A line for every number of an effect."""
     out: list[list[object]] = []
     for name, value in row["parameters"].items():
@@ -110,9 +112,11 @@ def _values(row: Mapping[str, Any], joints: Sequence[str]) -> list[list[object]]
         if not isinstance(value, list):
             out.append([row["name"], name, None, value, interval, unit])
             continue
-        owners = joints if len(value) == len(joints) else [str(k) for k in range(1, len(value) + 1)]
-        for owner, number, span in zip(owners, value, interval or [None] * len(value), strict=True):
-            out.append([row["name"], name, owner, number, span, unit])
+        each = len(value) == robot.n
+        owners = robot.joints if each else [str(k) for k in range(1, len(value) + 1)]
+        units = [sliding(unit or "") if each and robot.slides[k] else unit for k in range(len(value))]
+        for line in zip(owners, value, interval or [None] * len(value), units, strict=True):
+            out.append([row["name"], name, *line])
     return out
 
 
@@ -165,7 +169,8 @@ def _friction(result: Diagnosis) -> list[Chart]:
     draws = [friction_torque(drawn, n) for drawn in draws_of(model, 60)]
     rest = samples.power - p.reading
     charts = []
-    for j, joint in enumerate(result.measured.robot.joints):
+    robot = result.measured.robot
+    for j, joint in enumerate(robot.joints):
         v = samples.shown(samples.v[:, j])
         fastest = max(float(np.abs(v).max()), 0.05)
         grid = np.linspace(-fastest, fastest, 121)
@@ -181,5 +186,6 @@ def _friction(result: Diagnosis) -> list[Chart]:
             near = np.abs(measured) < WILD * max(float(np.abs(own).max()), 0.05)
             lines.append(Line("measured", v[mostly][near], measured[near], "points"))
         lines.append(Line("calibrated", grid, own, low=low, high=high))
-        charts.append(Chart(f"Friction of {joint}", "speed [rad/s]", "friction [N m]", lines))
+        speed, force = (robot.unit(kind, joint) for kind in ("velocity", "effort"))
+        charts.append(Chart(f"Friction of {joint}", f"speed [{speed}]", f"friction [{force}]", lines))
     return charts

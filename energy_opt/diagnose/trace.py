@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from energy_opt.diagnose.candidates import candidates
 from energy_opt.diagnose.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnose.follows import follows
 from energy_opt.diagnose.links import links_of
@@ -19,6 +21,8 @@ from energy_opt.diagnose.terms import Scale, Told
 from energy_opt.diagnose.weigh import STEADY
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
+
+log = logging.getLogger(__name__)
 
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
 RIVAL = 3.0  # and within which another set explains as well: twenty to one
@@ -125,7 +129,8 @@ def trace(
 def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], tried: list[Search]) -> Trace:
     """The search, judged; what it tries is put into `tried`."""
     best, noise = nothing, still
-    for _ in range(3):
+    for turn in range(3):
+        log.info("effects, round %d of at most 3", turn + 1, extra={"share": 0.05 + 0.1 * turn})
         tried.append(found := Search(world))
         best = found.descend(best)
         noise = noise_of(best)
@@ -133,18 +138,23 @@ def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], t
             break
         world = world.under(noise)
         best = moved(best, world)
+    log.info("effects under the noise that was found", extra={"share": 0.35})
     tried.append(found := Search(world))
     named = found.descend(best)
+    log.info("structures that no effect has", extra={"share": 0.5})
     found.open()
     best = found.descend(named)
     if _trifling(found, named, best):
         best = named
+    best = max([best, *_other_drives(found, best)], key=found.score)
+    log.info("evidence for each effect", extra={"share": 0.65})
     accepted, claims = _claimed(found, best)
     left, structured = leftover(accepted, still)
     if structured:  # small beside what the declared model leaves?
         before, _ = leftover(root(world, best.nuisance), still)
         structured = left**2 - 1 > TRIFLE * (before**2 - 1)
     structured = structured or wandering(accepted)
+    log.info("rivals", extra={"share": 0.8})
     rivals = _rivals(found, accepted) if not accepted.free and not structured else (accepted,)
     if accepted.free or structured:
         verdict = "unexplained"
@@ -235,6 +245,23 @@ def _profiled(found: Search, f: Fit) -> float:
     return found.profiled[key]
 
 
+def _other_drives(found: Search, f: Fit) -> list[Fit]:
+    """The hypothesis with every other law of what becomes of negative power: stores are no straight step away."""
+    at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
+    if at is None or f.charts[at].term.declared:
+        return []
+    less = _without(found, f, at)
+    out, tried = [], set()
+    for c in candidates(less):
+        term = c.chart.term
+        if term.kind.stage == "drive" and term.name != f.charts[at].term.name and term not in tried:
+            tried.add(term)
+            start = c.start(np.where(np.isfinite(c.low), c.low, c.high) / 2)
+            free = list(f.free)
+            out.append(found.fitted([*less.charts, c.chart], [*less.numbers, start], free, f.nuisance, f.amounts))
+    return out
+
+
 def _rivals(found: Search, accepted: Fit) -> tuple[Fit, ...]:
     """Sets of other effects whose evidence is as good: one for another, one less, one more."""
     if all(c.term.name in found.world.given for c in accepted.charts):
@@ -255,6 +282,9 @@ def _rivals(found: Search, accepted: Fit) -> tuple[Fit, ...]:
                 near.append((found_value, option))
     out = {frozenset(accepted.names): accepted}
     reached = found.score(accepted)
+    for new in _other_drives(found, accepted):
+        if found.score(new) > reached - RIVAL:
+            out.setdefault(frozenset(new.names), new)
     for _, option in sorted(near, key=lambda row: -row[0])[:6]:
         new = found.refit(bank, option)
         names = frozenset(new.names)

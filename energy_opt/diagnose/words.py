@@ -15,6 +15,7 @@ from energy_opt.measured import MeasuredSet, coarse
 from energy_opt.power import PowerModel
 
 UNKNOWN = 0.4  # of what was known before, beyond which the data hardly narrowed a number
+WANDERS = 0.3  # of the noise, by which runs' levels must differ to be mentioned
 PLAIN = {
     "coulomb_friction": "dry friction",
     "viscous_friction": "viscous friction",
@@ -102,6 +103,12 @@ def remarks(found: Trace, measured: MeasuredSet, declared: PowerModel, model_fit
     if found.structured and np.isfinite(found.left):
         out.append(f"What is left varies {found.left:.3g} times as much in motion as the meter's noise at standstill.")
     out += _borrowed(model_fit, joints)
+    apart = float(np.std(model_fit.levels))
+    if apart > WANDERS * model_fit.world.whiten.noise.white and len(model_fit.levels) > 2:
+        out.append(
+            f"The level differs from run to run by {apart:.2g} W (standard deviation), as where a meter or the standby "
+            "drifts: allowed for, not called a cause."
+        )
     for f in found.rivals[1:]:
         more = news(f)
         out.append(f"Fits as well: {listed(more) if more else 'nothing missing'}.")

@@ -28,7 +28,7 @@ from energy_opt.effects.friction import (
 from energy_opt.effects.kinks import EXACT, Exact, Kinks, Smooth
 from energy_opt.effects.links import LinkInertia
 from energy_opt.effects.mechanics import Armature, GravitySpring
-from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain
+from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain, MeterWindow
 from energy_opt.effects.parameter import Parameter
 from energy_opt.effects.past import DcLink, IdleHold, RunOffset
 from energy_opt.effects.registry import (
@@ -83,6 +83,7 @@ __all__ = [
     "MeterEffect",
     "MeterFilter",
     "MeterGain",
+    "MeterWindow",
     "MotionPower",
     "Parameter",
     "Payload",

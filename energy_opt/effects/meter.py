@@ -114,6 +114,45 @@ class MeterGain(MeterEffect):
         return power.copy()
 
 
+class MeterWindow(MeterEffect):
+    """The meter shows the mean of the last `duration` seconds, of a power that is linear between samples.
+
+    With F the integral of the power, y(t) = (F(t) - F(t - d)) / d and dy/dd = (p(t - d) - y(t)) / d.
+    """
+
+    name = "meter_window"
+    parameters = (Parameter("duration", "s", 0.0, 0.0, 60.0, fit=(0.0, 5.0), trials=LAGS, resolved=RESOLVED_LAG),)
+    turn = 4
+    sought = False  # what the set declares as [meter] window is applied as such; a lag and a delay say nearly the same
+
+    @classmethod
+    def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        if value < SHORTEST_LAG:
+            return power
+        return (_integral(time, power, time) - _integral(time, power, time - value)) / value
+
+    @classmethod
+    def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        if value < SHORTEST_LAG:
+            return -_spline(time, power)(time, 1) / 2
+        before = np.maximum(time - value, time[0])
+        flat = power.reshape(len(power), -1)
+        there = np.column_stack([np.interp(before, time, column) for column in flat.T]).reshape(power.shape)
+        return (there - cls.reading(time, power, value)) / value
+
+
+def _integral(time: np.ndarray, power: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Integral (M, ...) from the first sample to `at` (M,) [s] of powers (N, ...); constant before the first sample."""
+    flat = power.reshape(len(power), -1)
+    step = np.diff(time)[:, None]
+    whole = np.vstack([np.zeros(flat.shape[1]), np.cumsum((flat[1:] + flat[:-1]) / 2 * step, axis=0)])
+    k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
+    into = np.maximum(at - time[k], 0.0)[:, None]
+    slope = (flat[k + 1] - flat[k]) / step[k]
+    out = whole[k] + flat[k] * into + slope * into**2 / 2 + flat[:1] * np.minimum(at - time[0], 0.0)[:, None]
+    return out.reshape(len(at), *power.shape[1:])
+
+
 def _spline(time: np.ndarray, power: np.ndarray) -> CubicSpline:
     """Through (N,) times and (N, ...) powers; the last few are kept, as one power is read at several delays."""
     return _kept(*(np.asarray(x, dtype=float).tobytes() for x in (time, power)), power.shape)

@@ -14,6 +14,7 @@ from energy_opt.effects.parameter import Parameter
 from energy_opt.effects.stages import PowerEffect, StoreEffect
 
 ENDLESS = 1e9  # [J] a store of this size takes back all there is, as if negative power counted in full
+SMALLEST = 0.1  # [J] a smaller store is none: regeneration that gives nothing back
 HELD = (0.3, 0.6, 1.0, 2.0)  # [s] durations that are tried first
 EDGE = 0.02  # [s] half-width of the smoothed end of a hold
 
@@ -27,7 +28,9 @@ class DcLink(StoreEffect):
     """
 
     name = "dc_link"
-    parameters = (Parameter("capacity", "J", ENDLESS, 0.0, ENDLESS, fit=(0.0, 200.0), trials=(0.5, 2.0, 8.0, 30.0)),)
+    parameters = (
+        Parameter("capacity", "J", ENDLESS, 0.0, ENDLESS, fit=(SMALLEST, 200.0), trials=(0.5, 2.0, 8.0, 30.0)),
+    )
     dissipates = True
 
     @classmethod

@@ -42,7 +42,7 @@ from energy_opt.effects.friction import (
 )
 from energy_opt.effects.links import LinkInertia
 from energy_opt.effects.mechanics import Armature, GravitySpring
-from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain
+from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain, MeterWindow
 from energy_opt.effects.parameter import Parameter
 from energy_opt.effects.past import DcLink, IdleHold, RunOffset
 from energy_opt.effects.rigid import BaseTilt, Payload
@@ -80,6 +80,7 @@ ALL_EFFECTS: tuple[type[Effect], ...] = (
     MeterDelay,
     MeterFilter,
     MeterGain,
+    MeterWindow,
     FrictionCurve,
     AsymmetricFriction,
     PowerLawFriction,

@@ -83,11 +83,13 @@ def _head(trajectory: Trajectory) -> list[str]:
 def _quintics(trajectory: Trajectory) -> list[str]:
     """A function that runs one quintic, and a call for every two rows; `t` carries what is left of a step over.
 
+    All that the function uses is handed to it: whether it sees what is `local` to the program is not left to the scope.
+
     With x = t / h and the differences d = q1 - q0 - h v0 - h^2 a0 / 2, e = h (v1 - v0 - h a0), f = h^2 (a1 - a0):
     q = q0 + h v0 x + h^2 a0 x^2 / 2 + (10 d - 4 e + f/2) x^3 + (-15 d + 7 e - f) x^4 + (6 d - 3 e + f/2) x^5.
     """
     lines = [
-        "  def quintic(h, q0, v0, a0, q1, v1, a1, begin):",
+        "  def quintic(h, q0, v0, a0, q1, v1, a1, begin, dt, speed):",
         "    local t = begin",
         "    local q = q0",
         "    while t <= h:",
@@ -111,7 +113,7 @@ def _quintics(trajectory: Trajectory) -> list[str]:
         trajectory.position, trajectory.velocity, trajectory.acceleration, strict=True
     )]  # fmt: skip
     for step, before, after in zip(np.diff(trajectory.time), rows, rows[1:], strict=False):
-        lines.append(f"  t = quintic({step:.9f},{','.join(before)},{','.join(after)},t)")
+        lines.append(f"  t = quintic({step:.9f},{','.join(before)},{','.join(after)},t,dt,speed)")
     return lines
 
 

@@ -79,7 +79,7 @@ def _under(row: Mapping[str, Any]) -> str:
     return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}{doubt}"
 
 
-def table(result: Result, out: Path) -> str:
+def table(result: Result, out: Path, robot: Robot) -> str:
     """The short table for the terminal."""
     header, rows = _energies(result)
     lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name in header[1:])]
@@ -87,11 +87,13 @@ def table(result: Result, out: Path) -> str:
         cells = "".join(f"{value:>12.4f}" if isinstance(value, float) else f"{'-':>12}" for value in values)
         lines.append(f"{name:<22}{cells}")
     worst = result.certificate.worst
+    unit = " " + robot.unit(str(worst["limit"]), str(worst["joint"]))
     lines.append(result.saved)
     lines += [_under(row) for row in result.models if len(result.models) > 1 or "saving_interval" in row]
     lines.append(
         f"worst limit: {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s, {worst['value']:.6g} of "
-        f"{worst['bound']:.6g} ({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"
+        f"{worst['bound']:.6g}{unit.rstrip()} "
+        f"({result.certificate.violation:+.1e} of the bound, {result.certificate.samples} samples)"
     )
     if result.certificate.clearance is not None:
         lines.append(f"clearance: {result.certificate.clearance}")

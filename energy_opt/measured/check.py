@@ -43,7 +43,8 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
     moved = np.ptp(run.position, axis=0)
     if run.kind == "static" and moved.max() > 0.01:
         joint = robot.joints[int(np.argmax(moved))]
-        faults.append(f"{where}: column {joint}.position: moves by {moved.max():.3g} rad in a run called static")
+        unit = robot.unit("position", joint)
+        faults.append(f"{where}: column {joint}.position: moves by {moved.max():.3g} {unit} in a run called static")
     for j, joint in enumerate(robot.joints):
         margin = 0.05
         low, high = robot.limits.lower[j] - margin, robot.limits.upper[j] + margin
@@ -51,8 +52,8 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
         if out.size:
             row, value = int(run.rows[out[0]]), run.position[out[0], j]
             faults.append(
-                f"{where}: row {row}, column {joint}.position: {value:.4g} rad is outside the joint's limits "
-                f"[{low + margin:.4g}, {high - margin:.4g}]; is the unit right?"
+                f"{where}: row {row}, column {joint}.position: {value:.4g} {robot.units[j]} is outside the joint's "
+                f"limits [{low + margin:.4g}, {high - margin:.4g}]; is the unit right?"
             )
     if run.velocity is not None and len(run.time) > 16 and not coarse(run):
         positions = _positions_only(run)
@@ -62,7 +63,8 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
             off = float(np.sqrt(np.mean((run.velocity[:, j] - own[:, j]) ** 2)))
             if spread > 0.02 and off > MISMATCH * spread:
                 faults.append(
-                    f"{where}: column {joint}.velocity: differs from the slope of the positions by {off:.3g} rad/s rms "
+                    f"{where}: column {joint}.velocity: differs from the slope of the positions by {off:.3g} "
+                    f"{robot.unit('velocity', joint)} rms "
                     f"(its own spread is {spread:.3g}); are unit and joint right?"
                 )
     return faults

@@ -147,14 +147,19 @@ def _step_fault(joints: Joints, kind: str, robot: Robot) -> tuple[int, str, str]
     speed = np.percentile(np.abs(np.diff(position, axis=0)) / np.diff(joints.time)[:, None], 99, axis=0)
     j = int(np.argmax(speed / robot.limits.velocity))
     if speed[j] > TOO_FAST * robot.limits.velocity[j] and degrees_fault(position, robot) is None:
+        unit = robot.unit("velocity", robot.joints[j])
         limit = f"{robot.joints[j]}'s limit of {robot.limits.velocity[j]:.3g}"
-        return 0, "", f"speeds of {speed[j]:.3g} rad/s, far above {limit}; is the time's unit right?"
+        return (
+            0,
+            "",
+            f"speeds of {speed[j]:.3g} {unit}, far above {limit}; is the time's unit right?",
+        )
     return None
 
 
 def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | None:
     """Row, joint and remedy where positions (N, n) lie so far outside the limits that they must be degrees."""
-    found = look_like_degrees(robot.limits, position, FAR)
+    found = look_like_degrees(robot.limits, position, FAR, robot.slides)
     if found is None:
         return None
     row, j = found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from energy_opt.measured.table import Table
 from energy_opt.robot import PointMass, Robot, load_robot
 
 MANY = 3  # remarks of the same words, beyond which they are said once
+
+LOGGER = logging.getLogger(__name__)
 
 
 def read_set(
@@ -119,7 +122,8 @@ def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording
     """Every [[run]] read; what cannot be read at all goes to `faults`."""
     out = []
     clock = 0.0
-    for entry in log.runs:
+    for k, entry in enumerate(log.runs):
+        LOGGER.info("file %d of %d: %s", k + 1, len(log.runs), entry.file, extra={"share": k / len(log.runs)})
         try:
             out.append(read_recording(log, entry, robot, clock))
         except BadInput as error:

@@ -159,7 +159,7 @@ class Settings:
             larger = self.allow_large and name != "seed"
             if value is not None and (value < least or (value > most and not larger)):
                 hint = ", or --allow-large" if value > most and name != "seed" else ""
-                raise BadInput(f"--{name.replace('_', '-')} {value:.12g}; expected {least} to {most}{hint}")
+                raise BadInput(f"--{name.replace('_', '-')} {value!s:.24}; expected {least} to {most}{hint}")
         if self.objective not in OBJECTIVES:
             raise BadInput(f"objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
         if self.solver != "ipopt":

@@ -42,7 +42,7 @@ def page(
     report.section("Motion").charts(*motion_charts(result, beside, robot))
     _energy(report, document)
     _models(report, document)
-    _certificate(report, document)
+    _certificate(report, document, robot)
     report.section("How it was found")
     optimality, solver = document["optimality"], document["solver"]
     report.facts({"taken from": document.get("chosen"), **_first_path(document), **_named(solver, "s", "seconds")})
@@ -96,8 +96,10 @@ def _closest(document: Mapping[str, Any]) -> Closest | None:
 def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) -> list[Chart]:
     """Positions first, then what limits bound as shares of their bounds, then power."""
     limits, t = robot.limits, result.time - result.time[0]
-    unit = _position_unit(robot)
-    charts = [Chart("Position", "time [s]", f"position [{unit}]", _joints(robot, t, result.position), timed=True)]
+    charts, slides = [], np.array(robot.slides)
+    for title, unit, chosen in (("Position", "rad", ~slides), ("Position of joints that slide", "m", slides)):
+        lines = _joints(robot, t, np.where(chosen, result.position, np.nan))
+        charts.append(Chart(title, "time [s]", f"position [{unit}]", lines, timed=True))
     bounded: list[tuple[str, np.ndarray | None, np.ndarray]] = [
         ("velocity", result.velocity, limits.velocity),
         ("acceleration", result.acceleration, limits.acceleration),
@@ -109,7 +111,7 @@ def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) ->
             continue
         charts.append(
             Chart(
-                f"{name.capitalize()}, as a share of its limit",
+                f"{_title(name, slides)}, as a share of its limit",
                 "time [s]",
                 f"{name} / limit [1]",
                 _joints(robot, t, np.where(has, values / np.where(has, bound, 1.0), np.nan)),
@@ -126,14 +128,15 @@ def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) ->
     return charts
 
 
+def _title(name: str, slides: np.ndarray) -> str:
+    if name == "torque" and slides.any():
+        return "Force" if slides.all() else "Torque and force"
+    return name.capitalize()
+
+
 def _joints(robot: Robot, t: np.ndarray, values: np.ndarray) -> list[Line]:
     columns = enumerate(robot.joints)
     return [Line(joint, t, values[:, j]) for j, joint in columns if np.isfinite(values[:, j]).any()]
-
-
-def _position_unit(robot: Robot) -> str:
-    kinds = {link.prismatic for link in robot.body.tree()}
-    return {frozenset({True}): "m", frozenset({False}): "rad"}.get(frozenset(kinds), "rad or m")
 
 
 def _energy(report: Report, document: Mapping[str, Any]) -> None:
@@ -162,7 +165,7 @@ def _models(report: Report, document: Mapping[str, Any]) -> None:
     )
 
 
-def _certificate(report: Report, document: Mapping[str, Any]) -> None:
+def _certificate(report: Report, document: Mapping[str, Any], robot: Robot) -> None:
     certificate = document["certificate"]
     report.section("Certificate")
     report.text(
@@ -176,7 +179,7 @@ def _certificate(report: Report, document: Mapping[str, Any]) -> None:
     if worst:
         report.text(
             f"Nearest to its bound: {worst['limit']} of {worst['joint']} at {shown(worst['time'])} s, "
-            f"{shown(worst['value'], 6)} of {shown(worst['bound'], 6)}."
+            f"{shown(worst['value'], 6)} of {shown(worst['bound'], 6)} {robot.unit(worst['limit'], worst['joint'])}."
         )
     if certificate.get("clearance"):
         c = certificate["clearance"]

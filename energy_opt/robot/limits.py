@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from energy_opt.robot.units import unit_of
+
 ASSUMED_VELOCITY = np.pi  # [rad/s] where no limit is known
 ASSUMED_ACCELERATION = 10.0  # [rad/s^2] where neither acceleration nor effort is limited
 SMALLEST = 1e-6  # in SI units: slower, weaker than this nothing moves
@@ -21,7 +23,8 @@ TURNS = 50.0  # [rad] further no joint without limits is turned; eight turns
 class Limits:
     """Bounds per joint, (n,) each, inf where there is none.
 
-    lower, upper [rad]; velocity [rad/s], acceleration [rad/s^2], jerk [rad/s^3] and effort [N m] hold both ways.
+    lower, upper [rad]; velocity [rad/s], acceleration [rad/s^2], jerk [rad/s^3] and effort [N m] hold both ways; of
+    joints that slide m in place of rad, and N.
     """
 
     lower: np.ndarray
@@ -36,14 +39,17 @@ class Limits:
         return dataclasses.replace(self, **bounds)
 
 
-def look_like_degrees(limits: Limits, position: np.ndarray, beyond: float) -> tuple[int, int] | None:
+def look_like_degrees(
+    limits: Limits, position: np.ndarray, beyond: float, slides: Sequence[bool]
+) -> tuple[int, int] | None:
     """Row and joint of the first position that only makes sense as degrees, None where positions may be radians.
 
     Args:
         position: (N, n) or (n,), said to be rad.
         beyond: how far outside a limit one must lie [rad], while in degrees all would be inside (or nearly).
+        slides: (n,) the joints that have no angle; they are not looked at.
     """
-    q = np.atleast_2d(position)
+    q = np.where(np.asarray(slides), np.clip(0.0, limits.lower, limits.upper), np.atleast_2d(position))
     far = (q < limits.lower - beyond) | (q > limits.upper + beyond) | (np.abs(q) > TURNS)
     if not far.any():
         return None
@@ -54,36 +60,40 @@ def look_like_degrees(limits: Limits, position: np.ndarray, beyond: float) -> tu
     return row, joint
 
 
-def with_assumptions(limits: Limits, joints: Sequence[str], holding: float) -> tuple[Limits, list[str]]:
+def with_assumptions(
+    limits: Limits, joints: Sequence[str], holding: float, slides: Sequence[bool]
+) -> tuple[Limits, list[str]]:
     """Replace zero, missing and placeholder limits by assumptions, each named in a warning; doubtful ones are named.
 
-    `holding` is the torque [N m] that holds the whole arm out straight, as a measure of what an effort limit can be.
+    `holding` is the torque [N m] that holds the whole arm out straight, as a measure of what an effort limit can be;
+    `slides` (n,) are the joints with m in place of rad.
     """
     warnings: list[str] = []
     lower, upper = limits.lower.copy(), limits.upper.copy()
     velocity, effort, acceleration = limits.velocity.copy(), limits.effort.copy(), limits.acceleration.copy()
     for j, joint in enumerate(joints):
+        speed, force, change = (unit_of(kind, slides[j]) for kind in ("velocity", "effort", "acceleration"))
         if not lower[j] < upper[j]:
             warnings.append(f"{joint}: position limits [{lower[j]:g}, {upper[j]:g}] are empty; assumed: none")
             lower[j], upper[j] = -np.inf, np.inf
         if not SMALLEST <= velocity[j] < PLACEHOLDER:
-            warnings.append(f"{joint}: velocity limit {velocity[j]:g} rad/s; assumed: {ASSUMED_VELOCITY:.4g} rad/s")
+            warnings.append(f"{joint}: velocity limit {velocity[j]:g} {speed}; assumed: {ASSUMED_VELOCITY:.4g} {speed}")
             velocity[j] = ASSUMED_VELOCITY
         elif velocity[j] >= DOUBTFUL_VELOCITY:
-            warnings.append(f"{joint}: velocity limit {velocity[j]:g} rad/s (a placeholder?); assumed: as stated")
+            warnings.append(f"{joint}: velocity limit {velocity[j]:g} {speed} (a placeholder?); assumed: as stated")
         if SMALLEST <= effort[j] < PLACEHOLDER:
             if holding > 0 and effort[j] >= DOUBTFUL_EFFORT * holding:
                 warnings.append(
-                    f"{joint}: effort limit {effort[j]:g} N m, {effort[j] / holding:.0f} times what holds the arm out "
-                    "straight (a placeholder?); assumed: as stated"
+                    f"{joint}: effort limit {effort[j]:g} {force}, {effort[j] / holding:.0f} times what holds the arm "
+                    "out straight (a placeholder?); assumed: as stated"
                 )
         else:
-            warnings.append(f"{joint}: effort limit {effort[j]:g} N m; assumed: none")
+            warnings.append(f"{joint}: effort limit {effort[j]:g} {force}; assumed: none")
             effort[j] = np.inf
             if not np.isfinite(acceleration[j]):
                 warnings.append(
                     f"{joint}: neither effort nor acceleration is limited; "
-                    f"assumed: acceleration {ASSUMED_ACCELERATION:g} rad/s^2"
+                    f"assumed: acceleration {ASSUMED_ACCELERATION:g} {change}"
                 )
                 acceleration[j] = ASSUMED_ACCELERATION
     checked = limits.replace(lower=lower, upper=upper, velocity=velocity, effort=effort, acceleration=acceleration)

@@ -15,6 +15,7 @@ from energy_opt.robot.limits import Limits, with_assumptions
 from energy_opt.robot.limits_file import overlay
 from energy_opt.robot.links import Link
 from energy_opt.robot.rigid_body import RigidBody
+from energy_opt.robot.units import unit_of
 from energy_opt.robot.urdf import mimics
 
 
@@ -48,7 +49,16 @@ class Robot:
     @property
     def units(self) -> tuple[str, ...]:
         """Unit of each joint's position: "rad", or "m" where it slides."""
-        return tuple("m" if link.prismatic else "rad" for link in self.body.tree())
+        return tuple(unit_of("position", slides) for slides in self.slides)
+
+    @property
+    def slides(self) -> tuple[bool, ...]:
+        """The joints that slide, whose units are m and N."""
+        return tuple(link.prismatic for link in self.body.tree())
+
+    def unit(self, kind: str, joint: str | None = None) -> str:
+        """Unit of a joint's "position", "velocity", "acceleration", "jerk" or "effort", or of power and the like."""
+        return unit_of(kind, joint in self.joints and self.slides[self.joints.index(joint)])
 
     @property
     def n(self) -> int:
@@ -95,7 +105,8 @@ def load_robot(
         if file is not None:
             merged, said = overlay(merged, body.joints, file, before, locked)
             scaled += said
-    merged, warnings = with_assumptions(merged, body.joints, _holding(body.tree()))
+    slides = [link.prismatic for link in body.tree()]
+    merged, warnings = with_assumptions(merged, body.joints, _holding(body.tree()), slides)
     return Robot(name, merged, body, path, locked, (*scaled, *warnings, *_doubtful_inertias(body.tree())))
 
 

@@ -9,6 +9,8 @@ The numbers here are numpy and share no code with the library's expressions.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from energy_opt.virtual_arm.plant import Plant
@@ -29,15 +31,19 @@ class JointLaws:
         self.breakaway = per_joint("stribeck_friction", "tau_s")
         self.breakaway_speed = plant.number("stribeck_friction", "v_s", 1.0)
         self.load = per_joint("load_friction", "mu")
+        self.forward = per_joint("asymmetric_friction", "tau_plus")
+        self.backward = per_joint("asymmetric_friction", "tau_minus")
+        self.power_law = per_joint("power_law_friction", "c")
+        self.exponent = plant.number("power_law_friction", "exponent", 1.0)
+        self.curve = _curve(plant, joints)
         eta = per_joint("gear_efficiency", "eta")
         self.gear_half = None if eta is None else (1 / eta - eta) / 2
         self.gear_mean = None if eta is None else (1 / eta + eta) / 2 - 1
         self.stiffness = per_joint("gravity_spring", "stiffness")
         self.rest = per_joint("gravity_spring", "rest")
         self.specials = tuple(s for s in plant.specials if type(s).added_torque is not Special.added_torque)
-        self.frictionless = all(
-            part is None for part in (self.dry, self.viscous, self.breakaway, self.load, self.gear_half)
-        )
+        dry = (self.dry, self.breakaway, self.load, self.gear_half, self.forward, self.power_law, self.curve)
+        self.frictionless = self.viscous is None and all(part is None for part in dry)
 
     def damping(self, v: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
         """Secant damping D [N m s/rad], shape (n,): friction torque is D v. `tau` is the rigid-body torque."""
@@ -50,6 +56,12 @@ class JointLaws:
             dry = dry + self.load * np.abs(tau)
         if self.gear_half is not None:
             dry = dry + self.gear_half * np.abs(tau)
+        if self.forward is not None and self.backward is not None:
+            dry = dry + np.where(v > 0, self.forward, self.backward)
+        if self.power_law is not None:
+            dry = dry + self.power_law * np.abs(v) ** self.exponent
+        if self.curve is not None:
+            dry = dry + self.curve(np.abs(v))
         out = dry / np.sqrt(v * v + REST_SPEED**2)
         return out if self.viscous is None else out + self.viscous
 
@@ -68,3 +80,23 @@ class JointLaws:
         for special in self.specials:
             out = out + special.added_torque(q, v, travel)
         return out
+
+
+def _curve(plant: Plant, joints: int) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Friction torque (n,) [N m] over speed (n,) by SciPy's monotone interpolation, straight beyond the last point."""
+    found = plant.model.get("friction_curve")
+    if found is None:
+        return None
+    from scipy.interpolate import PchipInterpolator
+
+    speed = found.values["speed"]
+    torque = np.broadcast_to(found.values["torque"], (joints, len(speed)))
+    curves = [PchipInterpolator(speed, row) for row in torque]
+    ends = np.array([max(float(c.derivative()(speed[-1])), 0.0) for c in curves])
+
+    def at(v: np.ndarray) -> np.ndarray:
+        past = np.maximum(v - speed[-1], 0.0)
+        inside = [float(c(min(x, speed[-1]))) for c, x in zip(curves, v, strict=True)]
+        return np.array(inside) + ends * past
+
+    return at

@@ -185,7 +185,7 @@ class MujocoArm:
         if not error[worst] < 0.1:
             raise BadInput(
                 f"the virtual arm does not follow the trajectory: joint {self.joints[worst]} is off by "
-                f"{error[worst]:.3g} rad; is the trajectory smooth and within the robot's limits?"
+                f"{error[worst]:.3g} rad (or m); is the trajectory smooth and within the robot's limits?"
             )
         time = (np.arange(steps) + 0.5) * STEP
         return Played(time, (qs[1:] + qs[:-1]) / 2, (vs[1:] + vs[:-1]) / 2, us, error)

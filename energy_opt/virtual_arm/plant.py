@@ -20,7 +20,8 @@ PLAYED = frozenset(
         *("armature", "base_tilt", "copper_loss", "coulomb_friction", "gear_efficiency", "gravity_spring"),
         *("inverter_loss", "load_friction", "meter_delay", "meter_filter", "meter_gain", "motion_power", "payload"),
         *("regeneration", "standby", "standby_drift", "stribeck_friction", "supply_efficiency", "viscous_friction"),
-        "winding_temperature",
+        *("asymmetric_friction", "dc_link", "friction_curve", "idle_hold", "iron_loss", "meter_window"),
+        *("power_law_friction", "psu_loss", "winding_temperature"),
     )
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 LOG_FORMAT = "energy-opt/log/1"
 SLOWEST = 1e-3  # [Hz] of readings
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,10 @@ def simulate(
     runs: list[Run] = []
     entries = []
     now = 0.0
+    whole, done = sum(r.duration for r in references), 0.0
     for k, reference in enumerate(references):
+        log.info("run %d of %d", k + 1, len(references), extra={"share": done / max(whole, 1e-9)})
+        done += reference.duration
         start = now if starts is None else float(starts[k])
         run = play(arm, plant, reference, seen.rest, start)
         now = start + run.duration + 2.0

@@ -34,7 +34,8 @@ class Effort(JointLimit):
         held = np.abs(d.motor_torque(none, none))
 
         def text(k: int, j: int) -> str:
-            return f"moving slowly takes {held[k, j]:.4g} N m, the limit is {self.bound[j]:.4g} N m"
+            unit = d.robot.unit("effort", d.robot.joints[j])
+            return f"moving slowly takes {held[k, j]:.4g} {unit}, the limit is {self.bound[j]:.4g} {unit}"
 
         return Fixed(held / self.bound - 1, text, holding=True)
 

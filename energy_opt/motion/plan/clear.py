@@ -25,7 +25,7 @@ TOWARDS = (0.95, 0.85, 0.7, 0.5)  # shares of the way from the first path to the
 SHORT, NEARLY = 8, 0.05  # rounds from there; they end where no more than this share of what may be won is left
 LEFT = 0.12  # and nothing else is tried where no more than this one is
 TRIAL = 4  # rounds of each of several searches: they win four fifths of what all rounds do
-PROMISING, FURTHER = 0.05, 2  # of the cost: searches so near the best then go on, so many at most
+PROMISING, FURTHER = 0.1, 2  # of the cost: searches so near the best then go on, so many at most
 PASSED = 400  # points of a path that a first curve is fitted to
 NOTHING = "reshaping found nothing that keeps clear and is better than the path as it is"
 
@@ -96,13 +96,14 @@ def _towards(
 
 
 def _searched(descents: Sequence[Descent], context: Context) -> list[Cleared]:
-    """What searches come to: of several, a few rounds tell which are worth going on with."""
+    """What searches come to: of several, a few rounds tell which are worth going on with besides the move's own."""
     if len(descents) > 1:
         for descent in descents:
             descent.go(context.stopped, TRIAL)
     least = min(descent.cost for descent in descents)
+    own = descents[-1 - len(context.ways)]
     good = sorted((d for d in descents if d.cost <= least + PROMISING * abs(least)), key=lambda d: d.cost)
-    for descent in good[:FURTHER]:
+    for descent in dict.fromkeys([own, *good[:FURTHER]]):
         descent.go(context.stopped)
         descent.finish(context.stopped)
     return [descent.found for descent in descents]

@@ -6,6 +6,7 @@ import importlib.util
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import energy_opt as eo
 from energy_opt.cli.main import main
@@ -37,6 +38,8 @@ def test_a_limit_of_ones_own_is_kept_and_judged(panda, monkeypatch):
     assert held.certificate.max_violation["drive_power"] <= 1e-6 and held.status == "solved"
     power = np.abs(held.trajectory.effort * held.trajectory.velocity)
     assert (power <= bound * (1 + 1e-5)).all() and (used > bound).any()
+    with pytest.raises(eo.BadInput, match="drive_power says nothing of a timing"):
+        eo.optimize(panda, **ends, **{**settings, "mode": "retime"})
 
 
 def test_a_format_of_ones_own_is_read_and_written(panda, tmp_path):

@@ -98,7 +98,7 @@ def test_a_limit_of_numeric_rows_is_kept_by_a_solve(panda: Robot, model: PowerMo
     rest = np.zeros(7)
     ends = Ends(START, GOAL, rest, rest, np.zeros((0, 7)))
     own = joint_limits(panda.limits)
-    level = Level(Shape(7, Basis(14)), node_functions(model, panda.body, own))
+    level = Level(Shape(7, Basis(14, 0.8)), node_functions(model, panda.body, own))
     u = np.linspace(0, 1, 60)
     share = u**3 * (10 - 15 * u + 6 * u**2)
     line = START + np.outer(share, GOAL - START)

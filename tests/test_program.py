@@ -32,7 +32,7 @@ def everything():
 def build(free_acceleration: bool, vias: int, moving: bool, objective: str = "energy", places=(), rng=RNG):
     robot, model = everything()
     n = robot.n
-    shape = Shape(n, Basis(11), 3, free_acceleration, vias)
+    shape = Shape(n, Basis(11, 0.8), 3, free_acceleration, vias)
     speed = 0.3 * rng.normal(size=(2, n)) if moving else np.zeros((2, n))
     start, goal = rng.uniform(-1, 1, n), rng.uniform(-1, 1, n)
     via = np.array([(start + goal) / 2 + 0.1] * vias).reshape(vias, n)

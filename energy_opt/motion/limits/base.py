@@ -196,6 +196,13 @@ class Limit:
         """What built expressions depend on besides `values` and `scale`."""
         return type(self).__name__
 
+    @property
+    def along(self) -> bool:
+        """Does a retiming see it? What has symbolic rows alone is kept by reshaping."""
+        own = type(self)
+        seen = (own.use, own.functions, own.fixed) != (Limit.use, Limit.functions, Limit.fixed)
+        return seen or own.expression is Limit.expression
+
     def where(self, joints: Sequence[str], column: int) -> str:
         """What a column of values belongs to: the joint, unless a limit says otherwise."""
         return joints[column]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from time import sleep
 from types import SimpleNamespace
 
 import numpy as np
@@ -182,6 +183,8 @@ def test_plots_and_arm_are_tied_and_play(browser: Browser, pages: Path) -> None:
             browser.mouse("mouseMoved", box[0] + box[2] * share + step, box[1] + box[3] / 2)
         browser.until(f"Math.abs({time} - {1.5 * share}) < 0.05")
         assert browser.run(shown) != before
+    browser.mouse("mouseMoved", 2, 2)
+    sleep(0.5)  # for what the plot still has to say of the pointer
     slider = "document.querySelector('.player input[type=range]')"
     browser.run(f"{slider}.value = 0.5; {slider}.dispatchEvent(new Event('input'))")
     assert browser.run(time) == pytest.approx(0.5, abs=2e-3) and browser.said == []

@@ -26,6 +26,7 @@ from energy_opt.power import PowerModel
 ITERATIONS = 12
 ENOUGH = 0.05  # a step that lowers phi by less ends the fit
 DRIFTS = 150.0  # [s] over which a meter's level drifts
+COMMON = 0.35  # of a drift, that all runs may share; more would hide a standby declared wrongly
 ROUNDS = 30  # of the search for the bounds that a step touches
 
 
@@ -96,7 +97,8 @@ class World:
 
         s = self.samples
         times = np.array([s.at[p].mean() for p in s.parts])
-        apart = np.eye(len(times)) - 1 / len(times)  # what all runs share is no drift
+        shared = np.full((len(times), len(times)), 1 / len(times))
+        apart = np.eye(len(times)) - (1 - COMMON) * shared
         slow = apart @ np.exp(-np.abs(np.subtract.outer(times, times)) / DRIFTS) @ apart
         levels = nuisance.offset**2 * np.eye(len(times)) + nuisance.drift**2 * slow
         return np.asarray(block_diag(nuisance.spread**-2 * np.eye(self.links.basis.shape[1]), np.linalg.inv(levels)))

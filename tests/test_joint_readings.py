@@ -71,6 +71,13 @@ def test_no_friction_is_seen_where_there_is_none(tmp_path):
         assert abs(side.friction(j, 0.3)[0]) < 1e-3 * effort
 
 
+def _led(run, robot):
+    """The run as if a hand had led the arm through it: motors carry its weight, and the hand more than the friction."""
+    v = np.gradient(run.position, run.time, axis=0)
+    gravity = robot.body.torque(run.position, 0 * v, 0 * v)
+    return dataclasses.replace(run, current=(gravity - 0.03 * robot.limits.effort * np.tanh(v / 0.01)) / 10.0)
+
+
 def test_a_hand_on_the_arm_is_seen_and_its_runs_are_left_out(tmp_path):
     measured, truth = made(
         tmp_path / "set", World("panda", 42, cause="viscous_friction", currents=True, pushed=(4, 6), motions=5, poses=2)
@@ -78,6 +85,8 @@ def test_a_hand_on_the_arm_is_seen_and_its_runs_are_left_out(tmp_path):
     side = joint_side(measured, truth.declared)
     found = pushes(side, measured)
     assert [p.file for p in found] == ["run05.csv", "run07.csv"]
+    led = dataclasses.replace(measured, runs=tuple(_led(run, measured.robot) for run in measured.runs))
+    assert not free_runs(led, pushes(joint_side(led, truth.declared), led))[1]
     kept, enough = free_runs(measured, found)
     assert enough and len(kept.runs) == len(measured.runs) - 2
     alone = dataclasses.replace(measured, runs=tuple(r for r in measured.runs if r.kind == "static" or r.file in (

@@ -11,10 +11,12 @@ import numpy as np
 
 from energy_opt.diagnose.joints import STILL, JointSide
 from energy_opt.measured import MeasuredSet, coarse
+from energy_opt.robot import Limits
 
 LASTS = 0.3  # [s] over which a push is averaged
 PUSH = 0.1  # of a joint's effort limit, from which torque of unknown origin is a push; links off by 10 % leave 0.06
 BEYOND = 4.0  # times what the readings leave usually
+LED, SURELY = 0.01, 5.0  # of the effort limit, half of usual dry friction; standard deviations
 ENOUGH = 0.3  # of the runs in motion, that must be left to say anything
 
 
@@ -33,6 +35,11 @@ def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
     if any(coarse(run) for run in measured.runs):
         return []
     limits, joints = measured.robot.limits, measured.robot.joints
+    led = _led(side, limits)
+    if led is not None:
+        j, torque = led
+        moving = [k for k in np.unique(side.rows.run) if measured.runs[k].kind == "motion"]
+        return [Push(int(k), measured.runs[k].file, joints[j], torque) for k in moving]
     excess = side.left.copy()
     carried = np.abs(np.nan_to_num(side.values[0]))
     still = np.abs(side.rows.v) < STILL
@@ -50,6 +57,15 @@ def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
         if share[j] > 1:
             out.append(Push(r, measured.runs[r].file, joints[j], float(np.abs(own[:, j]).max())))
     return out
+
+
+def _led(side: JointSide, limits: Limits) -> tuple[int, float] | None:
+    """A joint whose friction comes out negative, and by how much [N m]: a hand that leads the arm does its work."""
+    for j in np.flatnonzero(side.known):
+        friction, deviation = side.friction(int(j), float(side.usual[j]))
+        if friction + SURELY * deviation < -LED * limits.effort[j]:
+            return int(j), -friction
+    return None
 
 
 def _step(side: JointSide, measured: MeasuredSet) -> float:

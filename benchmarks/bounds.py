@@ -58,6 +58,28 @@ def chain(folder: Path, joints: int) -> Path:
     return path
 
 
+def measured(folder: Path, rows: int, static: bool = False) -> Path:
+    """A set of ten runs at 1 kHz, or of as many rows in twenty poses."""
+    runs = 20 if static else 10
+    place = folder / f"set{rows}"
+    place.mkdir()
+    t = np.arange(rows // runs) / 1000
+    noise = np.random.default_rng(0)
+    kind = "static" if static else "motion"
+    lines = ['format = "energy-opt/log/1"\nrobot = "z1"\n']
+    for k in range(runs):
+        rest = np.array([0, 1 + 0.03 * k, -1 - 0.02 * k, 0, 0, 0])
+        wave = np.array([0.5, 0.4, 0.3, 0.6, 0.7, 0.2]) * (1 + 0.2 * k)
+        swing = np.zeros((len(t), 6)) if static else 0.6 * np.sin(t[:, None] * wave)
+        speed = np.zeros((len(t), 6)) if static else 0.6 * wave * np.cos(t[:, None] * wave)
+        power = 30 + 0.3 * k * static + 2 * np.abs(speed).sum(axis=1) + noise.normal(0, 0.5, len(t))
+        header = ["time", *(f"{j}.position" for j in Z1), "power"]
+        table(place / f"run{k}.csv", header, np.column_stack([t, rest + swing, power]))
+        lines.append(f'[[run]]\nfile = "run{k}.csv"\nkind = "{kind}"\n')
+    (place / "log.toml").write_text("\n".join(lines))
+    return place
+
+
 def plant(folder: Path) -> Path:
     path = folder / "plant.toml"
     path.write_text(
@@ -85,6 +107,14 @@ SIZES: dict[str, tuple[tuple[int, ...], str, Callable[[Path, int], list[str]]]] 
         (1000, 10_000, 100_000), "check, rows",
         lambda f, n: ["check", "--robot", "z1", "--self-collision", "off", str(recording(f, n))],
     ),
+    "diagnose": (
+        (10_000, 100_000, 1_000_000), "diagnose, rows at 1 kHz",
+        lambda f, n: ["diagnose", str(measured(f, n)), "--quiet"],
+    ),
+    "identify": (
+        (10_000, 100_000, 1_000_000), "identify, rows at 1 kHz",
+        lambda f, n: ["identify", str(measured(f, n, static=True)), "--quiet"],
+    ),
     "simulate": (
         (10_000, 40_000, 160_000), "simulate, rows at 1 kHz",
         lambda f, n: ["simulate", str(recording(f, n)), "--plant", str(plant(f)), "--quiet", "--force"],
@@ -92,7 +122,7 @@ SIZES: dict[str, tuple[tuple[int, ...], str, Callable[[Path, int], list[str]]]] 
 }  # fmt: skip
 
 
-def measured(words: list[str], folder: Path) -> tuple[float, float, int]:
+def taken(words: list[str], folder: Path) -> tuple[float, float, int]:
     """Processor time [s], peak memory [MB] and exit code of a command."""
     out = [] if words[0] == "check" else ["--out", str(folder / "out")]
     process = subprocess.Popen(
@@ -112,7 +142,7 @@ def main() -> None:
         sizes, what, words = SIZES[name]
         for size in sizes:
             with tempfile.TemporaryDirectory() as folder:
-                seconds, memory, code = measured(words(Path(folder), size), Path(folder))
+                seconds, memory, code = taken(words(Path(folder), size), Path(folder))
             print(f"{what:28} {size:8d} {seconds:9.1f} {memory:12.0f} {code:5d}", flush=True)
 
 

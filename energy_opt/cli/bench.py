@@ -12,6 +12,7 @@ from typing import Any
 from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput
 
+MOST_JOBS = 1024  # on one machine
 HELP = "a batch of moves, in parallel, resumable, with a report"
 
 
@@ -67,8 +68,8 @@ def _batch(args: argparse.Namespace) -> int:
     from energy_opt.front.request import stamp
 
     jobs = _free_cores() if args.jobs is None else args.jobs
-    if jobs < 1:
-        raise BadInput(f"--jobs {jobs}: expected a whole number above 0")
+    if not 1 <= jobs <= MOST_JOBS:
+        raise BadInput(f"--jobs {str(jobs)[:24]}: expected 1 to {MOST_JOBS} processes")
     if args.seed is not None and args.seed < 0:
         raise BadInput(f"--seed {args.seed}: expected a whole number, 0 or above")
     suite = load_suite(

@@ -56,7 +56,9 @@ from energy_opt.effects.stages import (
     WindingEffect,
 )
 from energy_opt.errors import BadInput, near
+from energy_opt.files import read_text
 
+LARGEST = 10**6  # bytes of a file of effects
 GROUP = "energy_opt.effects"
 
 ALL_EFFECTS: tuple[type[Effect], ...] = (
@@ -174,9 +176,9 @@ def load_file(path: str | Path) -> list[type[Effect]]:
         BadInput: the file cannot be read or run, or holds no effect.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: not a file of effects that can be read: {error}") from None
+        text = read_text(Path(path), LARGEST)
+    except BadInput as error:
+        raise BadInput(f"--effects {error}; expected a Python file of effects") from None
     return load_source(text, str(path))
 
 

@@ -97,9 +97,10 @@ def in_line(context: Context, move: Move, line: RetimeSolution | None) -> Made |
     small = np.abs(move.goal - move.start).max() < SMALL and move.path is None
     if not small or move.via or np.any(move.end_velocities) or line is None or not line.converged:
         return None
-    if context.settings.objective != "energy" or not context.judge(line.trajectory).within.valid:
+    if context.settings.objective != "energy":
         return None
-    return Made(line.trajectory, line.iterations, message=f"a move of less than {SMALL:g} rad: timed along its line")
+    made = mended_timing(context, move, line)
+    return replace(made, message=f"a move of less than {SMALL:g} rad: timed along its line") if made.converged else None
 
 
 def least_energy_timing(context: Context, move: Move, timing: Timing) -> RetimeSolution | None:

@@ -113,3 +113,38 @@ def test_an_object_of_a_scene_that_is_faulty_is_named(folder: Path) -> None:
     (folder / "suite.toml").write_text(HEAD + 'scene = "cell.yaml"\n' + MOVE)
     (fault,) = check_suite(folder / "suite.toml")
     assert "object post: radius of its cylinder is 0" in fault
+
+
+def test_options_take_the_place_of_the_suites_cell(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the command line says of body and cell holds for every move, and what it does not say stays."""
+    from energy_opt.bench import batch
+    from energy_opt.cli.main import main
+
+    (folder / "suite.toml").write_text(
+        HEAD + 'self_collision = false\nclearance = 0.002\nplanner = "none"\nfloor = -0.5\n' + MOVE
+    )
+    found = []
+
+    def stop(suite: batch.Suite, *_: object, **__: object) -> None:
+        found.append(suite.tasks[0].surroundings)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("energy_opt.bench.run_batch", stop)
+    words = ["bench", str(folder / "suite.toml"), "--out", str(folder / "out"), "--quiet"]
+    main(words)
+    main(
+        [
+            *words,
+            "--self-collision",
+            "on",
+            "--planner",
+            "auto",
+            "--scene",
+            str(folder / "cell.yaml"),
+            "--base=0,0,1,0,0,0",
+        ]
+    )
+    plain, said = found
+    assert not plain.request.self_collision and plain.request.planner == "none" and not plain.scene
+    assert said.request.self_collision and said.request.planner == "auto" and said.scene
+    assert said.request.base == (0, 0, 1, 0, 0, 0) and said.request.floor == -0.5 and said.request.clearance == 0.002

@@ -61,6 +61,8 @@ def test_a_folder_with_the_result_of_another_request_is_left_alone(tmp_path, cap
     request = json.loads((tmp_path / "out/result.json").read_text())["request"]
     assert request["command"].startswith("energy-opt optimize --robot z1") and request["goal"] == [1, 1, -1, 0, 0, 0]
     assert main([*words, "--goal", "1,1,-1,0,0,0", "--quiet"]) == 0  # the same again
+    assert main([*words, "--goal", "1,1,-1,0,0,0", "--quiet", "--max-power", "900"]) == 2
+    assert "another request (settings)" in capsys.readouterr().err
     assert main([*words, "--goal", "1,1.2,-1,0,0,0", "--quiet"]) == 2
     assert "another request (goal); choose another --out, or overwrite it with --force" in capsys.readouterr().err
     assert main([*words, "--goal", "1,1.2,-1,0,0,0", "--quiet", "--force"]) == 0

@@ -36,6 +36,7 @@ class Files:
     folder: Path
     allow_outside: bool = False
     options: frozenset[str] = frozenset()
+    allow_large: bool = False
 
     def path(self, name: str, key: str) -> Path:
         """The path of a file that the entry `key` names."""

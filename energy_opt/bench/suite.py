@@ -69,19 +69,20 @@ def load_suite(
     seed: int | None = None,
     compile: str = "auto",
     allow_outside: bool = False,
+    allow_large: bool = False,
 ) -> Suite:
     """Read a suite and resolve robots, models and moves.
 
     Args:
         overrides: entries that take the place of every table's own; their files may lie anywhere.
-        allow_outside: the suite's own files may lie outside its folder.
+        allow_outside, allow_large: the suite's own files may lie outside its folder, and be larger than usual.
         seed: takes the place of the seeds of random moves and of the solver's starts.
         compile: "always", "never", or "auto": compiled where enough moves share a built problem and a compiler exists.
 
     Raises:
         BadInput: names every fault of the file, one a line.
     """
-    suite, faults = _read(Path(path), overrides or {}, seed, allow_outside)
+    suite, faults = _read(Path(path), overrides or {}, seed, allow_outside, allow_large)
     if faults:
         raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
     return replace(suite, tasks=tuple(_with_compile(suite.tasks, compile)))
@@ -95,7 +96,9 @@ def check_suite(path: str | Path) -> list[str]:
         return str(error).splitlines()
 
 
-def _read(path: Path, overrides: Mapping[str, Any], seed: int | None, allow_outside: bool) -> tuple[Suite, list[str]]:
+def _read(
+    path: Path, overrides: Mapping[str, Any], seed: int | None, allow_outside: bool, allow_large: bool = False
+) -> tuple[Suite, list[str]]:
     document = read_toml(path)
     faults = Faults()
     if document.get("format") != FORMAT:
@@ -115,7 +118,7 @@ def _read(path: Path, overrides: Mapping[str, Any], seed: int | None, allow_outs
     tasks: list[Task] = []
     for where, table in tables:
         table = _seeded({**table, **overrides}, seed)
-        files = Files(path.parent, allow_outside, frozenset(overrides))
+        files = Files(path.parent, allow_outside, frozenset(overrides), allow_large)
         group = read_group(table, files, faults.within(where))
         tasks += _product(str(name), group, len(tasks), files, faults.within(where))
     if not faults and not tasks:

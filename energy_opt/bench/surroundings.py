@@ -18,7 +18,7 @@ from energy_opt.robot import Robot
 if TYPE_CHECKING:
     from energy_opt.cell.cell import Cell
 
-KEYS = ("self_collision", "scene", "base", "floor", "clearance", "planner", "srdf", "payload_size")
+KEYS = ("self_collision", "scene", "base", "floor", "clearance", "planner", "srdf", "payload_size", "package_dirs")
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,11 @@ def read_surroundings(table: Mapping[str, Any], files: Files, faults: Faults) ->
             faults.add(key, f"{table[key]!r}; expected {expected}")
         else:
             given[key] = tuple(float(x) for x in value) if isinstance(value, list) else value
+    if "package_dirs" in table:
+        try:
+            given["package_dirs"] = _folders(table["package_dirs"], files)
+        except BadInput as error:
+            faults.add("package_dirs", str(error))
     scene = srdf = ""
     try:
         request = CellRequest(**given)
@@ -80,7 +85,11 @@ def read_surroundings(table: Mapping[str, Any], files: Files, faults: Faults) ->
     try:
         if "scene" in table:
             scene = carried.to_text(
-                read_scene(_path(table["scene"], "scene", files), allow_outside=files.allow_outside)
+                read_scene(
+                    _path(table["scene"], "scene", files),
+                    allow_outside=files.allow_outside,
+                    allow_large=files.allow_large,
+                )
             )
         if "srdf" in table:
             srdf = read_text(_path(table["srdf"], "srdf", files))
@@ -97,3 +106,9 @@ def _path(name: Any, key: str, files: Files) -> Path:
     if not isinstance(name, str):
         raise BadInput(f"{name!r} is not a file beside the suite")
     return files.path(name, key)
+
+
+def _folders(names: Any, files: Files) -> tuple[Path, ...]:
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise BadInput(f"{names!r}; expected a list of folders")
+    return tuple(files.path(name, "package_dirs").resolve() for name in names)

@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from energy_opt.cli.common import add_cell, cell_of
 from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput
 
@@ -23,7 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--jobs", type=int, metavar="N", help="processes on this machine (default: one per free core)")
     parser.add_argument("--resume", action="store_true", help="do what an earlier run into --out left")
     parser.add_argument("--force", action="store_true", help="results of another suite in DIR are overwritten")
-    parser.add_argument("--allow-outside", action="store_true", help="the suite's files may lie outside its folder")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on a Dask cluster, e.g. tcp://host:8786")
     parser.add_argument(
         "--compare", nargs=2, type=Path, metavar=("OLD", "NEW"), help="two results: what got better or worse"
@@ -35,6 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload [kg, m] in the last joint's frame")
     group.add_argument("--model", type=Path, metavar="MODEL.toml", help="power model")
     group.add_argument("--seed", type=int, metavar="N", help="seed of random moves and of the solver's starts")
+    add_cell(parser)
+    parser.set_defaults(self_collision=None, planner=None)  # as the suite says
     parser.add_argument("--json", action="store_true", help="the summary as one JSON document on stdout")
     add_view(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress and no messages")
@@ -73,8 +75,9 @@ def _batch(args: argparse.Namespace) -> int:
     if args.seed is not None and args.seed < 0:
         raise BadInput(f"--seed {args.seed}: expected a whole number, 0 or above")
     suite = load_suite(
-        args.suite, overrides=_overrides(args), seed=args.seed, compile=args.compile, allow_outside=args.allow_outside
-    )
+        args.suite, overrides=_overrides(args), seed=args.seed, compile=args.compile,
+        allow_outside=args.allow_outside, allow_large=args.allow_large,
+    )  # fmt: skip
     out = args.out or Path(f"bench_{suite.name}")
     with Progress(args) if args.verbose and not args.quiet else nullcontext():
         batch = run_batch(
@@ -103,6 +106,25 @@ def _overrides(args: argparse.Namespace) -> dict[str, Any]:
             out[key] = str(path.resolve())
     if args.payload is not None:
         out["payloads"] = [args.payload]
+    return out | _surroundings(args)
+
+
+def _surroundings(args: argparse.Namespace) -> dict[str, Any]:
+    """Body and cell in a suite's words, as far as options say them."""
+    from energy_opt.bench.surroundings import KEYS
+
+    usual = {"self_collision": args.self_collision or "on", "planner": args.planner or "auto"}
+    request = cell_of(argparse.Namespace(**{**vars(args), **usual}))
+    out = {key: value for key, value in request.document().items() if key in KEYS}
+    if args.self_collision is not None:
+        out["self_collision"] = request.self_collision
+    if args.planner is not None:
+        out["planner"] = request.planner
+    for key, file in (("scene", request.scene), ("srdf", request.srdf)):
+        if file is not None:
+            out[key] = str(file.resolve())
+    if request.package_dirs:
+        out["package_dirs"] = [str(folder.resolve()) for folder in request.package_dirs]
     return out
 
 

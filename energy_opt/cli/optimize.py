@@ -59,10 +59,11 @@ def run(args: argparse.Namespace) -> int:
     asked = cell_of(args)
     named = {"path": args.path, "limits": args.limits, "scene": args.scene, "cell": asked.document()}
     standard = None if args.as_ is None else {"as": args.as_, "vias": args.vias or 0}
-    request = request_of_move(robot, model, move, args.seed, **named, standard=standard, command=args.command)
+    settings = settings_of(args)
+    request = request_of_move(robot, model, move, settings, **named, standard=standard, command=args.command)
     guard(args.out / "result.json", request, args.force)
     with stop_on_interrupt() as stopped, Progress(args):
-        cell, settings = load_cell(robot, asked), settings_of(args)
+        cell = load_cell(robot, asked)
         planner = Planner(robot, model, settings, cell=cell, stopped=stopped)
         robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, cell=cell, stopped=stopped)
         try:

@@ -70,7 +70,8 @@ def run(args: argparse.Namespace) -> int:
     named = {"path": args.path, "limits": args.limits, "scene": args.scene}
     named["cell"] = cell_of(args).document()
     over = {"durations": durations, "longest": args.max_duration, "cycle": args.cycle, "idle_power": args.idle_power}
-    request = request_of_move(robot, model, move, args.seed, **named, command=args.command, **over)
+    settings = settings_of(args)
+    request = request_of_move(robot, model, move, settings, **named, command=args.command, **over)
     guard(args.out / "tradeoff.json", request, args.force)
 
     with stop_on_interrupt() as stopped, Progress(args) as show:
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         def progress(front: Front, expected: int) -> None:
             show(f"{front.solves}/{expected} solves", front.solves / expected)
 
-        planner = Planner(robot, model, settings_of(args), cell=load_cell(robot, cell_of(args)), stopped=stopped)
+        planner = Planner(robot, model, settings, cell=load_cell(robot, cell_of(args)), stopped=stopped)
         front = trace(
             planner,
             move,

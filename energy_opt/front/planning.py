@@ -126,7 +126,7 @@ def optimize(
     if scene is not None:
         asked = replace(asked, scene=Path(scene))
     request = request_of_move(
-        arm, power, move, settings.seed, path=path, limits=limits, scene=asked.scene, cell=asked.document()
+        arm, power, move, settings, path=path, limits=limits, scene=asked.scene, cell=asked.document()
     )
     if any(asked.base[3:5]):  # gravity is the scene's -z
         rivals = [replace(rival, model=rival.model.standing(*asked.base[3:5])) for rival in rivals]

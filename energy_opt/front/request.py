@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from energy_opt import __version__
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, read_json, read_toml
 from energy_opt.folders import try_folder
-from energy_opt.motion import Move
+from energy_opt.motion import Move, Settings
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
@@ -22,7 +23,7 @@ def request_of_move(
     robot: Robot,
     model: PowerModel,
     move: Move,
-    seed: int,
+    settings: Settings,
     *,
     path: object = None,
     limits: object = None,
@@ -30,7 +31,9 @@ def request_of_move(
     command: list[str] | None = None,
     **more: Any,
 ) -> dict[str, Any]:
-    """start, goal, path, payload, model, limits, scene, seed, version, command and `more` of one move.
+    """start, goal, path, payload, model, limits, scene, seed, settings, version, command and `more` of one move.
+
+    Of the settings stand there those that are not the usual ones and could change the answer.
 
     Args:
         path, limits, scene: names of the files that were given; None where none was.
@@ -50,10 +53,17 @@ def request_of_move(
         "model": model.to_document(),
         "limits": None if limits is None else str(limits),
         "scene": None if scene is None else str(scene),
-        "seed": seed,
+        "seed": settings.seed,
+        "settings": _unusual(settings),
         **more,
         **stamp(command),
     }
+
+
+def _unusual(settings: Settings) -> dict[str, Any]:
+    usual = Settings()
+    names = (f.name for f in fields(Settings) if f.name not in ("seed", "compile", "allow_large"))
+    return {name: value for name in names if (value := getattr(settings, name)) != getattr(usual, name)}
 
 
 def request_of_set(

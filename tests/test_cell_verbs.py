@@ -64,7 +64,7 @@ def test_simulate_refuses_what_would_break_an_arm(panda: Robot, table: Path, tmp
 def test_suggested_poses_touch_nothing(ur5: Robot, table: Path, tmp_path: Path) -> None:
     judge, touching = DenseJudge(ur5, table), []
     for words in (["--scene", str(table)], ["--self-collision", "off"]):
-        assert main(["identify", "--suggest", "8", "--robot", "ur5", "--out", str(tmp_path), "--quiet", *words]) == 0
+        assert main(["identify", "--suggest", "8", "--robot", "ur5", "--out", str(tmp_path), "--force", *words]) == 0
         rows = read_table(tmp_path / "suggested_poses.csv")
         poses = np.column_stack([rows[f"{joint}.position"] for joint in ur5.joints])
         touching.append(sum(judge.pose(q) is not None for q in poses))

@@ -117,7 +117,7 @@ def _path(given: object, move: Move) -> object:
 
 
 def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
-    """Refuse to overwrite the answer to another request, unless forced.
+    """Refuse to overwrite the answer to another request, unless forced; that there was none is no answer to keep.
 
     Raises:
         BadInput: `file` holds such an answer; says what differs. Or its folder cannot be written.
@@ -126,14 +126,15 @@ def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
     if force or not file.is_file():
         return
     try:
-        held = read_json(file).get("request")
+        document = read_json(file)
     except BadInput:
-        held = None
-    if not isinstance(held, dict):
+        return
+    held = document.get("request")
+    if not isinstance(held, dict) or document.get("status") == "infeasible":
         return
     wanted = plain(request)
     keys = sorted((set(held) | set(wanted)) - set(SAME_ANSWER))
-    differ = [key for key in keys if held.get(key) != wanted.get(key)]
+    differ = [key for key in keys if held.get(key) != wanted.get(key) and (held.get(key) or wanted.get(key))]
     if differ:
         raise BadInput(
             f"{file.parent} holds the result of another request ({', '.join(differ)}); "

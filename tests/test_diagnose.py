@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from energy_opt.cli.main import main
 from energy_opt.diagnose import diagnose
 from energy_opt.diagnose.friction import friction_torque
-from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby
+from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby, StandbyDrift
 from energy_opt.files import read_table, read_toml, write_toml
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
@@ -19,6 +20,9 @@ from energy_opt.virtual_arm import Instruments
 from energy_opt.virtual_arm.sets import base_model, make_set
 
 pytest.importorskip("mujoco")
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from misfit_world import World, write_world
+
 SHARED = Path(__file__).resolve().parents[2] / "shared/data"
 CALM = Instruments(noise=0.6, power_resolution=0.05)
 FRICTION = CoulombFriction(tau_c=[0.6, 0.5, 0.45, 0.5, 0.3, 0.25, 0.2])
@@ -128,6 +132,20 @@ def test_wrong_declared_values_are_fitted_anew(tmp_path):
     result = diagnose(read_set(made.folder), wrong)
     assert names(result) == ["standby"] and result.document["effects"][0]["refit"]
     assert abs(result.document["effects"][0]["parameters"]["power"] - 92.6) < 0.1
+
+
+@pytest.mark.parametrize(("arm", "seed"), [("z1", 3300010), ("xarm7", 3200075)])
+def test_a_meter_that_wanders_is_no_cause(arm, seed, tmp_path):
+    truth = write_world(World(arm, seed, (0.0, 0.0), "drift"), tmp_path)  # once a warm-up; once a wrong standby
+    result = diagnose(read_set(truth.folder, truth.robot), truth.declared)
+    assert names(result) == [] and result.document["verdict"] == "nothing_missing"
+
+
+def test_a_warm_up_beyond_a_meters_wander_is_found(tmp_path):
+    made = make_set(tmp_path / "set", "z1", [StandbyDrift(power=5.0, time_constant=46.0)], seed=10)
+    result = diagnose(read_set(made.folder), made.declared)
+    assert names(result) == ["standby_drift"]
+    assert abs(result.document["effects"][0]["parameters"]["power"] - 5.0) < 0.4
 
 
 def test_a_missing_overhead_counts_too(tmp_path):

@@ -26,17 +26,28 @@ from energy_opt.power import PowerModel
 ITERATIONS = 12
 ENOUGH = 0.05  # a step that lowers phi by less ends the fit
 DRIFTS = 150.0  # [s] over which a meter's level drifts
-COMMON = 0.35  # of a drift, that all runs may share; more would hide a standby declared wrongly
 ROUNDS = 30  # of the search for the bounds that a step touches
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """How far links spread from the URDF, as a share; levels from run to run [W]; their slow drift over the set [W]."""
+    """How far links spread from the URDF, as a share; levels from run to run [W]; their slow drift over the set [W].
+
+    `over`: s after which the drift's correlation is 1/e. `smooth`: it bends slowly, as with the meter's temperature;
+    otherwise it walks at random. Either way runs share a level: a meter need not have been right when they began.
+    """
 
     spread: float
     offset: float
     drift: float = 0.01
+    over: float = DRIFTS
+    smooth: bool = False
+
+    def levels(self, times: np.ndarray) -> np.ndarray:
+        """Covariance (R, R) [W^2] of the levels of runs at `times`."""
+        apart = np.abs(np.subtract.outer(times, times)) / self.over
+        slow = np.exp(-(apart**2)) if self.smooth else np.exp(-apart)
+        return np.asarray(self.offset**2 * np.eye(len(times)) + self.drift**2 * slow)
 
 
 @dataclass(frozen=True)
@@ -97,11 +108,8 @@ class World:
 
         s = self.samples
         times = np.array([s.at[p].mean() for p in s.parts])
-        shared = np.full((len(times), len(times)), 1 / len(times))
-        apart = np.eye(len(times)) - (1 - COMMON) * shared
-        slow = apart @ np.exp(-np.abs(np.subtract.outer(times, times)) / DRIFTS) @ apart
-        levels = nuisance.offset**2 * np.eye(len(times)) + nuisance.drift**2 * slow
-        return np.asarray(block_diag(nuisance.spread**-2 * np.eye(self.links.basis.shape[1]), np.linalg.inv(levels)))
+        links = nuisance.spread**-2 * np.eye(self.links.basis.shape[1])
+        return np.asarray(block_diag(links, np.linalg.inv(nuisance.levels(times))))
 
     def under(self, noise: Noise) -> World:
         """The same under another noise."""

@@ -16,7 +16,7 @@ from energy_opt.diagnose.noise import Noise
 from energy_opt.diagnose.noise_seen import noise_of, standing_noise
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples, weighted
-from energy_opt.diagnose.search import Search, moved, root
+from energy_opt.diagnose.search import GAIN, Search, moved, root
 from energy_opt.diagnose.terms import Scale, Told
 from energy_opt.diagnose.weigh import STEADY
 from energy_opt.power import PowerModel
@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
 RIVAL = 3.0  # and within which another set explains as well: twenty to one
 LOOKED = 6.0  # rivals this near when weighed linearly are fitted
+CHANGES = 3  # of the accepted set for a likelier rival
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed beside an unknown structure
 LEVELS = 0.03  # of the arm's level, by which runs may differ among each other as meters drift
 LEFT = 1.5  # of the noise's slow part, by which what is left must exceed it to be called structure
@@ -149,13 +150,13 @@ def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], t
     best = max([best, *_other_drives(found, best)], key=found.score)
     log.info("evidence for each effect", extra={"share": 0.65})
     accepted, claims = _claimed(found, best)
-    left, structured = leftover(accepted, still)
-    if structured:  # small beside what the declared model leaves?
-        before, _ = leftover(root(world, best.nuisance), still)
-        structured = left**2 - 1 > TRIFLE * (before**2 - 1)
-    structured = structured or wandering(accepted)
+    left, structured = _structure(found, best, accepted, still)
     log.info("rivals", extra={"share": 0.8})
-    rivals = _rivals(found, accepted) if not accepted.free and not structured else (accepted,)
+    rivals: tuple[Fit, ...] = (accepted,)
+    if not accepted.free and not structured:
+        accepted, claims, rivals = likelier(found, accepted, claims)
+        best = max(best, accepted, key=found.score)
+        left, structured = _structure(found, best, accepted, still)
     if accepted.free or structured:
         verdict = "unexplained"
     elif len(rivals) > 1:
@@ -167,6 +168,15 @@ def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], t
     return Trace(
         found, root(world, best.nuisance), best, accepted, verdict, claims, rivals, noise, left, structured, idle
     )
+
+
+def _structure(found: Search, best: Fit, accepted: Fit, still: Noise) -> tuple[float, bool]:
+    """What the accepted hypothesis leaves, over the noise's slow part, and is there structure in it?"""
+    left, structured = leftover(accepted, still)
+    if structured:  # small beside what the declared model leaves?
+        before, _ = leftover(root(found.world, best.nuisance), still)
+        structured = left**2 - 1 > TRIFLE * (before**2 - 1)
+    return left, structured or wandering(accepted)
 
 
 def wandering(f: Fit) -> bool:
@@ -260,6 +270,24 @@ def _other_drives(found: Search, f: Fit) -> list[Fit]:
             free = list(f.free)
             out.append(found.fitted([*less.charts, c.chart], [*less.numbers, start], free, f.nuisance, f.amounts))
     return out
+
+
+def likelier(found: Search, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[Fit, tuple[Claim, ...], tuple[Fit, ...]]:
+    """The accepted hypothesis, or the rival that is likelier still once fitted; its claims, and the rivals to that.
+
+    Laws that are the same to first order, as load friction and gears' efficiency are, tie where nothing is fitted yet:
+    rounding decides at which of them the search ends.
+    """
+    rivals = _rivals(found, accepted)
+    for _ in range(CHANGES):
+        better = max(rivals, key=found.score)
+        if found.score(better) <= found.score(accepted) + GAIN:
+            break
+        other, its = _claimed(found, better)
+        if found.score(other) <= found.score(accepted):
+            break
+        accepted, claims, rivals = other, its, _rivals(found, other)
+    return accepted, claims, rivals
 
 
 def _rivals(found: Search, accepted: Fit) -> tuple[Fit, ...]:

@@ -127,7 +127,7 @@ class Settings:
         allow_large: more starts, samples and control points than a careful user would ask for.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
         ways: how many free ways are looked for, and started from, where the straight line is not free, and besides a
-            path that is given; None for two, and for none besides a free path that is given.
+            path that is given; None for one (two where it leads to little), and none besides a free path that is given.
     """
 
     starts: int = 24

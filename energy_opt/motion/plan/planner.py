@@ -32,6 +32,7 @@ from energy_opt.robot import Robot
 
 log = logging.getLogger(__name__)
 REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
+LITTLE, FURTHER = 25.0, 2  # [%] of the loss saved on a way that was looked for, below which so many are tried
 
 Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
@@ -146,8 +147,31 @@ class Planner:
         self._check_ends(move)
         self._check_objective(move)
         log.info("first path")
+        begun = self.first_path(move)
+        result = self._solved(begun, warm)
+        if self._poor(begun, result):
+            settings = replace(self.settings, ways=FURTHER)
+            wider = first_path(self.robot, self.model, self.cell, settings, self.limits(move), move)
+            try:
+                other = self._solved(wider, warm)
+            except Infeasible:  # the longer way may not be done in this time
+                return result
+            result = min(result, other, key=lambda r: (r.status != "solved", r.energy.total))
+        return result
+
+    def _poor(self, begun: Begun, result: Result) -> bool:
+        """Whether a way that was looked for leads to so little that another one is worth its time."""
+        move, first, _ = begun
+        saving = result.saving
+        share = None if saving is None else saving["loss_percent"]
+        return (
+            first.source in ("own", "ompl") and move.mode == "reshape" and self.settings.ways is None
+            and self.settings.objective == "energy" and share is not None and share < LITTLE and not self._stopped()
+        )  # fmt: skip
+
+    def _solved(self, begun: Begun, warm: Sequence[Trajectory]) -> Result:
+        move, first, ways = begun
         built, begin = self._workshop.seconds, time.perf_counter()
-        move, first, ways = self.first_path(move)
         context = replace(self.context(move), ways=ways)
         work = made(context, move, first_timing(context, move), warm)
         build = self._workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)

@@ -24,7 +24,7 @@ from energy_opt.motion.ways.room import Room, steps
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-WAYS = 2  # that are looked for where nothing free is given
+WAYS = 1  # that are looked for where nothing free is given; the planner asks for more where it leads to little
 STEPS = (0.2, 0.1, 0.05, 0.025)  # [s] at the joints' speed limits, between places of ways through which a spline goes
 
 

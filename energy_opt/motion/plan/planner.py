@@ -150,8 +150,10 @@ class Planner:
         begun = self.first_path(move)
         result = self._solved(begun, warm)
         if self._poor(begun, result):
-            settings = replace(self.settings, ways=FURTHER)
+            settings = replace(self.settings, ways=1 if begun[1].source == "given" else FURTHER)
             wider = first_path(self.robot, self.model, self.cell, settings, self.limits(move), move)
+            if not wider[2]:  # there is no other
+                return result
             try:
                 other = self._solved(wider, warm)
             except Infeasible:  # the longer way may not be done in this time
@@ -160,14 +162,16 @@ class Planner:
         return result
 
     def _poor(self, begun: Begun, result: Result) -> bool:
-        """Whether a way that was looked for leads to so little that another one is worth its time."""
+        """Whether a path around something leads to so little that a further way is worth its time."""
         move, first, _ = begun
-        saving = result.saving
-        share = None if saving is None else saving["loss_percent"]
-        return (
-            first.source in ("own", "ompl") and move.mode == "reshape" and self.settings.ways is None
-            and self.settings.objective == "energy" and share is not None and share < LITTLE and not self._stopped()
-        )  # fmt: skip
+        if move.mode != "reshape" or self.settings.ways is not None or self.cell is None or self._stopped():
+            return False
+        if self.settings.objective != "energy" or first.source == "straight":
+            return False
+        if first.source == "given":
+            return result.chosen == "retime"
+        share = None if result.saving is None else result.saving["loss_percent"]
+        return share is not None and share < LITTLE
 
     def _solved(self, begun: Begun, warm: Sequence[Trajectory]) -> Result:
         move, first, ways = begun

@@ -7,11 +7,12 @@ the meter drifts, rounds and remembers.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from misfit_motions import STEP, hand_torque, session
+from misfit_urdf import write_changed, write_loaded
 
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.files import write_toml
@@ -20,7 +21,6 @@ from energy_opt.robot import Robot, load_robot
 from energy_opt.virtual_arm.mujoco_arm import MujocoArm
 from energy_opt.virtual_arm.plant import Plant
 
-STEP = 0.004  # [s] of the world
 NOISES = ("white", "ar1", "drift", "quantised")
 LAWS = ("psu_loss", "asymmetric_friction", "power_law_friction", "thermal_viscous", "dc_link", "idle_hold")
 CAUSES = (
@@ -112,21 +112,21 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
     urdf = folder / "true.urdf"
     mass = drives.load * rng.uniform(0.5, 1.1) if world.cause == "payload" else 0.0
     com = rng.uniform([-0.04, -0.04, 0.03], [0.04, 0.04, 0.12])
-    _write_urdf(robot, world.spread, rng, urdf)
+    write_changed(robot, world.spread, rng, urdf)
     body, nominal = (
         MujocoArm(replace(robot, urdf=urdf), Plant(PowerModel("", ()))),
         MujocoArm(robot, Plant(PowerModel("", ()))),
     )
     level = rng.uniform(0.3, 0.03 * drives.standby)
     moves = np.random.default_rng([world.seed, 6, int(fresh)])
-    runs = _session(robot, moves, 5 if fresh else world.motions, 0 if fresh else world.poses, shifted=fresh)
+    runs = session(robot, moves, 5 if fresh else world.motions, 0 if fresh else world.poses, shifted=fresh)
     start = 300.0 if fresh else 0.0
     parts, gaps = [], np.cumsum([start, *(len(r[0]) * STEP + moves.uniform(6, 18) for r in runs)])
     for (q, v, a), begin in zip(runs, gaps[:-1], strict=True):
         tau = body.inverse(q, v, a)
         t = begin + np.arange(len(q)) * STEP
         parts.append((t, q, v, a, tau, nominal.inverse(q, v, a)))
-    weighed = replace(robot, urdf=_loaded(urdf, robot, mass, com)) if mass else None
+    weighed = replace(robot, urdf=write_loaded(urdf, robot, mass, com)) if mass else None
     law = _Law(world, drives, robot, body, MujocoArm(weighed, Plant(PowerModel("", ()))) if weighed else None, rng)
     misfit = np.concatenate(
         [law.power(t, q, v, a, tau, 0) - law.power(t, q, v, a, bare, 0) for t, q, v, a, tau, bare in parts]
@@ -150,7 +150,7 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
     hand = np.random.default_rng([world.seed, 8])
     for k, (t, q, v, a, tau, _) in enumerate(parts):
         if k in world.pushed:
-            tau = tau - _hand(t - t[0], robot, hand)
+            tau = tau - hand_torque(t - t[0], robot, hand)
         true = law.power(t, q, v, a, tau, size)
         total.append(true - law.power(t, q, v, a, tau, 0))
         every = 2 if world.seed % 2 else 3  # 125 or 83 Hz
@@ -286,16 +286,6 @@ class _Law:
         return total
 
 
-def _hand(t: np.ndarray, robot: Robot, rng: np.random.Generator) -> np.ndarray:
-    """Torque (N, n) [N m] of a hand that pushes for a second or so, at an eighth to a third of two joints' limits."""
-    out = np.zeros((len(t), robot.n))
-    for j in rng.choice(robot.n, 2, replace=False):
-        begin, lasts = rng.uniform(0.1, 0.6) * t[-1], rng.uniform(0.6, 1.5)
-        shape = np.clip((t - begin) / 0.15, 0, 1) * np.clip((begin + lasts - t) / 0.15, 0, 1)
-        out[:, j] = rng.choice([-1, 1]) * rng.uniform(0.13, 0.33) * robot.limits.effort[j] * shape
-    return out
-
-
 def _buffered(bus: np.ndarray, step: float, capacity: float) -> np.ndarray:
     """What the supply gives where a capacitor of `capacity` J takes back what comes and gives it first."""
     out, held = np.maximum(bus, 0.0), 0.0
@@ -306,81 +296,4 @@ def _buffered(bus: np.ndarray, step: float, capacity: float) -> np.ndarray:
             used = min(held, p * step)
             held -= used
             out[k] = p - used / step
-    return out
-
-
-def _session(
-    robot: Robot, rng: np.random.Generator, motions: int, poses: int, shifted: bool
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Poses held, then runs of moves with blended trapezoids of speed, at several speeds, with stops between."""
-    low, high = np.maximum(robot.limits.lower, -2.6), np.minimum(robot.limits.upper, 2.6)
-    middle, half = (low + high) / 2, 0.8 * (high - low) / 2
-    if shifted:
-        middle, half = middle + 0.35 * half * rng.choice([-1, 1], robot.n), 0.65 * half
-    out = []
-    for _ in range(poses):
-        q = np.tile(middle + half * rng.uniform(-1, 1, robot.n), (int(rng.uniform(2, 3) / STEP), 1))
-        out.append((q, np.zeros_like(q), np.zeros_like(q)))
-    for k in range(motions):
-        q = middle + half * rng.uniform(-1, 1, robot.n)
-        speeds = [np.zeros((int(0.4 / STEP), robot.n))]
-        at = q.copy()
-        for _ in range(2 + int(k % 3)):
-            goal = middle + half * rng.uniform(-1, 1, robot.n)
-            goal = at + (goal - at) * rng.uniform(0.2, 0.8, robot.n)
-            way = goal - at
-            pace = rng.uniform(0.15, 0.6)
-            cruise = float(np.max(np.abs(way) / (pace * robot.limits.velocity)))
-            ramp = rng.uniform(0.2, 0.4)
-            count, edge = max(int(cruise / STEP), 2), int(ramp / STEP)
-            shape = np.convolve(np.ones(count), np.ones(edge) / edge)
-            shape = np.convolve(shape, np.ones(edge // 2) / (edge // 2))
-            shape /= shape.sum() * STEP
-            speeds += [np.outer(shape, way), np.zeros((int(rng.uniform(0.3, 0.7) / STEP), robot.n))]
-            at = goal
-        v = np.concatenate(speeds)
-        path = q + np.concatenate([np.zeros((1, robot.n)), np.cumsum((v[1:] + v[:-1]) / 2 * STEP, axis=0)])
-        out.append((path, v, np.gradient(v, STEP, axis=0)))
-    return out
-
-
-def _write_urdf(robot: Robot, spread: tuple[float, float], rng: np.random.Generator, path: Path) -> None:
-    """The robot's URDF with every link's mass, centre of mass and inertia off by a share within `spread`."""
-    tree = ET.parse(robot.urdf)
-    for inertial in tree.getroot().iter("inertial"):
-        mass, inertia, origin = inertial.find("mass"), inertial.find("inertia"), inertial.find("origin")
-        if mass is None or inertia is None:
-            continue
-        off = rng.uniform(*spread, 3) * rng.choice([-1, 1], 3)
-        mass.set("value", repr(float(float(mass.get("value", "0")) * (1 + off[0]))))
-        for key, value in inertia.attrib.items():
-            inertia.set(key, repr(float(float(value) * (1 + off[0]) * (1 + off[1]))))
-        if origin is not None and origin.get("xyz"):
-            com = np.array([float(x) for x in str(origin.get("xyz")).split()])
-            side = rng.normal(size=3)
-            com = com * (1 + off[2]) + spread[1] * 0.4 * np.linalg.norm(com) * side / np.linalg.norm(side)
-            origin.set("xyz", " ".join(repr(float(x)) for x in com))
-    tree.write(path)
-
-
-def _loaded(urdf: Path, robot: Robot, mass: float, com: np.ndarray) -> Path:
-    """The URDF with a small body of `mass` kg welded to the last joint's link at `com` (3,) m."""
-    tree = ET.parse(urdf)
-    root = tree.getroot()
-    joint = next(j for j in root.findall("joint") if j.get("name") == robot.joints[-1])
-    child = joint.find("child")
-    assert child is not None
-    link = ET.SubElement(root, "link", name="held")
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz="0 0 0", rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=repr(float(mass)))
-    ET.SubElement(
-        inertial, "inertia", {k: "1e-5" if k[1] == k[2] else "0" for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
-    )
-    weld = ET.SubElement(root, "joint", name="holds", type="fixed")
-    ET.SubElement(weld, "parent", link=str(child.get("link")))
-    ET.SubElement(weld, "child", link="held")
-    ET.SubElement(weld, "origin", xyz=" ".join(repr(float(x)) for x in com), rpy="0 0 0")
-    out = urdf.with_name("loaded.urdf")
-    tree.write(out)
     return out

@@ -13,6 +13,7 @@ from energy_opt.diagnose.cross import left_out
 from energy_opt.diagnose.errors import energy_errors, errors, usable
 from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.joints import JointSide, joint_side
+from energy_opt.diagnose.long_sets import shortened
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.predictor import calibrated, predictor
 from energy_opt.diagnose.pushed import free_runs, push_words, pushes
@@ -81,7 +82,7 @@ def diagnose(
     declared.check(measured.robot.n)
     if measured.payload is not None and declared.get(Payload.name) is None:
         declared = declared.replaced(Payload(mass=measured.payload.mass, com=measured.payload.com))
-    measured = _metered(measured)
+    measured = shortened(_metered(measured))
     side = joint_side(measured, declared)
     found_pushes = pushes(side, measured) if side is not None else []
     measured, enough = free_runs(measured, found_pushes)
@@ -128,6 +129,10 @@ def diagnose(
         "robot": measured.robot.name,
         "joints": list(measured.robot.joints),
     }
+    if samples.group > 1:
+        document["remarks"].append(
+            f"Long set: each {samples.group} neighbouring readings are averaged to one, {len(samples.power)} in all."
+        )
     document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, measured.robot.limits, rows)
     document["remarks"] += speeds_seen(found, measured.robot.joints)
     document["headline"] = headline(document)

@@ -19,7 +19,12 @@ def reading_of(model: PowerModel, samples: Samples) -> list[np.ndarray]:
     p = predict(model, samples)
     out = []
     for rows, part, op, (time, _) in zip(samples.slices, samples.parts, samples.operators, samples.single, strict=True):
-        out.append(np.interp(time, samples.t[rows], p.power[rows]) if op is None else p.reading[part])
+        if op is None:
+            out.append(np.interp(time, samples.t[rows], p.power[rows]))
+        elif len(time) == part.stop - part.start:
+            out.append(p.reading[part])
+        else:  # instants of which neighbours were averaged
+            out.append(np.interp(time, samples.t[rows], p.metered[rows]))
     if any(e.stage == "meter" for e in model.effects):
         out = [
             np.interp(time, samples.at[part], p.reading[part]) if op is None else shown

@@ -11,8 +11,10 @@ with the fit and falls with every number that the data had to choose.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 
@@ -26,6 +28,7 @@ from energy_opt.power import PowerModel
 ITERATIONS = 12
 ENOUGH = 0.05  # a step that lowers phi by less ends the fit
 DRIFTS = 150.0  # [s] over which a meter's level drifts
+MOST_HELD = 400e6  # bytes
 ROUNDS = 30  # of the search for the bounds that a step touches
 
 
@@ -64,6 +67,31 @@ class Free:
         return self.signal, self.joint
 
 
+class Recent:
+    """Predictions and Jacobians of the fits last asked for, up to `MOST_HELD`; those of others are worked out again."""
+
+    def __init__(self) -> None:
+        self._held: OrderedDict[int, tuple[Prediction, np.ndarray]] = OrderedDict()
+        self._size = 0
+
+    def get(self, token: int) -> tuple[Prediction, np.ndarray] | None:
+        """Those of a fit, where they are still there."""
+        if token in self._held:
+            self._held.move_to_end(token)
+        return self._held.get(token)
+
+    def put(self, token: int, value: tuple[Prediction, np.ndarray]) -> None:
+        """Keep those of a fit, and let the oldest go."""
+        self._held[token] = value
+        self._size += _bytes(value)
+        while self._size > MOST_HELD and len(self._held) > 1:
+            self._size -= _bytes(self._held.popitem(last=False)[1])
+
+
+def _bytes(value: tuple[Prediction, np.ndarray]) -> int:
+    return sum(x.nbytes for x in (*vars(value[0]).values(), value[1]))
+
+
 class Stopped(Exception):
     """The work was asked to end; what was fitted so far stands in the search."""
 
@@ -80,6 +108,7 @@ class World:
     offsets: np.ndarray = field(repr=False)  # (M, R)
     given: tuple[str, ...] = ()  # effects of the declared model whose values are free and no news
     stopped: Callable[[], bool] = lambda: False  # asked while fits are made
+    recent: Recent = field(default_factory=Recent, repr=False)
 
     def go_on(self) -> None:
         """Raises Stopped where the work is to end."""
@@ -127,9 +156,8 @@ class Fit:
 
     Attributes:
         charts, numbers: of its effects. free, weights: of its free functions. amounts, levels: of links and runs.
-        model: the declared model with the effects' values. prediction: under it, links and all.
-        residual: (M,) what remains, W, levels and free functions taken out.
-        jacobian: (M, P) white, by theta; mean and precision before the data; hessian of phi.
+        model: the declared model with the effects' values. residual: (M,) what remains, W, levels and free functions
+            taken out. mean, precision: of theta before the data. hessian: of phi.
         phi: at the likeliest numbers. evidence: logarithm, less the density of the readings' own unit.
     """
 
@@ -142,14 +170,31 @@ class Fit:
     amounts: np.ndarray
     levels: np.ndarray
     model: PowerModel
-    prediction: Prediction
     residual: np.ndarray
-    jacobian: np.ndarray
     mean: np.ndarray
     precision: np.ndarray
     hessian: np.ndarray
     phi: float
     evidence: float
+    token: int = field(default_factory=count().__next__)
+
+    @property
+    def prediction(self) -> Prediction:
+        """What the meter shows under the model, links and all."""
+        return self._linearised()[0]
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """(M, P) white, by theta."""
+        return self._linearised()[1]
+
+    def _linearised(self) -> tuple[Prediction, np.ndarray]:
+        held = self.world.recent.get(self.token)
+        if held is None:
+            _, p, _, white = linearised(self.world, self.charts, columns_of(self.world, self.free), self.theta)
+            held = p, white[:, 1:]
+            self.world.recent.put(self.token, held)
+        return held
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -186,27 +231,16 @@ def fit(
     iterations: int = ITERATIONS,
 ) -> Fit:
     """Fit a hypothesis from `starts` (one vector per chart)."""
-    s, links = world.samples, world.links
     mean, precision, low, high = _before(world, nuisance, charts, free)
     cuts = np.cumsum([len(c.mean) for c in charts]).astype(int)
     zs, ws = int(cuts[-1]) if charts else 0, sum(f.columns.shape[1] for f in free)
-    ds, os = links.basis.shape[1], len(s.parts)
+    ds, os = world.links.basis.shape[1], len(world.samples.parts)
     theta = np.concatenate([*starts, np.zeros(ws), np.zeros(ds) if amounts is None else amounts, np.zeros(os)])
     theta = np.clip(theta, low, high)
-    drawn = np.column_stack([f.columns for f in free]) if free else np.zeros((len(s.power), 0))
+    drawn = columns_of(world, free)
 
     def state(theta: np.ndarray) -> tuple[PowerModel, Prediction, np.ndarray, np.ndarray, float]:
-        model = world.declared
-        parts = np.split(theta[:zs], cuts[:-1]) if charts else []
-        for c, z in zip(charts, parts, strict=True):
-            model = model.replaced(c.effect(z))
-        d = theta[zs + ws : zs + ws + ds]
-        p = predict(model, s, links.ways @ d, links.ways)
-        where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
-        own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(charts, parts, strict=True)]
-        jacobian = np.column_stack([*own, drawn, p.pushed, world.offsets])
-        residual = s.power - p.reading - drawn @ theta[zs : zs + ws] - world.offsets @ theta[zs + ws + ds :]
-        white = world.whiten(np.column_stack([residual, jacobian]))
+        model, p, residual, white = linearised(world, charts, drawn, theta)
         off = theta - mean
         phi = 0.5 * float(white[:, 0] @ white[:, 0]) + 0.5 * float(off @ precision @ off)
         return model, p, residual, white, phi
@@ -234,11 +268,41 @@ def fit(
         - 0.5 * world.whiten.log_determinant
         + 0.5 * float(np.linalg.slogdet(precision)[1] - np.linalg.slogdet(hessian)[1])
     )
-    return Fit(
+    found = Fit(
         world, nuisance, tuple(charts), tuple(np.split(theta[:zs], cuts[:-1])) if charts else (), tuple(free),
-        theta[zs : zs + ws], theta[zs + ws : zs + ws + ds], theta[zs + ws + ds :], model, p, residual, jacobian, mean,
-        precision, hessian, phi, evidence,
+        theta[zs : zs + ws], theta[zs + ws : zs + ws + ds], theta[zs + ws + ds :], model, residual, mean, precision,
+        hessian, phi, evidence,
     )  # fmt: skip
+    world.recent.put(found.token, (p, jacobian))
+    return found
+
+
+def columns_of(world: World, free: Sequence[Free]) -> np.ndarray:
+    """Columns (M, c) of free functions side by side."""
+    return np.column_stack([f.columns for f in free]) if free else np.zeros((len(world.samples.power), 0))
+
+
+def linearised(
+    world: World, charts: Sequence[Chart], drawn: np.ndarray, theta: np.ndarray
+) -> tuple[PowerModel, Prediction, np.ndarray, np.ndarray]:
+    """Model and prediction at theta, the residual (M,), and residual and Jacobian by theta made white (M, 1 + P).
+
+    Args:
+        drawn: columns (M, w) of the free functions.
+    """
+    s, links, model = world.samples, world.links, world.declared
+    cuts = np.cumsum([len(c.mean) for c in charts]).astype(int)
+    zs, ws, ds = int(cuts[-1]) if charts else 0, drawn.shape[1], links.basis.shape[1]
+    parts = np.split(theta[:zs], cuts[:-1]) if charts else []
+    for c, z in zip(charts, parts, strict=True):
+        model = model.replaced(c.effect(z))
+    d = theta[zs + ws : zs + ws + ds]
+    p = predict(model, s, links.ways @ d, links.ways)
+    where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
+    own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(charts, parts, strict=True)]
+    jacobian = np.column_stack([*own, drawn, p.pushed, world.offsets])
+    residual = s.power - p.reading - drawn @ theta[zs : zs + ws] - world.offsets @ theta[zs + ws + ds :]
+    return model, p, residual, world.whiten(np.column_stack([residual, jacobian]))
 
 
 def _before(

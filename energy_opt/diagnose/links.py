@@ -57,7 +57,7 @@ class Links:
 def links_of(samples: Samples, model: PowerModel) -> Links:
     """The directions that the readings show under a model."""
     basis = deviations_of(samples.body)
-    ways = samples.regressor @ basis
+    ways = samples.deviating(basis)
     shown = predict(model, samples, None, ways).pushed / samples.noise
     values, vectors = np.linalg.eigh(shown.T @ shown / len(shown))
     kept = vectors[:, values > SHOWN**2][:, ::-1]

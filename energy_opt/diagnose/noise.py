@@ -33,51 +33,28 @@ class Whitener:
 
     def __init__(self, noise: Noise, times: Sequence[np.ndarray], weights: np.ndarray) -> None:
         self.noise = noise
-        count, longest = len(times), max(len(t) for t in times)
-        self._index = np.full((longest, count), -1)
-        at = 0
-        keep = np.zeros((longest, count))
-        variance = np.full((longest, count), np.inf)
-        for r, t in enumerate(times):
-            k = len(t)
-            self._index[:k, r] = np.arange(at, at + k)
-            keep[1:k, r] = np.exp(-np.diff(t) / noise.memory)
-            variance[:k, r] = (noise.white / np.maximum(weights[at : at + k], 1e-6)) ** 2
-            at += k
-        self._there = self._index >= 0
-        self._keep = keep
-        prior = np.full(count, noise.wave**2)
-        self._gain, self._scale = np.zeros((longest, count)), np.zeros((longest, count))
-        logs = 0.0
-        for k in range(longest):
-            if k:
-                prior = keep[k] ** 2 * prior + (1 - keep[k] ** 2) * noise.wave**2
-            total = prior + variance[k]
-            self._gain[k] = np.where(self._there[k], prior / total, 0.0)
-            self._scale[k] = np.where(self._there[k], 1 / np.sqrt(total), 0.0)
-            logs += float(np.sum(np.log(total[self._there[k]])))
-            prior = prior * (1 - self._gain[k])
-        self.log_determinant = logs
+        keep = np.concatenate([np.concatenate([[0.0], np.exp(-np.diff(t) / noise.memory)]) for t in times])
+        variance = (noise.white / np.maximum(weights, 1e-6)) ** 2
+        gain, total, prior = [], [], 0.0
+        for k, v in zip(keep.tolist(), variance.tolist(), strict=True):  # plain numbers: a run may have 1e4 readings
+            prior = k * k * prior + (1 - k * k) * noise.wave**2
+            total.append(prior + v)
+            gain.append(prior / total[-1])
+            prior *= 1 - gain[-1]
+        self._scale = 1 / np.sqrt(total)
+        self._feed = keep[1:] * gain[:-1]
+        self._band = np.ones((2, len(keep)))  # of the recursion: its diagonal, and what a state keeps of the one before
+        self._band[1, :-1] = self._feed - keep[1:]
+        self.log_determinant = float(np.sum(np.log(total)))
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """White innovations (M, ...) of readings (M, ...)."""
+        from scipy.linalg import solve_banded
+
         flat = x.reshape(len(x), -1)
         if self.noise.wave == 0:
-            scale = np.zeros(len(x))
-            scale[self._index[self._there]] = self._scale[self._there]
-            return np.asarray((flat * scale[:, None]).reshape(x.shape))
-        out = np.empty_like(flat, dtype=float)
-        state = np.zeros((self._index.shape[1], flat.shape[1]))
-        for k, rows in enumerate(self._index):
-            live = self._there[k]
-            if k:
-                state *= self._keep[k][:, None]
-            if live.all():
-                surprise = flat[rows] - state
-                out[rows] = surprise * self._scale[k][:, None]
-                state += self._gain[k][:, None] * surprise
-            else:
-                surprise = flat[rows[live]] - state[live]
-                out[rows[live]] = surprise * self._scale[k][live, None]
-                state[live] += self._gain[k][live, None] * surprise
-        return out.reshape(x.shape)
+            return np.asarray((flat * self._scale[:, None]).reshape(x.shape))
+        state = np.zeros_like(flat, dtype=float, order="F")
+        state[1:] = self._feed[:, None] * flat[:-1]
+        state = solve_banded((1, 0), self._band, state, overwrite_b=True, check_finite=False)
+        return np.asarray(((flat - state) * self._scale[:, None]).reshape(x.shape))

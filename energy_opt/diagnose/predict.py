@@ -8,13 +8,14 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from energy_opt.diagnose.samples import Samples
+from energy_opt.diagnose.samples import Samples, pieces
 from energy_opt.effects import MeterEffect, RigidEffect, Signals, of_form
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
 from energy_opt.power.past import returned_power, store_of
 
 STORE_STEP = 1e-3  # share of a store's capacity by which its derivative is taken
+AT_ONCE = 2048  # nodes: a batch holds its arrays, and batches are kept
 PAST = ("idle", "returned", "run")
 
 
@@ -23,11 +24,13 @@ class Prediction:
     """What the meter shows under a model, at M readings from K nodes.
 
     Attributes:
+        metered: (K,) W, what the meter has of the true power at the nodes.
         reading: (M,) W. jacobian: (M, P) by `PowerModel.values`. pushed: (M, c) by further torques, see `predict`.
         power: (K,) true power before the meter, W. tau, tau_m: (K, n) torque of the rigid body and of the motors, N m.
         by_tau: (K, n) d power / d tau.
     """
 
+    metered: np.ndarray
     reading: np.ndarray
     jacobian: np.ndarray
     pushed: np.ndarray
@@ -105,11 +108,14 @@ def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]
     by_g = s.gravity_torque
     live = np.flatnonzero(by_phi.any(axis=1) | phi.any(axis=1))
     if live.size:
-        regressor = s.free_regressor[:, :, live] + s.gravity_regressor[:, :, live] @ gravity.ravel()
-        tau = tau + regressor @ phi.ravel()[live]
-        slope += regressor @ by_phi[live]
         if by_gravity.any():
-            by_g = by_g + np.einsum("njpk,p->njk", s.gravity_regressor[:, :, live], phi.ravel()[live])
+            by_g = by_g.copy()
+        for rows, own in s.by_links(live):
+            regressor = own[..., 0] + own[..., 1:] @ gravity.ravel()
+            tau[rows] += regressor @ phi.ravel()[live]
+            slope[rows] += regressor @ by_phi[live]
+            if by_gravity.any():
+                by_g[rows] += np.einsum("njpk,p->njk", own[..., 1:], phi.ravel()[live])
     return tau, slope + by_g @ by_gravity
 
 
@@ -128,14 +134,23 @@ def predict(
     known = _known(s)
     state = [s.q, s.v, s.a, tau, s.t, *known.values()]
     structure = tuple(e.form for e in model.effects)
-    law, values = _batch(structure, s.n, tuple(known), len(s.q)), model.values(s.n)
+    values = model.values(s.n)
+
+    def law() -> np.ndarray:
+        table = np.column_stack(state)
+        out = []
+        for part in pieces(len(table), AT_ONCE):
+            (own,) = _batch(structure, s.n, tuple(known), part.stop - part.start)(table[part], values)
+            out.append(own.copy())
+        return np.concatenate(out)
+
     where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
-    (out,) = law(np.column_stack(state), values)
+    out = law()
     store = store_of(model)
     if store is not None:
         bus = out[:, 1].copy()
         state[4 + 1 + list(known).index("returned")] = _returned(model, s, bus)
-        (out,) = law(np.column_stack(state), values)
+        out = law()
     n = s.n
     power, tau_m = out[:, 0].copy(), out[:, 2 : 2 + n].copy()
     by_tau, jacobian = out[:, 2 + n : 2 + 2 * n].copy(), out[:, 2 + 2 * n :].copy()
@@ -155,9 +170,9 @@ def predict(
             both = effect.reading(time, power_and_slopes, value)
             reading[rows], slopes[rows] = both[:, 0], both[:, 1:]
             slopes[rows, where[effect.name].start] = effect.sensitivity(time, power_and_slopes, value)[:, 0]
-    reading, slopes = s.shown(reading), s.shown(slopes)
+    metered, reading, slopes = reading, s.shown(reading), s.shown(slopes)
     count = jacobian.shape[1]
-    return Prediction(reading, slopes[:, :count], slopes[:, count:], power, tau, tau_m, by_tau)
+    return Prediction(metered, reading, slopes[:, :count], slopes[:, count:], power, tau, tau_m, by_tau)
 
 
 def _known(s: Samples) -> dict[str, np.ndarray]:

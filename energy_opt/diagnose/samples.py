@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from energy_opt.diagnose.long_sets import averaged, group_size, group_weight, per_bin
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
 from energy_opt.measured.meter import nodes, operator
 from energy_opt.power.past import idle_time
@@ -17,11 +18,11 @@ from energy_opt.robot import RigidBody
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-BIN = 0.03  # [s] readings closer than this are averaged
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight
 SLACK = 2e-3  # [s] by which motion and meter may be apart
 SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings of a slow meter; its noise over the level
+PIECE = 8192  # nodes that are worked on at once, where each takes kilobytes
 REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise says
 
 
@@ -39,6 +40,7 @@ class Samples:
         noise: standard deviation of a reading's white noise, W. floor: of a single reading of the meter, W.
         clock: True where the log states every run's set time. files, kinds: of the runs.
         single: set time and power of every single reading of the meter, run by run.
+        group: how many neighbouring readings were averaged to one, 1 in all but long sets.
     """
 
     body: RigidBody
@@ -61,6 +63,7 @@ class Samples:
     files: tuple[str, ...]
     kinds: tuple[str, ...]
     single: tuple[tuple[np.ndarray, np.ndarray], ...]
+    group: int = 1
 
     @property
     def n(self) -> int:
@@ -78,7 +81,7 @@ class Samples:
             files=tuple(self.files[r] for r in runs), kinds=tuple(self.kinds[r] for r in runs),
             single=tuple(self.single[r] for r in runs),
         )  # fmt: skip
-        for name in ("free_torque", "gravity_torque", "free_regressor", "gravity_regressor", "warmth", "idle"):
+        for name in ("free_torque", "gravity_torque", "last_regressors", "regressors", "warmth", "idle"):
             if name in self.__dict__:
                 out.__dict__[name] = self.__dict__[name][rows]
         return out
@@ -131,20 +134,45 @@ class Samples:
         return np.stack([self.body.torque(self.q, rest, rest, None, unit) for unit in np.eye(3)], axis=2)
 
     @cached_property
-    def free_regressor(self) -> np.ndarray:
-        """d tau / d (all links' inertial parameters) without gravity, (K, n, 10 n)."""
-        return self.body.link_regressor(self.q, self.v, self.a, np.zeros(3))
+    def regressors(self) -> np.ndarray:
+        """d tau / d (all links' inertial parameters), (K, n, 10 n, 4): without gravity; of its x, y and z, at rest."""
+        return self._regressors(slice(None), slice(None))
 
     @cached_property
-    def gravity_regressor(self) -> np.ndarray:
-        """The same for unit gravity along x, y, z, at rest: (K, n, 10 n, 3)."""
-        rest = np.zeros_like(self.v)
-        return np.stack([self.body.link_regressor(self.q, rest, rest, unit) for unit in np.eye(3)], axis=3)
+    def last_regressors(self) -> np.ndarray:
+        """The same of the last link alone, which carries the payload: (K, n, 10, 4)."""
+        parts = [self._regressors(rows, slice(-10, None)) for rows in pieces(len(self.q), PIECE)]
+        return np.concatenate(parts)
 
-    @cached_property
-    def regressor(self) -> np.ndarray:
-        """d tau / d (all links' inertial parameters) under the robot's own gravity, (K, n, 10 n)."""
-        return self.body.link_regressor(self.q, self.v, self.a)
+    def _regressors(self, rows: slice, columns: slice) -> np.ndarray:
+        q, v, a, still = self.q[rows], self.v[rows], self.a[rows], np.zeros_like(self.v[rows])
+        own = [self.body.link_regressor(q, v, a, np.zeros(3))[:, :, columns]]
+        own += [self.body.link_regressor(q, still, still, unit)[:, :, columns] for unit in np.eye(3)]
+        return np.stack(own, axis=3)
+
+    def by_links(self, live: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
+        """`regressors` by those inertial parameters that are named: pieces (k, n, live, 4) with where they lie.
+
+        Those of all links are kept where they are not too large (a million rows at 1 kHz have some GB), those of the
+        last link always; others are worked out anew.
+        """
+        at_once = len(self.q) <= PIECE
+        if not at_once and live.min() >= 10 * (self.n - 1):
+            yield slice(0, len(self.q)), self.last_regressors[:, :, live - 10 * (self.n - 1)]
+            return
+        for rows in pieces(len(self.q), PIECE):
+            whole = self.regressors if at_once else self._regressors(rows, slice(None))
+            yield rows, whole[:, :, live]
+
+    def deviating(self, basis: np.ndarray) -> np.ndarray:
+        """Torque (K, n, c) by amounts of deviations `basis` (10 n, c) of the links, under the robot's own gravity."""
+        parts = pieces(len(self.q), PIECE)
+        return np.concatenate([self.body.link_regressor(self.q[x], self.v[x], self.a[x]) @ basis for x in parts])
+
+
+def pieces(count: int, most: int) -> list[slice]:
+    """Slices of at most `most` that make up `count`."""
+    return [slice(first, min(first + most, count)) for first in range(0, count, most)]
 
 
 def laid(parts: Sequence[slice]) -> tuple[slice, ...]:
@@ -157,18 +185,26 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     """All runs of a set as samples, and the smoothing that the data chose."""
     smoothing = choose_smoothing(measured.runs)
     taken = [_windows(run, smoothing) if run.window.any() else _bins(run, smoothing) for run in measured.runs]
+    first = min(float(run.start + run.time[0]) for run in measured.runs)
+    noise = _meter_noise([reading for _, reading, _, _ in taken])
+    single = [(run.start + run.power_time - first, run.power) for run in measured.runs]
+    group = group_size(sum(len(power) for _, (_, power), _, _ in taken))
+    if group > 1:
+        windows = [run.window.any() for run in measured.runs]
+        taken = [_grouped(run, group) for run in taken]
+        single = [
+            (reading[0] - first, reading[1]) if own else one
+            for one, (_, reading, _, _), own in zip(single, taken, windows, strict=True)
+        ]
     motion, readings, operators, counts = zip(*taken, strict=True)
     t, q, v, a, temperature, torque = (np.concatenate(column) for column in zip(*motion, strict=True))
     at, power = (np.concatenate(column) for column in zip(*readings, strict=True))
-    first = min(float(run.start + run.time[0]) for run in measured.runs)
     parts = laid([slice(0, len(r[0])) for r in readings])
     samples = Samples(
         measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature, torque,
-        at - first, power, parts, operators, counts, np.ones(len(at)),
-        _meter_noise([(at[s], power[s]) for s in parts]),
+        at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
         _meter_noise([(r.power_time, r.power) for r in measured.runs]), measured.clock,
-        tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs),
-        tuple((run.start + run.power_time - first, run.power) for run in measured.runs),
+        tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
     )  # fmt: skip
     return samples, smoothing
 
@@ -183,20 +219,17 @@ def weighted(samples: Samples, power: np.ndarray) -> Samples:
     """
     weight = np.ones(len(samples.power))
     moving = (samples.v != 0).any(axis=1)
+    noise = samples.noise * samples.group**0.5
     for rows, part, op in zip(samples.slices, samples.parts, samples.operators, strict=True):
-        if op is not None:
+        grouped = op is not None and (rows.stop - rows.start) // samples.group == part.stop - part.start
+        if op is not None and not (samples.group > 1 and grouped):
             continue
         slope = np.gradient(power[rows], samples.t[rows]) if rows.stop - rows.start > 1 else np.zeros(1)
-        own = 1 / np.sqrt(1 + (SLACK * slope / samples.noise) ** 2)
+        own = 1 / np.sqrt(1 + (SLACK * slope / noise) ** 2)
         for k in 1 + np.flatnonzero(moving[rows][1:] != moving[rows][:-1]):
             own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
-        weight[part] = own
+        weight[part] = group_weight(own, samples.group) if grouped else own / samples.group**0.5
     return replace(samples, weight=weight)
-
-
-def _per_bin(run: Run) -> int:
-    """How many of a run's meter readings make a sample."""
-    return max(1, int(BIN / float(np.median(np.diff(run.power_time))) + 0.5)) if len(run.power) > 1 else 1
 
 
 Taken = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray], "csr_matrix | None", int]
@@ -204,7 +237,7 @@ Taken = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray], "csr_matrix
 
 def _bins(run: Run, smoothing: Smoothing) -> Taken:
     """Readings at instants, averaged in bins; nodes are the bins' middles."""
-    count = _per_bin(run)
+    count = per_bin(run)
     whole = len(run.power) // count * count
     time = run.power_time[:whole].reshape(-1, count).mean(axis=1)
     power = run.power[:whole].reshape(-1, count).mean(axis=1)
@@ -216,6 +249,15 @@ def _windows(run: Run, smoothing: Smoothing) -> Taken:
     at = nodes(run)
     middle = run.start + run.power_time - run.window / 2
     return _motion(run, at, smoothing), (middle, run.power), operator(run, at), 1
+
+
+def _grouped(taken: Taken, group: int) -> Taken:
+    """Neighbouring readings averaged; the nodes stay. A run of fewer than `group` readings stays as it is."""
+    motion, (at, power), op, count = taken
+    if len(power) < group:
+        return taken
+    mean, through = averaged(len(power), group, _bin_matrix(len(power), count) if op is None else op)
+    return motion, (mean @ at, mean @ power), through, 1
 
 
 def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
@@ -244,6 +286,15 @@ def _bin_mean(x: np.ndarray, count: int) -> np.ndarray:
     out = x.copy()
     out[1:-1] += (x[2:] - 2 * x[1:-1] + x[:-2]) * (1 - 1 / count**2) / 24
     return out
+
+
+def _bin_matrix(readings: int, count: int) -> csr_matrix:
+    """`_bin_mean` as a matrix."""
+    from scipy.sparse import diags
+
+    bend = np.zeros(readings)
+    bend[1:-1] = (1 - 1 / count**2) / 24
+    return diags([bend[1:], 1 - 2 * bend, bend[:-1]], [-1, 0, 1], format="csr")
 
 
 def _meter_noise(readings: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:

@@ -134,7 +134,7 @@ class Search:
             elif isinstance(source, int):
                 free.append(f.free[source - len(f.charts)])
             elif isinstance(source, Free):
-                free.append(source)
+                free.append(next(g for g in functions(f) if (g.key, g.size) == (source.key, source.size)))
             else:
                 charts.append(source.chart)
                 starts.append(source.start(x))

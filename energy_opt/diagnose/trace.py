@@ -128,11 +128,11 @@ def trace(
 
 
 def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], tried: list[Search]) -> Trace:
-    """The search, judged; what it tries is put into `tried`."""
+    """The search, judged; `tried` holds the one under way."""
     best, noise = nothing, still
     for turn in range(3):
         log.info("effects, round %d of at most 3", turn + 1, extra={"share": 0.05 + 0.1 * turn})
-        tried.append(found := Search(world))
+        tried[:] = [found := Search(world)]
         best = found.descend(best)
         noise = noise_of(best)
         if _alike(noise, world.whiten.noise):
@@ -140,7 +140,7 @@ def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], t
         world = world.under(noise)
         best = moved(best, world)
     log.info("effects under the noise that was found", extra={"share": 0.35})
-    tried.append(found := Search(world))
+    tried[:] = [found := Search(world)]
     named = found.descend(best)
     log.info("structures that no effect has", extra={"share": 0.5})
     found.open()

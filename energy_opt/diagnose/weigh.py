@@ -16,7 +16,7 @@ and a set S of blocks with amounts x ~ N(m, P^{-1}) has the evidence
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -54,6 +54,13 @@ class Block:
     odds: float
     source: Candidate | Free | int  # a number: the effect of that index in the fit
     present: np.ndarray | None = None
+
+    def lean(self) -> Block:
+        """The same less its columns, of which only products are asked for: banks are kept."""
+        source = self.source
+        if not isinstance(source, int):
+            source = replace(source, columns=np.zeros((0, source.columns.shape[1])))
+        return replace(self, white=np.zeros((0, self.white.shape[1])), source=source)
 
 
 @dataclass(frozen=True)
@@ -98,6 +105,7 @@ class Bank:
             for (o, d, over, smooth), w in zip(LEVELS, LEVEL_ODDS, strict=True)
         }
         self.likely: list[Nuisance] = list(self.nuisances)
+        self.blocks = [b.lean() for b in self.blocks]
 
     def _under(self, nuisance: Nuisance) -> tuple[np.ndarray, np.ndarray, float]:
         """What is taken from A^T A by its product with itself, g, and what links and levels themselves are worth."""

@@ -25,7 +25,7 @@ from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import source_method_2
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, load_robot
 
 RETIMED = EXAMPLE.replace('mode = "reshape" ', 'mode = "retime"  ')
 
@@ -145,6 +145,10 @@ FAULTS = [
     ('to = "part"\n', 'to = "part"\nwait = 1.0\n', "either `to` or `wait`"),
     ("payload = 2.0", 'payload = 2.0\nscene = "../x.yaml"', "outside"),
     ('format = "energy-opt/job/1"', 'format = "energy-opt/job/9"', "energy-opt/job/1"),
+    ("cycle_time = 5.5", "cycle_time = 1e8", "1e[+]07$"),
+    ("cycle_time = 5.5 ", "", "no cycle_time"),
+    ('to = "part"\n', 'to = "part"\nscene = "empty.yaml"\n', r"step 2 \(to the part\): .*stop = false.*scene"),
+    ('robot = "panda"', 'robot = "../arm.urdf"', "robot: .*outside"),
 ]
 
 
@@ -152,6 +156,7 @@ FAULTS = [
 def test_faults_are_named_with_their_step(before: str, after: str, said: str, panda: Robot, tmp_path: Path) -> None:
     assert before in EXAMPLE
     path = _written(tmp_path, EXAMPLE.replace(before, after, 1))
+    (tmp_path / "empty.yaml").write_text("objects: []\n")
     with pytest.raises(BadInput, match=said):
         load_job(path, lambda name: panda)
     assert check_job(path, lambda name: panda)
@@ -165,6 +170,25 @@ def test_a_cycle_that_is_too_short_says_what_would_do(panda: Robot, tmp_path: Pa
     assert shortest is not None
     text = RETIMED.replace("cycle_time = 5.5", f"cycle_time = {shortest + 1e-6}")
     assert run_job(load_job(_written(tmp_path, text), lambda _: panda), source_method_2()).pieces
+
+
+def test_waits_that_are_longer_than_the_cycle_say_so(panda: Robot, tmp_path: Path) -> None:
+    head = EXAMPLE[: EXAMPLE.index("[[step]]")]
+    job = load_job(_written(tmp_path, head + "[[step]]\nwait = 6.5\n"), lambda _: panda)
+    with pytest.raises(Infeasible, match=r"5\.5 s is too short: it waits 6\.5 s") as caught:
+        run_job(job, source_method_2())
+    assert caught.value.shortest_duration == 6.5
+
+
+def test_check_reads_a_job_as_job_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs/arm.urdf").write_text(load_robot("ur5e").urdf.read_text())
+    (tmp_path / "scene.yaml").write_text("objects: []\n")
+    text = 'format = "energy-opt/job/1"\nrobot = "arm.urdf"\ncycle_time = 2\nhome = [0, -1, 1, 0, 0, 0]\n'
+    path = _written(tmp_path / "jobs", f'{text}scene = "../scene.yaml"\n[[step]]\nwait = 1\n')
+    assert main(["check", str(path), "--quiet"]) == 2
+    assert "--allow-outside" in capsys.readouterr().err
+    assert main(["check", str(path), "--quiet", "--allow-outside"]) == 0
 
 
 def test_a_payload_that_a_limit_cannot_hold_names_the_step(panda: Robot, tmp_path: Path) -> None:
@@ -227,8 +251,8 @@ def test_a_job_goes_around_what_stands_in_its_way(panda: Robot, tmp_path: Path) 
     assert found["optimality"]["gap_percent"] < 0.1
     assert [row["name"] for row in found["models"]] == ["source-method-2", "careful"]
     assert found["request"]["job"]["cycle_time"] == 3.2 and "careful" in found["warnings"][0]
-    again = ["job", str(tmp_path / "job.toml"), "--out", str(out), "--quiet", "--clearance", "0.002"]
-    assert main(again) == 2  # another request's answer is not overwritten
+    for option in (["--clearance", "0.002"], ["--starts", "3"]):  # another request's answer is not overwritten
+        assert main(["job", str(tmp_path / "job.toml"), "--out", str(out), "--quiet", *option]) == 2
 
 
 def test_a_pose_in_a_new_scene_is_named_with_its_step(panda: Robot, tmp_path: Path) -> None:

@@ -88,16 +88,16 @@ def load_suite(
     return replace(suite, tasks=tuple(_with_compile(suite.tasks, compile)))
 
 
-def check_suite(path: str | Path) -> list[str]:
-    """Every fault of a suite file, one line each; empty where it is usable."""
+def check_suite(path: str | Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:
+    """Every fault of a suite file, one line each; empty where it is usable. Arguments are those of `load_suite`."""
     try:
-        return [f"{path}: {fault}" for fault in _read(Path(path), {}, None, False)[1]]
+        return [f"{path}: {fault}" for fault in _read(Path(path), {}, None, allow_outside, allow_large)[1]]
     except BadInput as error:
         return str(error).splitlines()
 
 
 def _read(
-    path: Path, overrides: Mapping[str, Any], seed: int | None, allow_outside: bool, allow_large: bool = False
+    path: Path, overrides: Mapping[str, Any], seed: int | None, allow_outside: bool, allow_large: bool
 ) -> tuple[Suite, list[str]]:
     document = read_toml(path)
     faults = Faults()

@@ -1,1 +1,1 @@
-"""The command line: one file a verb, each with `HELP`, `add_arguments` and `run`."""
+"""The command line: one file a verb, each with `add_arguments` and `run`."""

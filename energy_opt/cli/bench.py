@@ -14,7 +14,6 @@ from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput
 
 MOST_JOBS = 1024  # on one machine
-HELP = "a batch of moves, in parallel, resumable, with a report"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--robot", metavar="NAME_OR_URDF", help="robot for every move")
     group.add_argument("--limits", type=Path, metavar="joint_limits.yaml", help="joint limits with MoveIt's keys")
     group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload [kg, m] in the last joint's frame")
-    group.add_argument("--model", type=Path, metavar="MODEL.toml", help="power model")
+    group.add_argument(
+        "--model", metavar="MODEL", help="power model: a file, or source-method-1, source-method-2, careful"
+    )
     group.add_argument("--seed", type=int, metavar="N", help="seed of random moves and of the solver's starts")
     add_cell(parser)
     parser.set_defaults(self_collision=None, planner=None)  # as the suite says
@@ -100,10 +101,11 @@ def _overrides(args: argparse.Namespace) -> dict[str, Any]:
     if args.robot is not None:
         path = Path(args.robot)
         out["robots"] = [str(path.resolve()) if path.is_file() else args.robot]
-    for key, name in (("limits", "limits"), ("models", "model")):
-        path = getattr(args, name)
-        if path is not None:
-            out[key] = str(path.resolve())
+    if args.limits is not None:
+        out["limits"] = str(args.limits.resolve())
+    if args.model is not None:
+        path = Path(args.model)
+        out["models"] = [str(path.resolve()) if path.is_file() else args.model]
     if args.payload is not None:
         out["payloads"] = [args.payload]
     return out | _surroundings(args)

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE_OR_DIR", help="what to check")
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot whose joints and limits are meant")
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
-    parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="model for the torque of a trajectory")
+    parser.add_argument("--model", metavar="MODEL", help="model for the torque of a trajectory (source-method-2)")
     add_prefix(parser)
     add_cell(parser)
     parser.add_argument("--json", action="store_true", help="faults as one JSON document on stdout")
@@ -129,10 +129,13 @@ def _toml(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
         from energy_opt.job import check_job
         from energy_opt.robot import load_robot
 
-        return check_job(file, lambda name: load_robot(args.robot or name, limits=args.limits))
+        def load(name: str) -> Robot:
+            return load_robot(args.robot or name, limits=args.limits, prefix=args.joint_prefix)
+
+        return check_job(file, load, allow_outside=args.allow_outside)
     from energy_opt.bench.suite import check_suite
 
-    return check_suite(file)
+    return check_suite(file, allow_outside=args.allow_outside, allow_large=args.allow_large)
 
 
 def _limits(file: Path, args: argparse.Namespace) -> list[str]:
@@ -151,10 +154,10 @@ def _limits(file: Path, args: argparse.Namespace) -> list[str]:
 def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
     from energy_opt.formats import read
+    from energy_opt.front.given import model_from
     from energy_opt.motion.judge.certificate import certify
     from energy_opt.motion.judge.energy import Scorer
     from energy_opt.motion.limits.registry import joint_limits
-    from energy_opt.power import load_model, source_method_2
     from energy_opt.robot import known_robots, load_robot
 
     rows = read(file)
@@ -174,8 +177,7 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     if rows.time is None:
         return []
     trajectory = rows.trajectory()
-    model = load_model(args.model) if args.model else source_method_2(robot.name)
-    certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
+    certificate = certify(trajectory, Scorer(robot, model_from(args.model, robot)), joint_limits(robot.limits))
     worst, faults = certificate.worst, _touches(file, args, robot, trajectory)
     if certificate.valid:
         return faults

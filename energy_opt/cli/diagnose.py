@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from energy_opt.measured import MeasuredSet
     from energy_opt.power import PowerModel
 
-HELP = "trace the residual of measured power to the effect that the model lacks"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
@@ -24,15 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: the one that log.toml names)")
     parser.add_argument(
         "--model",
-        type=Path,
         metavar="DECLARED.toml",
-        help="the declared model (default: the set's own declared.toml, else mechanical power with standby and copper "
-        "loss fitted)",
+        help="the declared model, a file or a name (default: the set's own declared.toml, else mechanical power with "
+        "standby and copper loss fitted)",
     )
     parser.add_argument(
         "--tolerance",
         type=float,
-        default=3.0,
         metavar="PERCENT",
         help="energy error within which a model is good enough to plan with (default 3)",
     )
@@ -50,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
     from energy_opt.diagnose import diagnose, diagnose_joints, write, write_joints
+    from energy_opt.diagnose.diagnosis import TOLERANCE
     from energy_opt.files import to_json
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_set
@@ -63,12 +60,14 @@ def run(args: argparse.Namespace) -> int:
         show.stage("reading", 0.0, 1.0)
         measured = read_set(args.set, robot, allow_outside=args.allow_outside, meter=False)
     declared, given, said = _declared(args, measured)
-    if args.payload:
+    if args.payload is not None:
         declared = declared.replaced(payload_from(args.payload))
     basis = {"model": declared, "payload": args.payload, "limits": args.limits}
     request = request_of_set(args.set, robot, args.seed, **basis, command=args.command)
     surroundings = cell_of(args)  # of the motion to record next
     request |= {"cell": surroundings.document()} if surroundings.document() else {}
+    tolerance = TOLERANCE if args.tolerance is None else args.tolerance
+    request |= {} if tolerance == TOLERANCE else {"tolerance": tolerance}
     guard(args.out / "diagnosis.json", request, args.force)
     if not _has_meter(measured):
         alone = diagnose_joints(measured, declared)
@@ -83,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     with stop_on_interrupt() as stopped, Progress(args) as show:
         show.stage("searching", 0.0, 1.0)
-        result = diagnose(measured, declared, args.seed, args.tolerance, given, stopped)
+        result = diagnose(measured, declared, args.seed, tolerance, given, stopped)
     result.document["request"] = request
     if said:
         result.document["remarks"].insert(0, said)
@@ -104,9 +103,10 @@ def _declared(args: argparse.Namespace, measured: MeasuredSet) -> tuple[PowerMod
 
     from energy_opt.effects import CopperLoss, Standby
     from energy_opt.power import PowerModel, load_model, source_method_2
+    from energy_opt.power.named import model_of
 
     if args.model is not None:
-        return load_model(args.model), (), ""
+        return model_of(args.model, measured.robot.name), (), ""
     own = measured.path / "declared.toml"
     if own.is_file():
         return load_model(own), (), f"No --model: starting from the set's own {own.name}."

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from energy_opt.identify import Identification
     from energy_opt.robot import PointMass, Robot
 
-HELP = "overhead and copper loss from static poses (Methods 1 and 2)"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
@@ -44,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _mass(text: str | None) -> PointMass | None:
-    if not text:
+    if text is None:
         return None
     from energy_opt.robot import PointMass
 

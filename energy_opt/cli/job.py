@@ -6,10 +6,22 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from energy_opt.cli.common import add_cell, add_model, add_output, add_prefix, cell_of, load_model_of, say
+from energy_opt.cli.common import (
+    add_cell,
+    add_model,
+    add_output,
+    add_prefix,
+    cell_of,
+    load_model_of,
+    load_robot_of,
+    say,
+)
 from energy_opt.errors import Infeasible
+
+if TYPE_CHECKING:
+    from energy_opt.robot import Robot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_model(group)
     add_prefix(group)
     group = parser.add_argument_group("solving")
-    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping (6)")
+    group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping at most (24)")
     group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never (auto)")
     group.add_argument("--resume", action="store_true", help="take the answers that an earlier run into --out left")
     add_cell(parser)
@@ -50,9 +62,8 @@ def run(args: argparse.Namespace) -> int:
     given = {"seed": args.seed, "compile": args.compile}
     settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}))
     cell, limits = cell_of(args), vars(job.robot.limits)
-    request = request_of_job(
-        args.job, job.robot, model, args.seed, limits=args.limits, cell=cell.document(), command=args.command
-    )
+    named = {"limits": args.limits, "cell": cell.document()}
+    request = request_of_job(args.job, job.robot, model, settings, **named, command=args.command)
     guard(args.out / "job.json", request, args.force)
     about = [model.to_document(), job.robot.name, limits, vars(settings), cell.document()]
     answers = Answers(args.out, job.robot.joints, about, args.resume)
@@ -85,11 +96,8 @@ def run(args: argparse.Namespace) -> int:
     return 0 if result.solved else 4
 
 
-def _robot(args: argparse.Namespace, name: str) -> Any:
-    from energy_opt.cli.common import load_robot_of
-
-    beside = args.job.parent / name
-    args.robot = args.robot or (str(beside) if beside.is_file() else name)
+def _robot(args: argparse.Namespace, name: str) -> Robot:
+    args.robot = args.robot or name
     return load_robot_of(args)
 
 

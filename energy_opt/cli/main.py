@@ -33,7 +33,7 @@ VERBS = {
 }
 MODULES = {"import": "ingest"}  # verbs whose module cannot have their name
 SHELLS = ("bash", "zsh", "tcsh")
-VECTORS = ("--start", "--goal", "--via", "--suggest-from", "--base")
+VECTORS = ("--start", "--goal", "--via", "--base")
 
 
 class _Help(argparse.HelpFormatter):

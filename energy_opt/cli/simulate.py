@@ -20,8 +20,6 @@ MOST_REPEATS = 100_000
 BRIEFEST = 0.1  # [s] of a pose that is held: a meter has some readings of it
 MOST_SECONDS = 3600.0  # of motion: 4 million steps, some minutes and 2 GB
 
-HELP = "play trajectories on a virtual arm and write a measured set"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
@@ -36,7 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--robot", metavar="NAME_OR_URDF", help="the arm (default: the plant file's)")
     group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     group.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload [kg, m] that the arm truly carries")
-    group.add_argument("--model", type=Path, metavar="DECLARED.toml", help="what the owner believes: put into the set")
+    group.add_argument(
+        "--model", metavar="DECLARED.toml", help="what the owner believes, a file or a name: put into the set"
+    )
     group = parser.add_argument_group("runs")
     group.add_argument("--repeat", type=int, default=1, metavar="N", help="play all of them N times (1)")
     group.add_argument("--rest", type=float, default=0.3, metavar="S", help="standing before and after each [s] (0.3)")
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.progress import Progress
     from energy_opt.files import to_json
     from energy_opt.folders import written_whole
-    from energy_opt.power import load_model
+    from energy_opt.power.named import model_of
     from energy_opt.robot import load_robot
     from energy_opt.virtual_arm import Instruments, load_plant, simulate
 
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     if args.payload is not None:
         plant = dataclasses.replace(plant, model=plant.model.replaced(payload_from(args.payload)))
     robot = load_robot(args.robot or plant.model.robot, limits=args.limits, prefix=args.joint_prefix)
-    declared = load_model(args.model) if args.model is not None else None
+    declared = model_of(args.model, robot.name) if args.model is not None else None
     instruments = Instruments(
         rate=args.rate,
         meter_rate=args.meter_rate,

@@ -89,14 +89,15 @@ def request_of_set(
 
 
 def request_of_job(
-    file: Path, robot: Robot, model: PowerModel, seed: int, *, command: list[str] | None = None, **more: Any
+    file: Path, robot: Robot, model: PowerModel, settings: Settings, *, command: list[str] | None = None, **more: Any
 ) -> dict[str, Any]:
-    """The same for a job: its whole text (but for comments), robot, model, seed, `more`, version, command."""
+    """The same for a job: its whole text (but for comments), robot, model, seed, settings, `more`, version, command."""
     return {
         "job": read_toml(file),
         "robot": robot.name,
         "model": model.to_document(),
-        "seed": seed,
+        "seed": settings.seed,
+        "settings": _unusual(settings),
         **more,
         **stamp(command),
     }

@@ -22,7 +22,12 @@ SHORTEST_WAIT = 1e-9  # s; less is no wait
 
 @dataclass(frozen=True)
 class Answer:
-    """A leg's motion: where it comes from ("retime", "reshape", "scaled", "toppra"), its energy and status."""
+    """A leg's motion, its energy and status.
+
+    Attributes:
+        source: what made it: a solve, as `chosen` of its result says; "scaled" or "toppra", its first path's timing;
+            "resumed", an earlier run.
+    """
 
     trajectory: Trajectory
     energy: Energy

@@ -36,6 +36,7 @@ MOVING = ("name", "to", "mode", "min_duration", "max_duration", "payload", "scen
 WAITING = ("name", "wait", "brakes", "payload", "scene")
 SAME = 1e-9  # [rad] two poses nearer than this are one
 MOST_STEPS = 1000
+BRIEFEST, LONGEST = 1e-6, 1e7  # [s] of a cycle and a wait: less is none, more is a slip of units
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,8 @@ def load_job(path: Path, load: Callable[[str], Robot], *, allow_outside: bool = 
     """Read a job.
 
     Args:
-        load: makes the robot out of the word in the file.
-        allow_outside: scenes may lie outside the job's folder.
+        load: makes the robot out of its name, or of the path of its URDF.
+        allow_outside: URDF and scenes may lie outside the job's folder.
 
     Raises:
         BadInput: names every fault, one a line, with the step's name.
@@ -101,10 +102,10 @@ def load_job(path: Path, load: Callable[[str], Robot], *, allow_outside: bool = 
     return job
 
 
-def check_job(path: Path, load: Callable[[str], Robot]) -> list[str]:
-    """Every fault of a job file, one line each; empty where it is usable."""
+def check_job(path: Path, load: Callable[[str], Robot], *, allow_outside: bool = False) -> list[str]:
+    """Every fault of a job file, one line each; empty where it is usable. Arguments are those of `load_job`."""
     try:
-        return [f"{path}: {fault}" for fault in _read(Path(path), load, False)[1]]
+        return [f"{path}: {fault}" for fault in _read(Path(path), load, allow_outside)[1]]
     except BadInput as error:
         return str(error).splitlines()
 
@@ -139,10 +140,12 @@ class _Reader:
         return None if outside.size else q
 
     def number(self, table: Mapping[str, Any], key: str, where: str, default: float, least: float = 0.0) -> float:
-        """A finite number of at least `least`."""
-        value = table.get(key, default)
-        if key in table and (isinstance(value, bool) or not isinstance(value, (int, float)) or not _fits(value, least)):
-            self.faults.append(f"{where}: {key} = {value!r}; expected seconds, {least:g} or more")
+        """Seconds from `least` to `LONGEST`; `default` where the table says none."""
+        if key not in table:
+            return default
+        value = table[key]
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= LONGEST:
+            self.faults.append(f"{where}: {key} = {value!r}; expected seconds, {least:g} to {LONGEST:g}")
             return default
         return float(value)
 
@@ -183,10 +186,6 @@ class _Reader:
         return path
 
 
-def _fits(value: float, least: float) -> bool:
-    return bool(np.isfinite(float(value)) and least <= float(value) < 1e7)
-
-
 def _read(path: Path, load: Callable[[str], Robot], allow_outside: bool) -> tuple[Job | None, list[str]]:
     document = read_toml(path)
     if document.get("format") != FORMAT:
@@ -194,7 +193,11 @@ def _read(path: Path, load: Callable[[str], Robot], allow_outside: bool) -> tupl
     name = document.get("robot")
     if not isinstance(name, str):
         return None, [f"robot = {name!r}; expected a name or a URDF file in quotes"]
-    reader = _Reader(document, path, load(name), allow_outside)
+    try:
+        beside = inside(path.parent, name, allow_outside)
+    except BadInput as error:
+        return None, [f"robot: {error}"]
+    reader = _Reader(document, path, load(str(beside) if beside.is_file() else name), allow_outside)
     reader.known(document, TOP, "job")
     poses = document.get("poses", {})
     if not isinstance(poses, Mapping):
@@ -204,9 +207,9 @@ def _read(path: Path, load: Callable[[str], Robot], allow_outside: bool) -> tupl
         q = reader.pose(value, f"poses: {key}")
         if q is not None:
             reader.poses[key] = q
-    cycle = reader.number(document, "cycle_time", "job", 0.0)
-    if not cycle > 0:
-        reader.faults.append(f"cycle_time = {document.get('cycle_time')!r}; expected seconds above 0")
+    cycle = reader.number(document, "cycle_time", "job", 1.0, BRIEFEST)
+    if "cycle_time" not in document:
+        reader.faults.append("job: no cycle_time; expected seconds")
     rows = document.get("step", [])
     if not isinstance(rows, list) or not rows or not all(isinstance(row, Mapping) for row in rows):
         return None, [*reader.faults, "step: expected [[step]] tables, at least one"]
@@ -243,8 +246,12 @@ def _steps(reader: _Reader, rows: list[Mapping[str, Any]]) -> list[Step]:
         if "scene" in row:
             scene = reader.scene(row["scene"], where)
         step = _step(reader, row, where, at, target, payload, scene)
-        if out and not out[-1].stop and (step.wait is not None or step.payload != out[-1].payload):
-            reader.faults.append(f"{where}: the step before has stop = false; it can neither wait nor change payload")
+        if out and not out[-1].stop:
+            before = out[-1]
+            if step.wait is not None or step.payload != before.payload or step.scene != before.scene:
+                reader.faults.append(
+                    f"{where}: the step before has stop = false; this one can neither wait nor change payload or scene"
+                )
         out.append(step)
         at = step.goal
     _known(reader, rows)
@@ -286,7 +293,7 @@ def _step(
         reader.faults.append(f"{where}: name = {name!r}; expected words")
         name = where
     if "wait" in row:
-        wait = reader.number(row, "wait", where, 1.0, 1e-6)
+        wait = reader.number(row, "wait", where, 1.0, BRIEFEST)
         brakes = reader.truth(row, "brakes", where, False)
         return Step(name, at, at, wait, brakes, payload=payload, scene=scene)
     mode = row.get("mode", reader.document.get("mode", "reshape"))

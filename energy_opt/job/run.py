@@ -191,13 +191,20 @@ def _check_time(job: Job, legs: Sequence[Leg], shortest: np.ndarray, time: float
                 limit="duration",
                 shortest_duration=least,
             )
-    if shortest.sum() <= time * (1 + 1e-12):
+    if shortest.sum() <= time + 1e-12 * job.cycle_time:
         return
-    longest = legs[int(np.argmax(shortest))]
     needed = float(shortest.sum() + job.waiting)
+    text = f"the cycle of {job.cycle_time:g} s is too short: "
+    if legs:
+        longest = legs[int(np.argmax(shortest))]
+        text += (
+            f"its moves take {shortest.sum():.4g} s at least and it waits {job.waiting:.4g} s, {needed:.6g} s in all; "
+            f"the longest is {longest.name} with {shortest.max():.4g} s"
+        )
+    else:
+        text += f"it waits {needed:.6g} s"
     raise Infeasible(
-        f"the cycle of {job.cycle_time:g} s is too short: its moves take {shortest.sum():.4g} s at least and it waits "
-        f"{job.waiting:.4g} s, {needed:.6g} s in all; the longest is {longest.name} with {shortest.max():.4g} s",
+        text,
         limit="duration",
         shortest_duration=needed,
     )

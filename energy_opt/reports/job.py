@@ -13,7 +13,8 @@ from energy_opt.reports.optimize import motion_charts
 from energy_opt.reports.page import Report
 from energy_opt.robot import Robot
 
-COLUMNS = ("start", "duration", "energy_total", "payload", "source", "first_path", "status")
+COLUMNS = ("start", "duration", "energy_total", "payload", "source")
+GIVEN = "through the poses"  # what a result calls a given path is, in a job, the curve through poses that are passed
 
 
 def page(
@@ -48,14 +49,18 @@ def page(
     )
     report.table(
         ["step", "begins [s]", "takes [s]", "energy [J]", "payload [kg]", "from", "first path", "status"],
-        [[name, *(row.get(key) for key in COLUMNS)] for name, row in zip(names, steps, strict=True)],
+        [
+            [name, *(row.get(key) for key in COLUMNS), _first_path(row), row.get("status")]
+            for name, row in zip(names, steps, strict=True)
+        ],
     )
+    bound = document["optimality"]["lower_bound"]
     report.section("Against plain ways of running it").table(
         ["", "energy of the cycle [J]"],
         [
             ["this plan", document["energy_total"]],
             *([row["name"].replace("_", " "), row["energy_total"]] for row in document["baselines"]),
-            ["proven lower bound of retiming", document["optimality"]["lower_bound"]],
+            *([] if bound is None else [["proven lower bound of retiming", bound]]),
         ],
         digits=7,
     )
@@ -81,6 +86,12 @@ def headline(document: Mapping[str, Any]) -> str:
             saved = 100 * (1 - total / row["energy_total"])
             text += f", {saved:.3g} % less than {row['name'].replace('_', ' ')}"
     return text + "."
+
+
+def _first_path(row: Mapping[str, Any]) -> str | None:
+    """Where a motion's first path comes from, in a job's words; None for a wait."""
+    source = row.get("first_path")
+    return GIVEN if source == "given" else source
 
 
 def _by(names: Sequence[str], steps: Sequence[Mapping[str, Any]], key: str) -> dict[str, float]:

@@ -149,7 +149,7 @@ def _energy(report: Report, document: Mapping[str, Any]) -> None:
     rows: list[list[object]] = [["duration [s]", *(duration for _, duration, _, _ in columns)]]
     rows += [[f"{part} [J]", *(e[part] for _, _, e, _ in columns)] for part in ("total", "standby", "stored", "loss")]
     for effect in document["energy"]["by_effect"]:
-        rows.append([f"of it {effect} [J]", *(e["by_effect"].get(effect) for _, _, e, _ in columns)])
+        rows.append([f"of the total: {effect} [J]", *(e["by_effect"].get(effect) for _, _, e, _ in columns)])
     rows.append(["valid: within all that was checked", *(valid for _, _, _, valid in columns)])
     report.table(["", *(name for name, _, _, _ in columns)], rows)
 

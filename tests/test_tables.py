@@ -1,0 +1,281 @@
+"""Tables of any dialect: cells, rows, headers in the field's conventions, recorders' files, meters and their clocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from logs import PANDA, SEVEN, SIX, UR, Z1, arm, lines, log, put
+
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.measured import nodes, observe, read_set
+from energy_opt.measured.importing import import_files
+from energy_opt.measured.layout import Csv, layout_of
+from energy_opt.measured.names import cut, energy_column, joint_columns, power_column, product_columns, time_columns
+from energy_opt.measured.rows import clean, held
+from energy_opt.measured.table import Table
+
+
+@pytest.mark.parametrize(
+    ("raw", "first", "second"),
+    [
+        ("time,p\n0,1.5\n0.5,2\n", [0, 0.5], [1.5, 2]),
+        ("\ufefftime;p\r\n0,0;1,5\r\n0,5;2\r\n", [0, 0.5], [1.5, 2]),
+        ("time p\n0 1.5\n0.5 2\n", [0, 0.5], [1.5, 2]),
+        (" time   p\n  0   1.5 \n 0.5  2\n", [0, 0.5], [1.5, 2]),
+        ("time\tp\n[s]\t[W]\n0\t+1.5\n0.5\t2e0\n", [0, 0.5], [1.5, 2]),
+        ('"time","p"\n"0,0","1,5"\n"0,5","2,0"\n', [0, 0.5], [1.5, 2]),
+        ("sep=;\ntime;p\n0;1.5\n\n0.5;2\n", [0, 0.5], [1.5, 2]),
+        ("Meter: X\nSerial: 7\n\ntime,p\ns,W\n0,1.5\n0.5,2\n", [0, 0.5], [1.5, 2]),
+        ("time,p\r0,1.5\r0.5,2\r", [0, 0.5], [1.5, 2]),
+        ("time,p\n0,1.5\n0.5,2\n".encode("utf-16"), [0, 0.5], [1.5, 2]),
+        ("time,p\n0,1.5\n0.5,2\n".encode("utf-16-be"), [0, 0.5], [1.5, 2]),
+        ("time;p;T °\n0,0;1,5;1\n0,5;2;1\n".encode("cp1252"), [0, 0.5], [1.5, 2]),
+        ("time,p\n2021-10-05T12:00:00.25Z,1.5\n2021-10-05 12:00:00.75Z,2\n", [0.25, 0.75], [1.5, 2]),
+        ("time;p\n05.10.2021 23:59:59,75;1,5\n06.10.2021 00:00:00,25;2\n", [0.75, 0.25], [1.5, 2]),
+        ("time,p\n23:59:59.5,1.5\n00:00:00.5,2\n", [0.5, 0.5], [1.5, 2]),
+        ("time,p\n10/5/2021 11:59:59.5 AM,1.5\n10/5/2021 12:00:00 PM,2\n", [0.5, 0.0], [1.5, 2]),
+    ],
+)
+def test_tables_of_every_kind_hold_the_same_numbers(tmp_path, raw, first, second):
+    table = Table(put(tmp_path / "a.csv", raw))
+    time, power = table.column("time"), table.column("p")
+    np.testing.assert_allclose(time % 1.0 if time[0] > 1 else time, first, atol=1e-6)
+    assert 0 < time[1] - time[0] <= 1 and power.tolist() == second and table.faults == []
+
+
+def test_dates_keep_their_zone(tmp_path):
+    table = Table(put(tmp_path / "a.csv", "t,p\n2021-10-05T14:00:00+02:00,1\n2021-10-05T12:00:01Z,2\n"))
+    assert table.column("t").tolist() == [1633435200.0, 1633435201.0]
+
+
+def test_what_a_log_says_of_its_tables_holds(tmp_path):
+    path = put(tmp_path / "a.csv", "a|b,c\n1,5|2\n")
+    assert layout_of(path, Csv("|", ",")).names == ("a", "b,c") and Table(path, Csv("|", ",")).column("a")[0] == 1.5
+
+
+@pytest.mark.parametrize(
+    ("raw", "expected"),
+    [
+        (b"time,p\n0,1\n0.1,\x002\n", "row 3, column p: a NUL byte"),
+        (b"time,p\n0,1\n0.1," + b"7" * 200_000 + b"\n", "row 3, column p: '7777"),
+        (b"time,p\n0,1\n0.1,2,3\n0.2,3\n", "row 3: 3 cells, the header has 2"),
+        (b'time,p\n0,1\n0.1,"2\n0.2,3\n', "row 3: a quotation mark that does not close"),
+        (b"time,p\n\n0,1\n\n0.1,oops\n" + b"0.2,1\n" * 9, "row 5, column p: 'oops' is not a number"),
+        (b"time,p\n0,1\n0.1,nan\n" + b"0.2,1\n" * 9, "row 3, column p: 'nan' is not a number"),
+        (b"time,p\n0,1\n0.1,inf\n" + b"0.2,1\n" * 9, "row 3, column p: 'inf' is not a number"),
+        (b"\xef\xbb\xbftime,p\n0,1\n0.1,\xff\xfe\n", "row 3, column p: "),
+        (b"0,1\n1,2\n", "row 1: no header"),
+        (b"", "row 1: no header"),
+        (b"time,p\n", "no data rows"),
+        (b"time,p,p\n0,1,1\n", "'p' stands there twice"),
+    ],
+)
+def test_damage_is_named_with_row_and_column(tmp_path, raw, expected):
+    try:
+        table = Table(put(tmp_path / "a.csv", raw))
+        table.load(table.header)
+        assert any(expected in fault for fault in table.faults), table.faults
+    except BadInput as error:
+        assert expected in str(error)
+
+
+# -- rows --------------------------------------------------------------------------------------------------------------
+
+
+def test_rows_written_twice_are_dropped_and_counted():
+    t = np.arange(100) * 0.002
+    again = np.sort(np.r_[np.arange(100), 7, 50])
+    rows = clean(t[again], t[again, None])
+    assert rows.time.tolist() == t.tolist() and "2 repeated rows dropped" in rows.remarks
+
+
+def test_a_late_row_moves_to_its_free_place_and_others_go():
+    t = np.arange(50) * 0.01
+    x = np.arange(50.0)[:, None]
+    late = t.copy()
+    late[20] = late[19]  # the row's own place stays free
+    np.testing.assert_allclose(clean(late, x).time, t)
+    crowded = np.insert(t, 20, t[20])
+    rows = clean(crowded, np.arange(51.0)[:, None])
+    assert len(rows.time) == 50 and any("dropped" in word for word in rows.remarks)
+
+
+def test_coarse_stamps_are_spread():
+    t = np.arange(200) * 0.01
+    rows = clean(np.floor(t * 10 + 1e-9) / 10, np.arange(200.0)[:, None])
+    np.testing.assert_allclose(rows.time, t, atol=1e-9)
+    assert len(rows.kept) == 200 and "kept" in rows.remarks[0]
+
+
+def test_missing_rows_are_counted_and_gaps_cut():
+    t = np.delete(np.arange(1000) * 0.01, [*range(300, 303), *range(600, 700)])
+    rows = clean(t, t[:, None])
+    assert (
+        rows.gaps == (596,)
+        and "3 rows missing in 1 places" in rows.remarks[0]
+        and "1.01 s after 5.99" in rows.remarks[1]
+    )
+
+
+def test_a_held_reading_is_told_from_a_coarse_one():
+    rng = np.random.default_rng(0)
+    slow = np.repeat(rng.normal(size=80), 12)
+    assert held(slow).tolist() == list(range(12, 960, 12))
+    assert held(np.round(np.cumsum(rng.normal(size=2000)) / 30)) is None and held(rng.normal(size=500)) is None
+
+
+# -- headers -----------------------------------------------------------------------------------------------------------
+
+HEADERS = [
+    (UR, ["timestamp", *(f"{a}_{b}_{k}" for a in ("target", "actual") for b in ("q", "qd", "current") for k in SIX)],
+     {"position": "actual_q_5", "velocity": "actual_qd_5", "current": "actual_current_5"}),
+    (PANDA, ["time", "success_rate",
+             *(f"state.{s}[{k}]" for s in ("q", "q_d", "dq", "tau_J", "tau_ext_hat_filtered") for k in SEVEN)],
+     {"position": "state.q[6]", "velocity": "state.dq[6]", "effort": "state.tau_J[6]"}),
+    (UR, ["__time", *(f"/joint_states/{j}/{s}" for j in sorted(UR.joints) for s in ("effort", "position", "velocity"))],
+     {"position": "/joint_states/wrist_3_joint/position", "effort": "/joint_states/wrist_3_joint/effort"}),
+    (Z1, ["Zeit [ms]", *(f"J{k} Angle (deg)" for k in range(1, 7)), "TCP 1"], {"position": "J6 Angle (deg)"}),
+    (Z1, ["t_ms", *(f"q{k}_deg" for k in range(1, 7)), *(f"qd{k}_deg_s" for k in range(1, 7))],
+     {"position": "q6_deg", "velocity": "qd6_deg_s"}),
+    (PANDA, ["t", *(f"A{k}" for k in range(1, 8)), *(f"Torque_A{k} [Nm]" for k in range(1, 8))],
+     {"position": "A7", "effort": "Torque_A7 [Nm]"}),
+    (UR, ["t", "base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"], {"position": "wrist3"}),
+    (Z1, ["t", *(f"TargetJointPos{k}" for k in SIX), *(f"actualJointPos{k}" for k in SIX)],
+     {"position": "actualJointPos5"}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("robot", "header", "expected"), HEADERS)
+def test_joints_are_found_in_the_fields_conventions(robot, header, expected):
+    found = joint_columns(header, robot.joints)
+    assert {signal: by[robot.joints[-1]] for signal, by in found.items() if signal in expected} == expected
+    assert len(set(found["position"].values())) == robot.n and time_columns(header)[0] == header[0]
+
+
+@pytest.mark.parametrize(
+    ("header", "power", "energy", "product"),
+    [
+        (["Time", "Voltage", "Current", "Active Power", "Apparent Power", "Power Factor"], "Active Power", None, None),
+        (["t", "P_total_W", "tau_1"], "P_total_W", None, None),
+        (["t", "Leistung [kW]"], "Leistung [kW]", None, None),
+        (["t", "kWh"], None, "kWh", None),
+        (["t", "Energy (Wh)", "q1"], None, "Energy (Wh)", None),
+        (["t", "U [V]", "I [A]", "actual_current_0"], None, None, ("U [V]", "I [A]")),
+        (["t", "actual_main_voltage", "actual_robot_voltage", "actual_robot_current", "actual_joint_voltage_0"],
+         None, None, ("actual_robot_voltage", "actual_robot_current")),
+    ],
+)  # fmt: skip
+def test_meters_are_found(header, power, energy, product):
+    assert power_column(header) == power and energy_column(header) == energy
+    assert power is not None or product_columns(header) == product
+    assert cut("Leistung [kW]").unit == "kW"
+
+
+# -- recorders ---------------------------------------------------------------------------------------------------------
+
+
+def test_libfrankas_log_with_a_meter_of_its_own(tmp_path):
+    t, q, v, p = arm(PANDA, step=0.001)
+    names = [f"{s}[{k}]" for s in ("state.q", "state.q_d", "state.dq", "state.tau_J") for k in SEVEN]
+    put(
+        tmp_path / "in/log.csv", lines("time, success_rate, " + ", ".join(names), [1000 * t, 0 * t + 1, q, q, v, 0 * q])
+    )
+    put(tmp_path / "in/log_power.csv", lines("time;power", [t[::10], p[::10]], delimiter=";").replace(".", ","))
+    files = [str(x) for x in sorted((tmp_path / "in").iterdir())]
+    assert main(["import", *files, "--out", str(tmp_path / "set"), "--quiet"]) == 0
+    run = read_set(tmp_path / "set").runs[0]
+    document = (tmp_path / "set/log.toml").read_text()
+    assert 'robot = "panda"' in document and "ms" in document
+    assert run.velocity is not None and np.ptp(run.velocity) == pytest.approx(np.ptp(v[: len(run.time)]), rel=1e-3)
+    log(
+        tmp_path / "in",
+        "panda",
+        '[columns]\npreset = "franka_state"\n[[run]]\nfile = "log.csv"\npower_file = "log_power.csv"\n',
+    )
+    same = read_set(tmp_path / "in").runs[0]
+    np.testing.assert_allclose(same.position, q, atol=1e-6)
+    np.testing.assert_allclose(np.interp(same.power_time, t, p), same.power, atol=1e-3)
+
+
+def test_a_joint_states_bag_goes_by_the_names_in_the_message(tmp_path):
+    """As `rostopic echo -p` prints it: nanoseconds, the driver's alphabetical order, names in the rows."""
+    t, q, v, p = arm(UR)
+    order = sorted(range(6), key=lambda k: UR.joints[k])
+    names = [
+        "%time",
+        "field.header.seq",
+        *(f"field.{s}{k}" for s in ("name", "position", "velocity") for k in SIX),
+        "power",
+    ]
+    rows = [
+        ",".join([f"{1_500_000_000_000_000_000 + round(1e9 * t[i])}", str(i), *(UR.joints[k] for k in order),
+                  *(f"{q[i, k]:.7f}" for k in order), *(f"{v[i, k]:.7f}" for k in order), f"{p[i]:.3f}"])
+        for i in range(len(t))
+    ]  # fmt: skip
+    put(tmp_path / "js.csv", "\n".join([",".join(names), *rows]) + "\n")
+    log(tmp_path, "ur5e", 'preset = "joint_state"\n[[run]]\nfile = "js.csv"\n')
+    run = read_set(tmp_path).runs[0]
+    np.testing.assert_allclose(run.position, q, atol=1e-6)
+    np.testing.assert_allclose(run.time, t, atol=1e-6)
+    made = import_files([tmp_path / "js.csv"], tmp_path / "set", UR)
+    first = read_set(made.folder).runs[0].position
+    np.testing.assert_allclose(first, q[: len(first)], atol=1e-6)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_slow_meter_in_the_same_table(tmp_path, sparse):
+    """Held over the rows, or in every 50th row only, as merged exports have it; means over half a second."""
+    t, q, _, p = arm(Z1, 30.0)
+    mean = np.array([(p[k - 50 : k] + p[k - 49 : k + 1]).mean() / 2 for k in range(50, len(t), 50)])
+    rows = []
+    for k in range(50, len(t)):
+        shown = "" if sparse and k % 50 else f"{mean[k // 50 - 1]:.4f}"
+        rows.append(",".join([f"{t[k]:.3f}", *(f"{x:.6f}" for x in q[k]), shown]))
+    put(tmp_path / "a.csv", "\n".join([",".join(["time", *(f"q{k}" for k in SIX), "power"]), *rows]) + "\n")
+    made = import_files([tmp_path / "a.csv"], tmp_path / "set", Z1)
+    assert any("means over 0.5 s" in remark for remark in made.remarks)
+    for run in read_set(made.folder).runs:
+        assert len(run.power) >= 4 and run.window == pytest.approx(np.full(len(run.power), 0.5), abs=0.02)
+        at = nodes(run)
+        expected = observe(run, at, np.interp(run.start + at, t, p))
+        np.testing.assert_allclose(run.power, expected, atol=0.5)
+
+
+def test_a_meters_clock_is_found_and_said(tmp_path):
+    t, q, _, p = arm(Z1, 60.0)
+    own = np.arange(0.0, 50.0, 0.1)
+    true = 4.0 + own * (1 + 1.5e-3)  # the joints' time of a reading
+    rng = np.random.default_rng(3)
+    put(tmp_path / "a.csv", lines("time," + ",".join(f"{j}.position" for j in Z1.joints), [t, q]))
+    put(tmp_path / "p.csv", lines("time,power", [own, np.interp(true, t, p) + rng.normal(0, 2, len(own))]))
+    folder = log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\npower_file = "p.csv"\n[meter]\nwindow = 0\n')
+    measured = read_set(folder)
+    run = measured.runs[0]
+    assert run.clock == "estimated" and "correlation" in measured.remarks[0] and "ppm" in measured.remarks[0]
+    np.testing.assert_allclose(run.power_time, true[: len(run.power_time)], atol=0.03)
+    log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\npower_file = "p.csv"\npower_start = 4.0\n[meter]\nwindow = 0\n')
+    stated = read_set(folder).runs[0]
+    assert stated.clock == "stated" and stated.power_time[0] == 4.0
+    put(tmp_path / "p.csv", lines("time,power", [own, np.interp(own - 0.1, t, p)]))
+    log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\npower_file = "p.csv"\n[meter]\nwindow = 0\n')
+    assert read_set(folder).runs[0].clock == "shared"  # a tenth of a second is the meter's delay, which the fit finds
+
+
+def test_counters_totals_and_no_meter_at_all(tmp_path):
+    t, q, _, p = arm(Z1)
+    energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])
+    header = "time," + ",".join(f"{j}.position" for j in Z1.joints)
+    put(tmp_path / "a.csv", lines(header + ",wh", [t, q, 7 + energy / 3600], "%.9f"))
+    log(tmp_path, "z1", '[columns]\nenergy = { column = "wh", unit = "Wh" }\n[[run]]\nfile = "a.csv"\n')
+    run = read_set(tmp_path).runs[0]
+    assert run.meter == "energy" and float(run.power @ run.window) == pytest.approx(energy[-1], rel=1e-4)
+    log(tmp_path, "z1", f'[[run]]\nfile = "a.csv"\nenergy = {energy[-1]}\n')
+    run = read_set(tmp_path).runs[0]
+    assert run.meter == "total" and observe(run, t, p)[0] * t[-1] == pytest.approx(energy[-1], rel=1e-6)
+    amps = header + "," + ",".join(f"{j}.current" for j in Z1.joints)
+    put(tmp_path / "a.csv", lines(amps, [t, q, q]))
+    log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')
+    assert read_set(tmp_path, meter=False).runs[0].current is not None
+    with pytest.raises(BadInput, match="no run has a reading of power"):
+        read_set(tmp_path)

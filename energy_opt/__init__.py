@@ -29,10 +29,10 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
     from energy_opt.front.data import diagnose as diagnose
     from energy_opt.front.data import identify as identify
     from energy_opt.front.given import source_model as source_model
-    from energy_opt.front.planning import Tradeoff as Tradeoff
     from energy_opt.front.planning import bench as bench
     from energy_opt.front.planning import optimize as optimize
-    from energy_opt.front.planning import tradeoff as tradeoff
+    from energy_opt.front.tradeoff import Tradeoff as Tradeoff
+    from energy_opt.front.tradeoff import tradeoff as tradeoff
     from energy_opt.motion import Move as Move
     from energy_opt.motion import Planner as Planner
     from energy_opt.motion import Result as Result
@@ -51,7 +51,8 @@ _PLACES = {
     "energy_opt.motion": ("Move", "Planner", "Result", "Settings", "Trajectory"),
     "energy_opt.front.given": ("source_model",),
     "energy_opt.front.answer": ("Answer",),
-    "energy_opt.front.planning": ("Tradeoff", "bench", "optimize", "tradeoff"),
+    "energy_opt.front.planning": ("bench", "optimize"),
+    "energy_opt.front.tradeoff": ("Tradeoff", "tradeoff"),
     "energy_opt.front.data": ("diagnose", "identify"),
     "energy_opt.effects.check": ("check_effect",),
 }

@@ -99,3 +99,15 @@ def test_results_of_another_suite_are_not_overwritten(tmp_path):
         Journal(tmp_path, {"suite": "b"}, resume=False)
     with Journal(tmp_path, {"suite": "b"}, resume=False, force=True) as journal:
         assert journal.records == []
+
+
+def test_results_of_another_version_of_a_suite_are_not_overwritten(tmp_path):
+    fill(tmp_path, "a")
+    (tmp_path / "summary.json").write_text('{"complete": true}')
+    edited = {**HEADER, "digest": "e"}
+    with pytest.raises(BadInput, match=r"suite 's' as it was.*add force"):
+        Journal(tmp_path, edited, resume=False)
+    with Journal(tmp_path, edited, resume=True) as journal:
+        assert len(journal.records) == 1
+    with Journal(tmp_path, edited, resume=False, force=True) as journal:
+        assert journal.records == []

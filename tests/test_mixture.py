@@ -159,3 +159,7 @@ def test_what_the_data_leave_open_reaches_the_saving(panda: Robot) -> None:
     assert width > 0 and np.abs(np.array([low, high]) - wanted).max() < 0.5 * width
     robust, kind = rivals_from([model], "mean", panda)
     assert kind == "mean" and [r.name for r in robust][-1] == "rival 1" and len(robust) > 3
+    loaded, _ = rivals_from([model], "mean", panda, 1.0)  # a payload takes nothing of the doubt away
+    assert [r.name for r in loaded] == [r.name for r in robust] and all(r.model.get("payload") for r in loaded)
+    tilted = model.standing(0.1, 0.0).doubt
+    assert tilted is not None and tilted.names == doubt.names and tilted.matrix.tolist() == doubt.matrix.tolist()

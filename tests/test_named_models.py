@@ -7,6 +7,8 @@ import pytest
 
 import energy_opt as eo
 from energy_opt.bench import load_suite
+from energy_opt.cli.bench import _overrides
+from energy_opt.cli.main import main, parsers
 from energy_opt.power import drive_function
 from energy_opt.power.named import careful, model_of
 
@@ -32,13 +34,18 @@ def test_careful_is_published_friction_and_no_regeneration():
     assert "sigmoid_friction" in names and careful("ur5").get("sigmoid_friction") is None and careful("ur5").assumed
 
 
-def test_names_are_taken_everywhere(tmp_path):
+def test_names_are_taken_everywhere(tmp_path, capsys):
     assert model_of("careful", "ur5") == careful("ur5")
     assert model_of("source_method_1", "panda") == eo.source_model("panda", 1)
     (tmp_path / "s.toml").write_text(
         'format = "energy-opt/suite/1"\nname = "s"\nrobots = ["panda", "ur5"]\nrandom = { count = 1 }\n'
         'models = ["careful", "source-method-2"]\n'
     )
+    assert main(["bench", str(tmp_path / "s.toml"), "--model", "carefool", "--out", str(tmp_path / "out")]) == 2
+    assert "carefool' is neither a model file" in capsys.readouterr().err
+    overrides = _overrides(parsers(["bench"])[0].parse_args(["bench", "s.toml", "--model", "careful"]))
+    models = {task.model for task in load_suite(tmp_path / "s.toml", overrides=overrides).tasks}
+    assert models == {"careful"}
     effects = [[e.name for e in task.power().effects] for task in load_suite(tmp_path / "s.toml").tasks]
     assert [("sigmoid_friction" in names) for names in effects] == [True, False, False, False]
 

@@ -50,14 +50,14 @@ def run_batch(
     Args:
         jobs: processes on this machine; ignored with `scheduler`.
         resume: go on from what an earlier run left in `out`.
-        force: overwrite the finished results of another suite.
+        force: overwrite the finished results of another suite, or of another version of this one.
         scheduler: address of a Dask cluster that computes instead.
         solve: what workers do with a task; must be importable there.
         command: the command line, for the report.
 
     Raises:
-        BadInput: `out` holds an unfinished batch and `resume` is False, or another suite's results and `force` is
-            False, or the scheduler does not answer.
+        BadInput: `out` holds an unfinished batch and `resume` is False, or results of another suite or version of it
+            and `force` is False, or the scheduler does not answer.
     """
     from energy_opt.bench.report import write_report
 

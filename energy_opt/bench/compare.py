@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -59,8 +60,6 @@ def _rows(path: Path) -> dict[tuple[Any, ...], Row]:
 
 
 def _machine(path: Path) -> tuple[Any, ...] | None:
-    import json
-
     file = (path if path.is_dir() else path.parent) / "summary.json"
     if not file.is_file():
         return None

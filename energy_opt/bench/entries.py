@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from energy_opt.bench.faults import Faults, Files
+from energy_opt.bench.faults import Faults, Files, is_number
 from energy_opt.bench.surroundings import KEYS, Surroundings, read_surroundings
 from energy_opt.bench.task import MODES, OBJECTIVES, Duration, RobotSource
 from energy_opt.errors import BadInput
@@ -122,14 +122,10 @@ def _robot(
 
 
 def _lock(table: Any, faults: Faults) -> tuple[tuple[str, float], ...]:
-    if not isinstance(table, Mapping) or not all(_is_number(value) for value in table.values()):
+    if not isinstance(table, Mapping) or not all(is_number(value) for value in table.values()):
         faults.add("lock", f"{table!r} is not a table of joint positions")
         return ()
     return tuple(sorted((name, float(value)) for name, value in table.items()))
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < float("inf")
 
 
 def _payload(value: Any, faults: Faults) -> tuple[float, ...] | None:
@@ -137,9 +133,9 @@ def _payload(value: Any, faults: Faults) -> tuple[float, ...] | None:
     parts = value.split(",") if isinstance(value, str) else _as_list(value)
     try:
         numbers = tuple(float(part) for part in parts if not isinstance(part, bool))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = ()
-    if len(numbers) not in (1, 4) or not all(map(_is_number, numbers)) or numbers[0] < 0:
+    if len(numbers) not in (1, 4) or not all(map(is_number, numbers)) or numbers[0] < 0:
         faults.add("payloads", f'{value!r}; expected a mass in kg, or "MASS,CX,CY,CZ" with the centre of mass in m')
         return None
     return numbers if len(numbers) == 4 else (numbers[0], 0.0, 0.0, 0.0)
@@ -197,7 +193,7 @@ def _random(value: Any, faults: Faults) -> list[tuple[int, int, float]]:
             faults.add(f"{where}.count", f"{count!r}; expected a whole number above 0")
         elif not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
             faults.add(f"{where}.seed", f"{seed!r}; expected a whole number, 0 or above")
-        elif not _is_number(share) or not 0 < share <= 1:
+        elif not is_number(share) or not 0 < share <= 1:
             faults.add(f"{where}.range", f"{share!r}; expected a share of the joints' ranges above 0, at most 1")
         else:
             out.append((count, seed, float(share)))

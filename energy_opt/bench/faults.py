@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeGuard
 
 from energy_opt.files import inside
+
+
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Is an entry a number that a float can hold? (TOML's integers may have thousands of digits.)"""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 @dataclass

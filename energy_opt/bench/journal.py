@@ -60,7 +60,7 @@ class Journal:
 
         Raises:
             BadInput: another process writes there, or an unfinished batch lies there and `resume` is False, or the
-                results of another suite and `force` is False.
+                results of another suite, or of an earlier version of this one, and `force` is False.
         """
         self.path = Path(folder) / NAME
         try:
@@ -90,6 +90,11 @@ class Journal:
             raise BadInput(
                 f"{self.path}: holds {len(records)} results of an unfinished batch; "
                 "add --resume to do what is left, or choose another --out"
+            )
+        if records and not resume and not force and old.get("digest") != header.get("digest"):
+            raise BadInput(
+                f"{self.path}: holds {len(records)} results of the suite {old.get('suite')!r} as it was, with other "
+                "moves, models or settings; choose another --out, --resume, or add --force to overwrite them"
             )
         if resume and old:
             os.ftruncate(self._stream.fileno(), whole)

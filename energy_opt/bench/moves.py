@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.bench.faults import Files
+from energy_opt.bench.faults import Files, is_number
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_text
 from energy_opt.formats import read_path
@@ -67,7 +67,7 @@ def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
     if len(value) != len(joints):
         raise BadInput(f"{len(value)} values; the robot has {len(joints)} joints")
     for name, item in zip(joints, value, strict=True):
-        if isinstance(item, bool) or not isinstance(item, (int, float)) or not np.isfinite(item):
+        if not is_number(item):
             raise BadInput(f"{name} = {item!r} is not a finite number")
     return tuple(float(item) for item in value)
 

@@ -24,7 +24,6 @@ Every robot meets every move, mode, duration, payload, model and objective. File
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import re
 from collections import Counter
@@ -38,7 +37,7 @@ from energy_opt.bench.faults import Faults, Files
 from energy_opt.bench.moves import NamedMove, given_path, joint_values, random_moves
 from energy_opt.bench.task import Duration, Task
 from energy_opt.effects import loaded_sources
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml, to_json
 from energy_opt.power.named import is_named, named_model
 from energy_opt.robot import Robot
@@ -148,9 +147,8 @@ def _seeded(table: dict[str, Any], seed: int | None) -> dict[str, Any]:
 def _unknown(table: Mapping[str, Any], where: str, faults: Faults) -> None:
     for key in table:
         if key not in NAMES:
-            near = difflib.get_close_matches(key, NAMES, 1)
-            hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(NAMES)}"
-            faults.add(f"{where}{key}", f"unknown key; {hint}")
+            hint = near(key, NAMES) or f"; known: {', '.join(NAMES)}"
+            faults.add(f"{where}{key}", f"unknown key{hint}")
 
 
 def _product(suite: str, group: Group, at: int, files: Files, faults: Faults) -> Iterator[Task]:

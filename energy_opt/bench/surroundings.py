@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from energy_opt.bench.faults import Faults, Files
+from energy_opt.bench.faults import Faults, Files, is_number
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import carried, read_scene
 from energy_opt.errors import BadInput
@@ -67,7 +67,7 @@ def read_surroundings(table: Mapping[str, Any], files: Files, faults: Faults) ->
         if kind is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
         numbers = value if isinstance(value, list) else [0]
-        if not isinstance(value, kind) or not all(_is_number(x) for x in numbers):
+        if not isinstance(value, kind) or not all(map(is_number, numbers)):
             faults.add(key, f"{table[key]!r}; expected {expected}")
         else:
             given[key] = tuple(float(x) for x in value) if isinstance(value, list) else value
@@ -96,10 +96,6 @@ def read_surroundings(table: Mapping[str, Any], files: Files, faults: Faults) ->
     except BadInput as error:
         faults.add("scene" if not scene and "scene" in table else "srdf", str(error))
     return Surroundings(request, scene, srdf)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _path(name: Any, key: str, files: Files) -> Path:

@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+from energy_opt.bench.faults import is_number
 from energy_opt.bench.surroundings import Surroundings
 from energy_opt.effects import Payload, load_source
 from energy_opt.errors import BadInput
@@ -45,7 +46,7 @@ class Duration:
         if value == "free":
             return cls()
         try:
-            if isinstance(value, (int, float)) and not isinstance(value, bool):
+            if is_number(value):
                 return cls(seconds=_above_zero(float(value)))
             if isinstance(value, str) and (match := _MULTIPLE.fullmatch(value)):
                 return cls(multiple=_above_zero(float(match[1])))

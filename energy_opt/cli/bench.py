@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="where results go (default: bench_<suite>)")
     parser.add_argument("--jobs", type=int, metavar="N", help="processes on this machine (default: one per free core)")
     parser.add_argument("--resume", action="store_true", help="do what an earlier run into --out left")
-    parser.add_argument("--force", action="store_true", help="results of another suite in DIR are overwritten")
+    parser.add_argument("--force", action="store_true", help="overwrite results of another suite or version of it")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on a Dask cluster, e.g. tcp://host:8786")
     parser.add_argument(
         "--compare", nargs=2, type=Path, metavar=("OLD", "NEW"), help="two results: what got better or worse"

@@ -168,7 +168,7 @@ def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
     if model.robot not in ("", robot.name):
         say(args, f"warning: {args.model[0]}: a model of {model.robot}, used for {robot.name}")
     if args.payload is not None:
-        model = model.replaced(payload_from(args.payload))
+        model = model.for_move(payload_from(args.payload))
     if getattr(args, "base", None) is not None:  # gravity is the scene's -z
         model = model.standing(*cell_of(args).base[3:5])
     model.check(robot.n)

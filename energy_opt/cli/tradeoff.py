@@ -20,10 +20,9 @@ from energy_opt.cli.common import (
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
-    from energy_opt.motion import Move
-    from energy_opt.power import PowerModel
-    from energy_opt.robot import Robot
-    from energy_opt.tradeoff import Cycle, Front
+    from energy_opt.tradeoff import Front
+
+EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,11 +46,10 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.view import view
     from energy_opt.files import to_json
     from energy_opt.front.request import guard, request_of_move
-    from energy_opt.front.rivals import judges_of, said
+    from energy_opt.front.tradeoff import cycle_for, document_of
     from energy_opt.motion import Planner
     from energy_opt.tradeoff import trace
-    from energy_opt.tradeoff.models import models_of
-    from energy_opt.tradeoff.output import document, text, write
+    from energy_opt.tradeoff.output import text, write
 
     if args.objective != "energy":
         raise BadInput(f"--objective {args.objective}: a front of energy minimises energy; leave it out")
@@ -59,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     robot = load_robot_of(args)
     model = load_model_of(args, robot)
     move = move_of(args, robot)
-    cycle = _cycle(args, robot, model, move)
+    cycle = cycle_for(robot, model, move, args.cycle, args.idle_power)
     for warning in robot.warnings:
         say(args, f"warning: {warning}")
     if model.assumed:
@@ -89,11 +87,7 @@ def run(args: argparse.Namespace) -> int:
             progress=progress,
             stopped=stopped,
         )
-        found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
-        judges = judges_of(args.model[0] if args.model else None, model, robot)
-        found["models"] = models_of(planner, move, front, judges)
-        found["warnings"] = said(found["models"], "the front's minimum")
-        found["request"] = request
+        found = document_of(planner, move, front, cycle, args.model[0] if args.model else None, request)
         write(args.out, front, found, robot, planner.cell)
     for warning in found["warnings"]:
         say(args, f"warning: {warning}")
@@ -102,13 +96,9 @@ def run(args: argparse.Namespace) -> int:
         sys.stdout.write(to_json(found))
     elif not args.quiet:
         sys.stdout.write(text(front, found, args.out))
-    if front.interrupted:
-        return 130
-    solved = [point.status == "solved" for point in front.points if point.status != "infeasible"]
-    if not solved:
-        say(args, f"no duration asked for can be done; the shortest that can is {front.fastest_duration:.6g} s")
-        return 3
-    return 0 if all(solved) else 4
+    if "message" in found:
+        say(args, found["message"])
+    return EXITS[front.status]
 
 
 def _durations(args: argparse.Namespace) -> list[float] | None:
@@ -134,17 +124,3 @@ def _durations(args: argparse.Namespace) -> list[float] | None:
             f"--durations {args.durations}: expected FIRST:LAST:COUNT, seconds above 0 in rising order and how many"
         ) from None
     return [float(d) for d in np.linspace(first, last, count)]
-
-
-def _cycle(args: argparse.Namespace, robot: Robot, model: PowerModel, move: Move) -> Cycle | None:
-    import numpy as np
-
-    from energy_opt.tradeoff import Cycle
-
-    if args.cycle is None:
-        if args.idle_power is not None:
-            raise BadInput("--idle-power is what waiting takes; give --cycle too")
-        return None
-    if np.any(move.end_velocities[1]):
-        raise BadInput("--cycle: the move does not end at rest, so the arm cannot wait at its goal")
-    return Cycle(robot, model, move.goal, args.cycle, args.idle_power)

@@ -1,14 +1,12 @@
-"""The verbs that plan, from Python: one move, its energy against duration, a batch of moves."""
+"""The verbs that plan moves, from Python: one move, and a batch of moves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
@@ -20,9 +18,7 @@ from energy_opt.front.given import (
     AnyPayload,
     AnyRobot,
     Positions,
-    model_from,
     path_from,
-    payload_from,
     positions,
     robot_from,
 )
@@ -35,7 +31,6 @@ from energy_opt.robot import Robot
 
 if TYPE_CHECKING:
     from energy_opt.bench import Batch
-    from energy_opt.tradeoff import Cycle, Front
 
 
 def move_for(
@@ -138,11 +133,6 @@ def optimize(
     return answer_of(compared(planner.solve(move), rivals, arm), arm, request, known["cell"])
 
 
-def with_payload(model: PowerModel, payload: AnyPayload | None) -> PowerModel:
-    """The model with that payload in place of its own, if one is given."""
-    return model if payload is None else model.replaced(payload_from(payload))
-
-
 def sorted_out(more: dict[str, Any]) -> tuple[dict[str, Any], Settings]:
     """Further keywords as fields of a move, and as settings."""
     of_move = {f.name for f in fields(Move)} - {"start", "goal", "path", "via"}
@@ -152,95 +142,6 @@ def sorted_out(more: dict[str, Any]) -> tuple[dict[str, Any], Settings]:
             raise BadInput(f"no argument {name!r}{near(name, of_move | of_settings)}")
     settings = Settings(**{name: value for name, value in more.items() if name in of_settings})
     return {name: value for name, value in more.items() if name not in of_settings}, settings
-
-
-@dataclass(frozen=True, repr=False)
-class Tradeoff:
-    """Energy against duration of one move.
-
-    Attributes:
-        front: its points, from fast to slow.
-        document: tradeoff.json. robot: the arm.
-    """
-
-    front: Front
-    document: dict[str, Any]
-    robot: Robot
-
-    @property
-    def durations(self) -> np.ndarray:
-        """(P,) [s]."""
-        return np.array([row["duration"] for row in self.document["points"]])
-
-    @property
-    def energies(self) -> np.ndarray:
-        """Total energy at each duration, (P,) [J]; nan where none was found."""
-        return np.array([row["energy_total"] for row in self.document["points"]], dtype=float)
-
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
-        from energy_opt.tradeoff.output import write
-
-        write(Path(out), self.front, self.document, self.robot)
-        return Path(out)
-
-    def __repr__(self) -> str:
-        least = self.document["minimum"]
-        best = "" if least is None else f", least {least['energy_total']:.4g} J at {least['duration']:.4g} s"
-        return f"Tradeoff({self.document['robot']!r}, {len(self.document['points'])} points{best})"
-
-    def _repr_html_(self) -> str:
-        rows = zip(self.durations, self.energies, strict=True)
-        cells = "".join(f"<tr><td>{d:.4g}</td><td>{e:.6g}</td></tr>" for d, e in rows)
-        return f"<table><tr><th>duration [s]</th><th>energy [J]</th></tr>{cells}</table>"
-
-
-def tradeoff(
-    robot: AnyRobot,
-    model: AnyModel = None,
-    *,
-    start: Positions | None = None,
-    goal: Positions | None = None,
-    durations: Sequence[float] | np.ndarray | None = None,
-    longest: float | None = None,
-    cycle: float | None = None,
-    idle_power: float | None = None,
-    mode: str = "reshape",
-    path: AnyPath | None = None,
-    via: Sequence[Positions] = (),
-    payload: AnyPayload | None = None,
-    limits: str | PathLike[str] | None = None,
-    **more: Any,
-) -> Tradeoff:
-    """Energy against duration of one move; arguments as those of `optimize`, and
-
-    Args:
-        durations: where [s]; by default chosen from the fastest and the optimum, up to `longest`.
-        cycle: length [s] of a cycle in which the arm waits at the goal after the move, counted too.
-        idle_power: overhead while waiting [W], in place of the model's standby.
-    """
-    from energy_opt.tradeoff import trace
-    from energy_opt.tradeoff.output import document
-
-    arm = robot_from(robot, limits)
-    power = with_payload(model_from(model, arm), payload)
-    of_move, settings = sorted_out(more)
-    move = move_for(arm, start, goal, path, via, mode=mode, **of_move)
-    over = _cycle(arm, power, move, cycle, idle_power)
-    wanted = None if durations is None else [float(d) for d in durations]
-    front = trace(Planner(arm, power, settings), move, durations=wanted, longest=longest, cycle=over)
-    found = document(front, robot=arm.name, joints=arm.joints, mode=move.mode, cycle=over)
-    return Tradeoff(front, found, arm)
-
-
-def _cycle(robot: Robot, model: PowerModel, move: Move, length: float | None, idle_power: float | None) -> Cycle | None:
-    from energy_opt.tradeoff import Cycle
-
-    if length is None:
-        if idle_power is not None:
-            raise BadInput("--idle-power is what waiting takes; give --cycle too")
-        return None
-    return Cycle(robot, model, move.goal, length, idle_power)
 
 
 def bench(suite: str | PathLike[str], out: str | PathLike[str] | None = None, *, jobs: int = 1, **more: Any) -> Batch:

@@ -41,7 +41,7 @@ def rivals_from(
     for number, given in enumerate(names, start=1):
         model = model_from(given, robot)
         if payload is not None:
-            model = model.replaced(payload_from(payload))
+            model = model.for_move(payload_from(payload))
         rivals.append(Rival(_name(given, number), model))
     if len(rivals) == 1 and robust is None:
         return rivals, None

@@ -73,6 +73,14 @@ class PowerModel:
         kept = tuple(effect if e.name == effect.name else e for e in self.effects)
         return PowerModel(self.robot, kept, self.assumed)
 
+    def for_move(self, effect: Effect) -> PowerModel:
+        """The model with what belongs to a move, a payload or a tilt; its other values are as sure as before."""
+        doubt = self.doubt
+        if doubt is not None:
+            kept = [k for k, name in enumerate(doubt.names) if name.partition(".")[0] != effect.name]
+            doubt = Doubt(tuple(doubt.names[k] for k in kept), doubt.matrix[np.ix_(kept, kept)], doubt.rivals)
+        return replace(self.replaced(effect), doubt=doubt)
+
     def __add__(self, other: Effect | PowerModel) -> PowerModel:
         """The model with one more effect, or with those of another model.
 
@@ -108,7 +116,7 @@ class PowerModel:
         turned = BaseTilt(roll=math.remainder(roll, 2 * math.pi), pitch=math.remainder(pitch, 2 * math.pi))
         own = self.get(turned.name)
         if own is None:
-            return self if max(map(abs, turned.full(1))) == 0 else self.replaced(turned)
+            return self if max(map(abs, turned.full(1))) == 0 else self.for_move(turned)
         if not np.allclose(own.full(1), turned.full(1), atol=1e-9):
             raise BadInput(
                 f"the model's base_tilt is {', '.join(f'{x:g}' for x in own.full(1))} rad, --base says "
@@ -245,8 +253,8 @@ def doubt_from_document(document: dict[str, Any], model: PowerModel, where: str)
     )
     if table is None:
         return Doubt((), np.zeros((0, 0)), rivals)
-    if not isinstance(table, dict) or set(table) != {"names", "matrix"}:
-        raise BadInput(f"{where}: [covariance] has names and matrix, nothing else")
+    if not isinstance(table, dict) or set(table) != {"names", "matrix"} or not isinstance(table["names"], list):
+        raise BadInput(f"{where}: [covariance] has names (a list) and matrix, nothing else")
     names = tuple(str(name) for name in table["names"])
     try:
         matrix = np.array(table["matrix"], dtype=float).reshape(len(names), len(names))

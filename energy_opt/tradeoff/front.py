@@ -75,6 +75,14 @@ class Front:
     interrupted: bool = False
 
     @property
+    def status(self) -> str:
+        """Of the points that can be done: "solved" or "not_converged"; "infeasible" without any; or "interrupted"."""
+        found = [point.status for point in self.points if point.status != "infeasible"]
+        if self.interrupted or not found:
+            return "interrupted" if self.interrupted else "infeasible"
+        return "solved" if set(found) == {"solved"} else "not_converged"
+
+    @property
     def fastest_duration(self) -> float:
         """Shortest duration that works, s; NaN where it is not known yet."""
         return np.nan if self.fastest is None else self.fastest.duration

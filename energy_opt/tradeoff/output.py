@@ -25,7 +25,7 @@ COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status"
 def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cycle: Cycle | None) -> dict[str, Any]:
     """The front as it stands in tradeoff.json; energies in J, durations in s."""
     out: dict[str, Any] = {
-        "status": "interrupted" if front.interrupted else "solved",
+        "status": front.status,
         "robot": robot,
         "joints": list(joints),
         "mode": mode,
@@ -34,6 +34,8 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
         "fastest": None if front.fastest is None else front.fastest.duration,
         "solves": front.solves,
     }
+    if front.status == "infeasible":
+        out["message"] = f"no duration asked for can be done; the shortest that can is {front.fastest_duration:.6g} s"
     if cycle is not None:
         best = front.cycle_minimum
         over = None if best is None else _over_cycle(best)

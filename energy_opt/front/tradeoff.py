@@ -1,0 +1,169 @@
+"""The verb `tradeoff` from Python: energy against duration of one move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.errors import BadInput
+from energy_opt.front.given import (
+    AnyModel,
+    AnyPath,
+    AnyPayload,
+    AnyRobot,
+    Positions,
+    model_from,
+    payload_from,
+    robot_from,
+)
+from energy_opt.front.planning import move_for, sorted_out
+from energy_opt.front.request import request_of_move
+from energy_opt.front.rivals import judges_of, said
+from energy_opt.motion import Move, Planner
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+if TYPE_CHECKING:
+    from energy_opt.tradeoff import Cycle, Front
+
+
+@dataclass(frozen=True, repr=False)
+class Tradeoff:
+    """Energy against duration of one move.
+
+    Attributes:
+        front: its points, from fast to slow.
+        document: tradeoff.json. robot: the arm.
+        cell: the arm's body and what stood around it; None where nothing was kept clear of.
+    """
+
+    front: Front
+    document: dict[str, Any]
+    robot: Robot
+    cell: Cell | None = None
+
+    @property
+    def durations(self) -> np.ndarray:
+        """(P,) [s]."""
+        return np.array([row["duration"] for row in self.document["points"]])
+
+    @property
+    def energies(self) -> np.ndarray:
+        """Total energy at each duration, (P,) [J]; nan where none was found."""
+        return np.array([row["energy_total"] for row in self.document["points"]], dtype=float)
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
+        from energy_opt.tradeoff.output import write
+
+        write(Path(out), self.front, self.document, self.robot, self.cell)
+        return Path(out)
+
+    def __repr__(self) -> str:
+        least = self.document["minimum"]
+        best = "" if least is None else f", least {least['energy_total']:.4g} J at {least['duration']:.4g} s"
+        return f"Tradeoff({self.document['robot']!r}, {len(self.document['points'])} points{best})"
+
+    def _repr_html_(self) -> str:
+        rows = zip(self.durations, self.energies, strict=True)
+        cells = "".join(f"<tr><td>{d:.4g}</td><td>{e:.6g}</td></tr>" for d, e in rows)
+        return f"<table><tr><th>duration [s]</th><th>energy [J]</th></tr>{cells}</table>"
+
+
+def tradeoff(
+    robot: AnyRobot,
+    model: AnyModel = None,
+    *,
+    start: Positions | None = None,
+    goal: Positions | None = None,
+    durations: Sequence[float] | np.ndarray | None = None,
+    longest: float | None = None,
+    cycle: float | None = None,
+    idle_power: float | None = None,
+    mode: str = "reshape",
+    path: AnyPath | None = None,
+    via: Sequence[Positions] = (),
+    payload: AnyPayload | None = None,
+    limits: str | PathLike[str] | None = None,
+    scene: str | PathLike[str] | None = None,
+    cell: CellRequest | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    **more: Any,
+) -> Tradeoff:
+    """Energy against duration of one move, planned under one model; arguments as those of `optimize`, and
+
+    Args:
+        durations: where [s]; by default chosen from the fastest and the optimum, up to `longest`.
+        longest: where the front ends [s], where the program chooses.
+        cycle: length [s] of a cycle in which the arm waits at the goal after the move, counted too.
+        idle_power: overhead while waiting [W], in place of the model's standby.
+
+    Raises:
+        BadInput: something given is not usable; says what and what would be.
+        Infeasible: no duration works at all, or none that is within the cycle.
+    """
+    from energy_opt.tradeoff import trace
+
+    arm = robot_from(robot, limits)
+    power = model_from(model, arm)
+    if payload is not None:
+        power = power.for_move(payload_from(payload))
+    of_move, settings = sorted_out(more)
+    move = move_for(arm, start, goal, path, via, mode=mode, **of_move)
+    asked = cell or CellRequest()
+    if scene is not None:
+        asked = replace(asked, scene=Path(scene))
+    if any(asked.base[3:5]):  # gravity is the scene's -z
+        power = power.standing(*asked.base[3:5])
+    over = cycle_for(arm, power, move, cycle, idle_power)
+    wanted = None if durations is None else [float(d) for d in durations]
+    chosen: dict[str, Any] = {"durations": wanted, "longest": longest, "cycle": cycle, "idle_power": idle_power}
+    named: dict[str, Any] = {"path": path, "limits": limits, "scene": asked.scene, "cell": asked.document()}
+    request = request_of_move(arm, power, move, settings, **named, **chosen)
+    planner = Planner(arm, power, settings, cell=load_cell(arm, asked), stopped=stopped)
+    front = trace(planner, move, durations=wanted, longest=longest, cycle=over, stopped=stopped)
+    return Tradeoff(front, document_of(planner, move, front, over, model, request), arm, planner.cell)
+
+
+def document_of(
+    planner: Planner, move: Move, front: Front, cycle: Cycle | None, given: AnyModel, request: Mapping[str, Any]
+) -> dict[str, Any]:
+    """tradeoff.json: the front, what models that it was not planned under make of its minimum, and the request.
+
+    Args:
+        given: the model as `model_from` takes it, for its name.
+    """
+    from energy_opt.tradeoff.models import models_of
+    from energy_opt.tradeoff.output import document
+
+    robot = planner.robot
+    found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
+    models = models_of(planner, move, front, judges_of(given, planner.model, robot))
+    return {**found, "models": models, "warnings": said(models, "the front's minimum"), "request": request}
+
+
+def cycle_for(
+    robot: Robot, model: PowerModel, move: Move, length: float | None, idle_power: float | None
+) -> Cycle | None:
+    """The cycle of `length` s that begins with the move; None where none is asked for.
+
+    Raises:
+        BadInput: an idle power without a cycle, a move that does not end at rest, or values that no cycle has.
+    """
+    from energy_opt.tradeoff import Cycle
+
+    if length is None:
+        if idle_power is not None:
+            raise BadInput("--idle-power is what waiting takes; give --cycle too")
+        return None
+    if np.any(move.end_velocities[1]):
+        raise BadInput("--cycle: the move does not end at rest, so the arm cannot wait at its goal")
+    return Cycle(robot, model, move.goal, length, idle_power)

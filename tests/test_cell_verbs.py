@@ -15,7 +15,7 @@ from energy_opt.effects import CoulombFriction, ViscousFriction
 from energy_opt.files import read_table
 from energy_opt.formats import write
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.next_motion import propose
+from energy_opt.next_motion import Rival, propose
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot
 
@@ -73,8 +73,8 @@ def test_suggested_poses_touch_nothing(ur5: Robot, table: Path, tmp_path: Path) 
 
 def test_the_motion_to_record_next_touches_nothing(ur5: Robot, table: Path, tmp_path: Path) -> None:
     base = source_method_2("ur5")
-    models = [base.replaced(ViscousFriction(b=2.0)), base.replaced(CoulombFriction(tau_c=2.0))]
-    motions = [propose(models, ur5, 0, at) for at in (None, Cell(ur5, CellRequest(), read_scene(table)))]
+    rivals = [Rival(base.replaced(effect)) for effect in (ViscousFriction(b=2.0), CoulombFriction(tau_c=2.0))]
+    motions = [propose(rivals, ur5, 0, at) for at in (None, Cell(ur5, CellRequest(), read_scene(table)))]
     found = []
     for motion in motions:
         assert motion is not None

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnose import diagnose
+from energy_opt.diagnose.fit import Nuisance
+from energy_opt.diagnose.noise import Noise
 from energy_opt.diagnose.trace import likelier
 from energy_opt.effects import (
     CopperLoss,
@@ -25,12 +27,14 @@ from energy_opt.effects import (
 )
 from energy_opt.formats import read_trajectory, table
 from energy_opt.measured import read_set
-from energy_opt.next_motion import propose, rivals_of
+from energy_opt.next_motion import Rival, propose, rivals_of
 from energy_opt.next_motion.contrast import contrast_functions, contrast_parameters
 from energy_opt.next_motion.legs import PAUSE
+from energy_opt.next_motion.rivals import Slack, separations
 from energy_opt.power import PowerModel
 from energy_opt.robot import load_robot
 
+SIX = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]  # xx, xy, yy, xz, yz, zz
 BASE = PowerModel("ur5", (Standby(power=92.6), CopperLoss(r_over_kt2=[0.004, 0.004, 0.005, 0.04, 0.04, 0.045])))
 
 
@@ -47,9 +51,25 @@ def node(robot, seed=0):
     return np.concatenate([q, v * duration, a * duration**2, [duration]]), q, v, a, duration
 
 
+def plain(models):
+    return [Rival(model) for model in models]
+
+
 def hidden(**given):
-    """What a diagnosis hands over, as far as the choice of rivals looks."""
-    fits = [SimpleNamespace(model=m, names=given.get("names", ())) for m in given.get("rivals", [BASE])]
+    """What a diagnosis hands over, as far as the choice of rivals looks; its fits leave nothing open."""
+    none, at = np.zeros(0), np.arange(0.0, 1.0, 0.1)
+    world = SimpleNamespace(
+        links=SimpleNamespace(basis=np.zeros((60, 0))),
+        whiten=SimpleNamespace(noise=Noise(1.0)),
+        samples=SimpleNamespace(at=at, parts=(slice(0, 10),)),
+    )
+    fits = [
+        SimpleNamespace(
+            model=m, names=(), charts=(), numbers=(), count=0, weights=none, amounts=none, covariance=np.zeros((0, 0)),
+            nuisance=Nuisance(0.03, 0.3), world=world,
+        )
+        for m in given.get("rivals", [BASE])
+    ]  # fmt: skip
     return SimpleNamespace(rivals=tuple(fits), accepted=fits[0], idle=given.get("idle", ()))
 
 
@@ -112,7 +132,7 @@ def test_derivatives_of_the_cost(ur5):
 @pytest.fixture(scope="module")
 def proposed(ur5):
     models = [BASE.replaced(CoulombFriction(tau_c=1.2)), BASE.replaced(ViscousFriction(b=1.1))]
-    return models, propose(models, ur5, seed=1)
+    return models, propose(plain(models), ur5, seed=1)
 
 
 def test_it_tells_more_than_the_straight_motion_that_it_began_with(proposed):
@@ -149,32 +169,52 @@ def test_the_difference_is_that_of_the_file(proposed, ur5):
 
 def test_what_is_the_same_at_the_meter_stays_so(ur5):
     gain, supply = BASE.replaced(MeterGain(gain=1.25)), BASE.replaced(SupplyEfficiency(eta=0.8))
-    assert propose([gain, supply], ur5) is None
+    assert propose(plain([gain, supply]), ur5) is None
 
 
 def test_a_pair_that_is_the_same_does_not_hide_a_third(ur5):
     gain, supply = BASE.replaced(MeterGain(gain=1.25)), BASE.replaced(SupplyEfficiency(eta=0.8))
-    motion = propose([gain, supply, BASE.replaced(ViscousFriction(b=2.0))], ur5)
+    motion = propose(plain([gain, supply, BASE.replaced(ViscousFriction(b=2.0))]), ur5)
     assert motion is not None and motion.difference >= motion.straight > 0.1
 
 
 def test_idle_joints_move_and_reach_useful_speed(ur5):
     idle = (1, 4)
-    models = rivals_of(hidden(idle=idle), ur5.n)
-    assert len(models) == 1 + 3 * len(idle) and len({m.structure for m in models}) == 1
-    motion = propose(models, ur5)
+    rivals = rivals_of(hidden(idle=idle), ur5.n)
+    assert len(rivals) == 1 + 3 * len(idle) and len({r.model.structure for r in rivals}) == 1
+    motion = propose(rivals, ur5)
     speed = np.abs(motion.trajectory.velocity).max(axis=0) / ur5.limits.velocity
     assert (speed[list(idle)] > 0.5).all() and motion.difference > motion.straight
 
 
 def test_rivals_that_fit_equally_well_are_told_apart_as_they_are(ur5):
     rivals = [BASE.replaced(ViscousFriction(b=2.0)), BASE.replaced(CoulombFriction(tau_c=1.0))]
-    assert rivals_of(hidden(rivals=rivals, idle=(2,)), ur5.n) == rivals
+    assert [r.model for r in rivals_of(hidden(rivals=rivals, idle=(2,)), ur5.n)] == rivals
 
 
 def test_the_same_seed_gives_the_same_motion(proposed, ur5):
     models, motion = proposed
-    assert np.array_equal(propose(models, ur5, seed=1).trajectory.position, motion.trajectory.position)
+    assert np.array_equal(propose(plain(models), ur5, seed=1).trajectory.position, motion.trajectory.position)
+
+
+def test_what_links_and_level_can_take_up_tells_nothing(ur5, proposed):
+    """A payload against links: all of it where links are open, next to nothing left; and a level against a level."""
+    payload = Payload(mass=0.8, com=[0.0, 0.03, 0.1])
+    mass, com = payload.values["mass"][0], payload.values["com"]
+    point = np.zeros((60, 1))
+    point[50:, 0] = [mass, *mass * com, *(mass * (com @ com * np.eye(3) - np.outer(com, com)))[*SIX]]
+    motion = proposed[1].trajectory
+
+    def left(other, links, level):
+        slack = Slack(np.zeros((len(BASE.values(6)), 1)), np.zeros(60), links, level, 0.01)
+        apart = [Rival(BASE, slack), Rival(other)]
+        return separations(apart, ur5.body, motion, 0.02)[0]
+
+    shut = np.zeros((60, 1))
+    loaded, higher = BASE.replaced(payload), BASE.replaced(Standby(power=95.0))
+    assert left(loaded, shut, 0.0) > 1.0 and left(loaded, point, 0.0) < 0.1 * left(loaded, shut, 0.0)
+    assert left(loaded, 0.002 * point, 0.0) > 0.5 * left(loaded, shut, 0.0)  # links that are known well hide little
+    assert left(higher, shut, 0.0) == pytest.approx(2.4) and left(higher, shut, 2.0) < 0.05
 
 
 @pytest.mark.slow

@@ -1,12 +1,14 @@
-"""Which models a motion is to tell apart, and how far apart it holds them at the meter."""
+"""Which models a motion is to tell apart, what each may still become, and how far apart it holds them at the meter."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples
 from energy_opt.diagnose.trace import Trace
@@ -18,31 +20,107 @@ from energy_opt.robot import RigidBody
 IDLE = ((CoulombFriction, 0.5), (ViscousFriction, 0.5), (Armature, 0.2))  # what a joint that never moved may hide
 
 
-def rivals_of(found: Trace, n: int) -> list[PowerModel]:
+@dataclass(frozen=True)
+class Slack:
+    """What the data so far leave open of a rival: unknowns u ~ N(0, 1), and the meter's noise.
+
+    Attributes:
+        values: (P, g) change of the model's values by u.
+        push: (10 n,) inertial parameters by which links deviate from their URDF. links: (10 n, g) their change by u.
+        level: standard deviation of a run's level, W. density: of slow noise, W^2 s, over a recording's length.
+    """
+
+    values: np.ndarray
+    push: np.ndarray
+    links: np.ndarray
+    level: float
+    density: float
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A model that may be the right one; `slack` is None where it is known exactly and the meter shows all."""
+
+    model: PowerModel
+    slack: Slack | None = None
+
+
+def rivals_of(found: Trace, n: int) -> list[Rival]:
     """The models to tell apart: those that fit equally well, or the accepted one with more in each idle joint.
 
-    Every idle joint makes rivals of its own, so that the smallest difference stays nought until all of them move.
+    Every idle joint makes rivals of its own, so that the smallest difference stays nought until all of them move. What
+    the data leave open of an idle joint is what is asked there: of those rivals only links and level give way.
     """
     if len(found.rivals) > 1:
-        return [f.model for f in found.rivals]
+        return [Rival(f.model, _slack(f, f.model, n)) for f in found.rivals]
     model = found.accepted.model
     for kind, _ in IDLE:  # all rivals of one structure
         if model.get(kind.name) is None:
             model = model.replaced(kind.neutral(n))
     held = {e.name: e.full(n) for e in model.effects}
     more = [(kind, size * np.eye(n)[joint]) for joint in found.idle for kind, size in IDLE]
-    return [model, *(model.replaced(kind.from_full(held[kind.name] + added, n)) for kind, added in more)]
+    models = [model, *(model.replaced(kind.from_full(held[kind.name] + added, n)) for kind, added in more)]
+    return [Rival(m, _slack(found.accepted, m, n, numbers=False)) for m in models]
 
 
-def separations(models: Sequence[PowerModel], body: RigidBody, trajectory: Trajectory, step: float) -> np.ndarray:
-    """Rms difference [W] of the readings that every two models expect, (pairs,) in the order of `combinations`.
+def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
+    """What a fit leaves open of a model that has its effects; with `numbers` also of the effects' own."""
+    charted, amounts = f.count, len(f.amounts)
+    first = charted + len(f.weights)
+    rows = np.r_[np.arange(charted if numbers else 0), first : first + amounts]
+    sizes, axes = np.linalg.eigh(f.covariance[np.ix_(rows, rows)])
+    root = axes * np.sqrt(np.maximum(sizes, 0.0))
+    values, at = np.zeros((len(model.values(n)), len(rows))), 0
+    where = dict(zip((e.name for e in model.effects), model.slices(n), strict=True))
+    for c, z in zip(f.charts, f.numbers, strict=True):
+        if numbers:
+            values[where[c.term.name]] = c.slope(z) @ root[at : at + len(z)]
+        at += len(z)
+    basis, noise, nuisance = f.world.links.basis, f.world.whiten.noise, f.nuisance
+    step = float(np.median(np.concatenate([np.diff(f.world.samples.at[p]) for p in f.world.samples.parts])))
+    density = noise.white**2 * step + 2 * noise.wave**2 * noise.memory
+    level = float(np.hypot(nuisance.offset, nuisance.drift))
+    return Slack(values, basis @ f.amounts, basis @ root[len(rows) - amounts :], level, density)
+
+
+def separations(rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float) -> np.ndarray:
+    """Rms difference [W] of the readings that every two rivals expect, (pairs,) in the order of `combinations`.
+
+    Less what the one could take up of it by what the data so far leave open of its own numbers, the links and the
+    run's level: with d the difference, u ~ N(0, 1) these unknowns, G the readings by them and s the noise of a reading,
+    its square is the least of |d - G u|^2 + s^2 |u|^2 over the number of readings. Either rival may be the true one;
+    the smaller difference counts.
 
     Args:
         step: between the readings that are compared, s.
     """
     samples = samples_of(body, trajectory, step)
-    readings = [predict(model, samples).reading for model in models]
-    return np.array([np.sqrt(np.mean((x - y) ** 2)) for x, y in combinations(readings, 2)])
+    shown = [_shown(rival, samples) for rival in rivals]
+    left = []
+    for (a, x), (b, y) in combinations(zip(rivals, shown, strict=True), 2):
+        d = x[0] - y[0]
+        left.append(min(_unexplained(d, a.slack, x[1], step), _unexplained(d, b.slack, y[1], step)))
+    return np.sqrt(np.array(left) / len(samples.power))
+
+
+def _shown(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """The readings (M,) that a rival expects, and their change (M, g + 1) by its unknowns and the run's level."""
+    slack = rival.slack
+    if slack is None:
+        return predict(rival.model, samples).reading, np.zeros((len(samples.power), 0))
+    ways = samples.regressor @ np.column_stack([slack.push, slack.links])
+    p = predict(rival.model, samples, ways[:, :, 0], ways[:, :, 1:])
+    return p.reading, np.column_stack([p.jacobian @ slack.values + p.pushed, np.full(len(p.reading), slack.level)])
+
+
+def _unexplained(d: np.ndarray, slack: Slack | None, by: np.ndarray, step: float) -> float:
+    """The sum of squares [W^2] of a difference that unknowns cannot take up."""
+    if slack is None:
+        return float(d @ d)
+    noise = slack.density / step
+    taken = by.T @ d
+    u = np.linalg.solve(by.T @ by + noise * np.eye(by.shape[1]), taken)
+    return max(float(d @ d - taken @ u), 0.0)
 
 
 def samples_of(body: RigidBody, trajectory: Trajectory, step: float) -> Samples:

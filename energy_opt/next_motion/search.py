@@ -25,9 +25,8 @@ from energy_opt.motion.reshape.level import Curve, Level
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.contrast import contrast_functions, contrast_parameters
 from energy_opt.next_motion.legs import Way, joined, reshaped, shortest
-from energy_opt.next_motion.rivals import separations
+from energy_opt.next_motion.rivals import Rival, separations
 from energy_opt.numerics.bspline import Basis
-from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 
 DRAWN, TRIED = 40, 3  # pairs of poses; at most so many, the most telling, are reshaped
@@ -59,7 +58,7 @@ class NextMotion:
     certificate: Certificate
 
 
-def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0, cell: Cell | None = None) -> NextMotion | None:
+def propose(rivals: Sequence[Rival], robot: Robot, seed: int = 0, cell: Cell | None = None) -> NextMotion | None:
     """The most telling motion found, or None where no motion tells any two of the models apart.
 
     Where some pairs are the same at the meter whatever the motion, the others count.
@@ -72,7 +71,7 @@ def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0, cell: Cel
     """
     rng = np.random.default_rng(seed)
     shape, limits = Shape(robot.n, Basis(CONTROLS, PACKING)), _calm(robot.limits)
-    judge = _Judge(models, robot, cell)
+    judge = _Judge(rivals, robot, cell)
     drawn = []
     for _ in range(DRAWN):
         poses = rng.uniform(limits.lower, limits.upper, (2, robot.n))
@@ -88,7 +87,7 @@ def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0, cell: Cel
         clear = "" if cell is None else " and keeps clear"
         raise Infeasible(f"no drawn motion from pose to pose holds the torque limits under all rival models{clear}")
     candidates = [(judge.score(judge.apart(straight, FINE)), straight)]
-    functions = contrast_functions(models, robot.body, judge.torque(straight).argmax(axis=0))
+    functions = contrast_functions(judge.models, robot.body, judge.torque(straight).argmax(axis=0))
     level, tried = Level(shape, functions), int(np.clip(WORK / functions.curvature.n_instructions(), 1, TRIED))
     for apart, ways, _ in itertools.islice((row for row in drawn if judge.clear(row[2])), tried):
         candidates += _improved(level, judge, ways, apart, rng)
@@ -103,14 +102,15 @@ def propose(models: Sequence[PowerModel], robot: Robot, seed: int = 0, cell: Cel
 class _Judge:
     """Judges motions; `live` (pairs,) marks the pairs of rivals that some motion tells apart."""
 
-    def __init__(self, models: Sequence[PowerModel], robot: Robot, cell: Cell | None) -> None:
-        self.models, self.robot, self.cell = models, robot, cell
-        self.scorers = [Scorer(robot, model) for model in models]
+    def __init__(self, rivals: Sequence[Rival], robot: Robot, cell: Cell | None) -> None:
+        self.rivals, self.models = rivals, [rival.model for rival in rivals]
+        self.robot, self.cell = robot, cell
+        self.scorers = [Scorer(robot, model) for model in self.models]
         self.live = np.zeros(0, dtype=bool)
 
     def apart(self, legs: Sequence[Curve], step: float) -> np.ndarray:
         """Rms difference [W] of every two rivals over a motion, (pairs,)."""
-        return separations(self.models, self.robot.body, joined(legs, self.robot.joints), step)
+        return separations(self.rivals, self.robot.body, joined(legs, self.robot.joints), step)
 
     def score(self, apart: np.ndarray) -> float:
         """The smallest difference that counts, W."""

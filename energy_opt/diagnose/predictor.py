@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.diagnose.cross import left_out
+from energy_opt.diagnose.ease import eased
 from energy_opt.diagnose.fit import Fit, Stopped
 from energy_opt.diagnose.search import Search
 from energy_opt.diagnose.terms import Chart, Term, chart
@@ -47,8 +48,8 @@ def _foreseeing_best(found: Trace) -> Fit:
         return found.root
     tried = [found.root, found.accepted]
     if found.best is not found.accepted:
-        tried.append(_plain(search, found.best))
-    tried += _curves(search, tried[-1])
+        tried.append(eased(_plain(search, found.best)))
+    tried += [eased(f) for f in _curves(search, tried[-1])]
     losses = [float(left_out(f).sum()) for f in tried]
     best = 0
     for k in range(1, len(tried)):

@@ -10,7 +10,7 @@ the joint's limits: what friction or heat can sensibly be there.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -118,6 +118,10 @@ class Chart:
         values = self.values(z)
         lower, upper = _bounds(kind, self.n, len(values))
         return kind.from_full(np.clip(values, lower, upper), self.n, **words)
+
+    def wider(self, times: float) -> Chart:
+        """The chart with what is known before so many times as wide."""
+        return replace(self, precision=self.precision / times**2)
 
     def _inner(self, z: np.ndarray) -> np.ndarray:
         x = self.base.copy()

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.diagnose.candidates import candidates
+from energy_opt.diagnose.ease import eased
 from energy_opt.diagnose.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnose.follows import follows
 from energy_opt.diagnose.links import links_of
@@ -165,6 +166,8 @@ def _searched(world: World, nothing: Fit, still: Noise, idle: tuple[int, ...], t
         verdict = "explained" if claims else "nothing_missing"
     if idle and verdict != "ambiguous":
         verdict = "insufficient"
+    rivals = tuple(eased(f) for f in rivals)
+    best, accepted = rivals[0] if best is accepted else best, rivals[0]
     return Trace(
         found, root(world, best.nuisance), best, accepted, verdict, claims, rivals, noise, left, structured, idle
     )

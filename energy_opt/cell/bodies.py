@@ -140,7 +140,7 @@ class Scenery:
     def travel(
         self, k: np.ndarray, pair: np.ndarray, boxes: tuple[np.ndarray, np.ndarray], far: np.ndarray
     ) -> np.ndarray:
-        """How far (M,) [m] a pair's bodies can come towards each other when joints turn by up to `far` (M, n).
+        """How far (M,) [m] a pair's bodies can come towards each other when joints turn by up to `far` (M, L).
 
         Joints are moved one after the other, the outermost first: a joint that turns by d moves a point by at most d
         times its distance from the axis, which is that in the middle plus what the joints before have moved it.
@@ -149,7 +149,7 @@ class Scenery:
         for side in (0, 1):
             moved = np.zeros(len(k))
             used = b.moves[side][pair]
-            for j in range(b.kinematics.n - 1, -1, -1):
+            for j in range(b.kinematics.count - 1, -1, -1):
                 here = np.flatnonzero(used[:, j] & (far[:, j] > 0))
                 if not len(here):
                     continue

@@ -125,14 +125,14 @@ class Cell:
         whole = scene or Scene()
         if request.floor is not None:
             whole = Scene(whole.objects, whole.allowed, whole.source, request.floor, whole.warnings)
-        frames = {**robot.body.link_frames(), TOOL: (robot.n - 1, np.eye(4))}
+        frames = {**robot.body.link_frames(), TOOL: (robot.body.last, np.eye(4))}
         made: dict[int, Solid] = {}
         for placed in whole.placed(request.base_pose):
             solid = made.setdefault(id(placed.shape), _shape(placed.shape))
             things.append(_kept(placed, solid, frames))
         if request.payload_size is not None:
             at = pose_of(request.payload_at)
-            things.append(Kept(Body(PAYLOAD, robot.n - 1, at, solids.box(request.payload_size)), False))
+            things.append(Kept(Body(PAYLOAD, robot.body.last, at, solids.box(request.payload_size)), False))
         self.has_body, self.links = bool(links), len(links)
         self.bodies = Bodies(kinematics, [thing.body for thing in things], kept_apart(things, self.own, whole.allowed))
 

@@ -11,7 +11,9 @@ v, n·p_v changes by n·w_vj per turn of j, and by Taylor's theorem, for turns o
     s(q) >= min_v (n·p_v - sum_j |n·w_vj| far_j) - max_b - T F
 
 where T bounds how far points of a travel and F is the sum of far_j over joints that turn: second derivatives are
-n·(z_i x w_vj), at most |w_vj| in size, and the sum of far_j |w_vj| is at most T everywhere in the interval.
+n·(z_i x w_vj), at most |w_vj| in size, and the sum of far_j |w_vj| is at most T everywhere in the interval. Joints that
+follow others count in T and F as if each moved by itself, as far as its leader takes it; in the sum over j they are
+part of their leader's velocity w_vj.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ ROUNDING = 1e-9  # [m] that arithmetic may have added
 
 
 def turns(bodies: Bodies, pair: np.ndarray, far: np.ndarray) -> np.ndarray:
-    """F (M,) [rad]: the sum over joints between the bodies of pairs (M,) of how far each may turn, far (M, n)."""
+    """F (M,) [rad]: the sum over joints between the bodies of pairs (M,) of how far each may turn, far (M, L)."""
     return np.asarray(np.sum(far * (bodies.moves[0][pair] & ~bodies.kinematics.prismatic), axis=1))
 
 
@@ -36,7 +38,7 @@ def least_heights(
     Args:
         pair: (M,) of those that are `usable`.
         normal: (M, 3) unit vectors in the base frame, from the second body towards the first.
-        far: (M, n) [rad, m] how far joints go from the middle.
+        far: (M, n) [rad, m] how far the joints that move by themselves go from the middle.
         rest: (M,) [m] T F.
     """
     bodies, poses = scene.bodies, scene.poses
@@ -55,7 +57,9 @@ def least_heights(
     level = np.sum(lever * (at[:, None] - poses.origin[k, :-1]), axis=2)
     level[:, slides] = np.matmul(axis[:, slides], normal[:, :, None])[..., 0]
     lever[:, slides] = 0.0
-    lever, share = np.matmul(lever, turn), (far * bodies.moves[0][pair])[:, None]
+    between, coupling = bodies.moves[0][pair], bodies.kinematics.coupling
+    level = coupling.joined(level * between)
+    lever, share = coupling.joined(np.matmul(lever, turn) * between[:, :, None], axis=1), far[:, None]
     up_a, up_b = _into(turn, normal), _into(poses.rotation[k, jb], normal)
     out = np.sum(normal * (at - poses.origin[k, jb]), axis=1) - rest - ROUNDING
     order = np.argsort(pair, kind="stable")

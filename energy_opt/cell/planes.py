@@ -11,6 +11,7 @@ velocity that it gives p,
     df/dq_j = n·w_j        d²f/dq_i dq_j = n·(z_i × w_j) = (n × z_i)·w_j    for i above or at j
 
 which needs nothing but the axes: closed forms, for all rows at once. Joints that slide have w_j = z_j and turn nothing.
+Derivatives by joints that follow others go to those that lead (see `robot.coupling`).
 """
 
 from __future__ import annotations
@@ -153,18 +154,19 @@ class PlaneRows:
     def gradient(self, q: np.ndarray) -> np.ndarray:
         """(R, n)."""
         self._move(q)
-        return np.matmul(self._w, self._n[:, :, None])[..., 0] / LENGTH
+        return self._bodies.kinematics.coupling.joined(np.matmul(self._w, self._n[:, :, None])[..., 0]) / LENGTH
 
     def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """(K, n, n)."""
         self._move(q)
         kinematics = self._bodies.kinematics
-        above = kinematics.moves[:-1].T  # (n, n): joint i moves joint j, or is it
+        above = kinematics.moves[:-1].T  # (L, L): joint i moves joint j, or is it
         turned = _cross(self._n[:, None], self._axis) * (self._moves & ~kinematics.prismatic)[:, :, None]
         h = np.matmul(turned, self._w.transpose(0, 2, 1)) * (multipliers / LENGTH)[:, None, None] * above
         out = np.zeros((len(self.u), *h.shape[1:]))
         np.add.at(out, self.place, h)
-        return out + (out * ~np.eye(len(above), dtype=bool)).transpose(0, 2, 1)
+        out += (out * ~np.eye(len(above), dtype=bool)).transpose(0, 2, 1)
+        return kinematics.coupling.joined(kinematics.coupling.joined(out), axis=1)
 
 
 def _lowest(

@@ -70,12 +70,13 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
         time, q, far = curve.middles(spans)
         scene = Scenery(bodies, q)
         floor, box_a, box_b = scene.apart(span, pair)
-        travel = scene.travel(span, pair, (box_a, box_b), far[span])
+        reach = bodies.kinematics.coupling.reach(far)
+        travel = scene.travel(span, pair, (box_a, box_b), reach[span])
         rest = floor - travel
         open_ = rest <= wanted[pair]
         if not open_.all():
             out.lower_bound = min(out.lower_bound, float(rest[~open_].min()))
-        planes = _Planes(scene, far)
+        planes = _Planes(scene, far, reach)
         again, doubt = _measured(out, scene, span, pair, travel, wanted, np.flatnonzero(open_), time, entered, planes)
         if out.touches:
             haste -= 1
@@ -162,15 +163,15 @@ def _measured(
 class _Planes:
     """What is still open for how far points travel, and may be closed by heights over planes."""
 
-    def __init__(self, scene: Scenery, far: np.ndarray) -> None:
-        self._scene, self._far = scene, far
+    def __init__(self, scene: Scenery, far: np.ndarray, reach: np.ndarray) -> None:
+        self._scene, self._far, self._reach = scene, far, reach
         self._rows: list[tuple[int, int, int, float, float]] = []
         self._normals: list[np.ndarray] = []
 
     def rest(self, k: np.ndarray, pair: np.ndarray, travel: np.ndarray) -> np.ndarray:
         """What heights lose by terms of second order (M,) [m]; infinite where no plane can be held."""
         bodies = self._scene.bodies
-        return np.where(bodies.planar[pair], travel * turns(bodies, pair, self._far[k]), np.inf)
+        return np.where(bodies.planar[pair], travel * turns(bodies, pair, self._reach[k]), np.inf)
 
     def add(self, which: int, k: int, pair: int, rest: float, asked: float, normal: np.ndarray) -> None:
         """An open interval of a pair."""

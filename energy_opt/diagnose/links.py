@@ -29,7 +29,8 @@ class Links:
     """Directions of deviation.
 
     Attributes:
-        basis: (10 n, c) inertial parameters by amounts d of the directions, each of standard deviation `spread`.
+        basis: (10 L, c) inertial parameters of all links by amounts d of the directions, each of standard deviation
+            `spread`.
         ways: (K, n, c) torque by the amounts.
     """
 
@@ -38,9 +39,9 @@ class Links:
 
     def effect(self, d: np.ndarray, samples: Samples) -> LinkInertia:
         """The deviation of amounts d (c,) as an effect."""
-        change = (self.basis @ d).reshape(-1, 10)
+        change = (self.basis @ d).reshape(-1, 10)[samples.body.coupling.own]
         mass, com, inertia = [], [], []
-        for link, phi in zip(samples.body.plain.tree(), change, strict=True):
+        for link, phi in zip(samples.body.plain.own_links(), change, strict=True):
             m = max(link.mass + phi[0], LIGHTEST * link.mass, 1e-6)
             far = FARTHEST * float(np.linalg.norm(link.lever)) + NEAR * 5
             c = link.lever + np.clip((link.mass * link.lever + phi[1:4]) / m - link.lever, -far, far)
@@ -65,12 +66,13 @@ def links_of(samples: Samples, model: PowerModel) -> Links:
 
 
 def deviations_of(body: RigidBody) -> np.ndarray:
-    """Inertial parameters (10 n, 10 n) of all links by deviations of their masses, centres and inertias."""
-    links = body.plain.tree()
-    basis = np.zeros((10 * len(links), 10 * len(links)))
-    for j, link in enumerate(links):
-        at = slice(10 * j, 10 * j + 10)
-        basis[at, at] = _deviations(link.mass, link.lever, link.inertia)
+    """Inertial parameters (10 L, 10 n) of all links by deviations of their masses, centres and inertias.
+
+    Of links that joints of their own carry: those that follow others are taken as the URDF has them.
+    """
+    basis = np.zeros((10 * len(body.tree()), 10 * body.n))
+    for j, (k, link) in enumerate(zip(body.coupling.own, body.plain.own_links(), strict=True)):
+        basis[10 * k : 10 * k + 10, 10 * j : 10 * j + 10] = _deviations(link.mass, link.lever, link.inertia)
     return basis
 
 

@@ -64,23 +64,25 @@ def _batch(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...
 
 
 @lru_cache(maxsize=64)
-def _rigid_map(structure: tuple[tuple[str, ...], ...], n: int) -> ca.Function:
-    """(gravity, nominal links (13, n), p) of a structure's rigid effects -> change (10 n,) of the links' inertial
-    parameters, gravity (3,), and both one's Jacobians by p."""
+def _rigid_map(structure: tuple[tuple[str, ...], ...], own: tuple[int, ...], last: int, count: int) -> ca.Function:
+    """(gravity, nominal links (13, n), p) of a structure's rigid effects -> change (10 L,) of all links' inertial
+    parameters, gravity (3,), and both one's Jacobians by p; the n `own` of L = `count`, the `last` has the payload."""
+    n = len(own)
     model = PowerModel("", tuple(of_form(form, n) for form in structure))
     p, given, nominal = model.symbols(n), ca.SX.sym("g", 3), ca.SX.sym("links", 13, n)
     links = [(nominal[0, j], nominal[1:4, j], ca.reshape(nominal[4:, j], 3, 3)) for j in range(n)]
-    before = ca.vertcat(*(_inertial(*link) for link in links))
-    gravity, phi = given, ca.SX.zeros(10 * n)
+    before = [_inertial(*link) for link in links]
+    gravity, phi = given, ca.SX.zeros(10 * count)
     for effect, where in zip(model.effects, model.slices(n), strict=True):
         if isinstance(effect, RigidEffect):
             values = effect.named(p[where], n)
             gravity, point, changed = effect.gravity(gravity, values), effect.point_mass(values), None
             changed = effect.links(links, values)
             if point is not None:
-                phi[10 * (n - 1) :] += _inertial(*point, ca.SX.zeros(3, 3))
+                phi[10 * last : 10 * last + 10] += _inertial(*point, ca.SX.zeros(3, 3))
             if changed is not None:
-                phi += ca.vertcat(*(_inertial(*link) for link in changed)) - before
+                for k, was, link in zip(own, before, changed, strict=True):
+                    phi[10 * k : 10 * k + 10] += _inertial(*link) - was
     slopes = [ca.densify(ca.jacobian(x, p)) for x in (phi, gravity)]
     return ca.Function("rigid", [given, nominal, p], [ca.densify(phi), ca.densify(gravity), *slopes])
 
@@ -92,8 +94,8 @@ def _inertial(mass: ca.SX, place: ca.SX, inertia: ca.SX) -> ca.SX:
 
 
 def nominal_links(s: Samples) -> np.ndarray:
-    """Mass, centre and inertia (13, n) of the URDF's links."""
-    return np.column_stack([[x.mass, *x.lever, *x.inertia.T.ravel()] for x in s.body.plain.tree()])
+    """Mass, centre and inertia (13, n) of the URDF's links that joints of their own carry."""
+    return np.column_stack([[x.mass, *x.lever, *x.inertia.T.ravel()] for x in s.body.plain.own_links()])
 
 
 def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +104,10 @@ def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]
     if not rigid.effects:
         return s.free_torque + s.gravity_torque @ s.body.gravity, np.zeros((*s.q.shape, 0))
     structure = tuple(e.form for e in rigid.effects)
-    out = _rigid_map(structure, s.n)(s.body.gravity, nominal_links(s), rigid.values(s.n))
+    body = s.body
+    out = _rigid_map(structure, tuple(body.coupling.own.tolist()), body.last, len(body.tree()))(
+        s.body.gravity, nominal_links(s), rigid.values(s.n)
+    )
     phi, gravity, by_phi, by_gravity = (np.array(x) for x in out)
     tau, slope = s.free_torque + s.gravity_torque @ gravity.ravel(), np.zeros((*s.q.shape, len(rigid.values(s.n))))
     by_g = s.gravity_torque

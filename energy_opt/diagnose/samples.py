@@ -135,13 +135,14 @@ class Samples:
 
     @cached_property
     def regressors(self) -> np.ndarray:
-        """d tau / d (all links' inertial parameters), (K, n, 10 n, 4): without gravity; of its x, y and z, at rest."""
+        """d tau / d (all links' inertial parameters), (K, n, 10 L, 4): without gravity; of its x, y and z, at rest."""
         return self._regressors(slice(None), slice(None))
 
     @cached_property
     def last_regressors(self) -> np.ndarray:
         """The same of the last link alone, which carries the payload: (K, n, 10, 4)."""
-        parts = [self._regressors(rows, slice(-10, None)) for rows in pieces(len(self.q), PIECE)]
+        last = slice(10 * self.body.last, 10 * self.body.last + 10)
+        parts = [self._regressors(rows, last) for rows in pieces(len(self.q), PIECE)]
         return np.concatenate(parts)
 
     def _regressors(self, rows: slice, columns: slice) -> np.ndarray:
@@ -156,16 +157,16 @@ class Samples:
         Those of all links are kept where they are not too large (a million rows at 1 kHz have some GB), those of the
         last link always; others are worked out anew.
         """
-        at_once = len(self.q) <= PIECE
-        if not at_once and live.min() >= 10 * (self.n - 1):
-            yield slice(0, len(self.q)), self.last_regressors[:, :, live - 10 * (self.n - 1)]
+        at_once, first = len(self.q) <= PIECE, 10 * self.body.last
+        if not at_once and live.min() >= first and live.max() < first + 10:
+            yield slice(0, len(self.q)), self.last_regressors[:, :, live - first]
             return
         for rows in pieces(len(self.q), PIECE):
             whole = self.regressors if at_once else self._regressors(rows, slice(None))
             yield rows, whole[:, :, live]
 
     def deviating(self, basis: np.ndarray) -> np.ndarray:
-        """Torque (K, n, c) by amounts of deviations `basis` (10 n, c) of the links, under the robot's own gravity."""
+        """Torque (K, n, c) by amounts of deviations `basis` (10 L, c) of the links, under the robot's own gravity."""
         parts = pieces(len(self.q), PIECE)
         return np.concatenate([self.body.link_regressor(self.q[x], self.v[x], self.a[x]) @ basis for x in parts])
 

@@ -17,8 +17,10 @@ from collections.abc import Sequence
 import casadi as ca
 
 from energy_opt.dynamics.canonical import canonical
+from energy_opt.dynamics.coupled import NAMES, coupled
 from energy_opt.dynamics.frames import JointFrame, Vector, cross, plus, times
-from energy_opt.robot.links import Link
+from energy_opt.robot.coupling import Coupling
+from energy_opt.robot.links import Link, outermost
 
 
 def _wrench(
@@ -46,18 +48,24 @@ def _wrench(
 def torque_function(tree: Sequence[Link]) -> ca.Function:
     """Inverse dynamics (q, v, a, gravity, mass, com) -> tau.
 
-    q, v, a (n, 1); gravity (3, 1) [m/s^2] in the base frame; a payload's mass [kg] and centre com (3, 1) [m] in the
-    last joint's frame; tau (n, 1) [N m]. Call it with numbers for gravity and payload to get their shorter graph.
+    q, v, a (n, 1) of the joints that move by themselves; gravity (3, 1) [m/s^2] in the base frame; a payload's mass
+    [kg] and centre com (3, 1) [m] in the last joint's frame; tau (n, 1) [N m]. Call it with numbers for gravity and
+    payload to get their shorter graph.
     """
-    n = len(tree)
+    return coupled(_of_all(tree), Coupling.of(tree))
+
+
+def _of_all(tree: Sequence[Link]) -> ca.Function:
+    """Inverse dynamics as if every joint moved by itself."""
+    n, last = len(tree), outermost(tree)
     links = canonical(tree)
     q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
     gravity, mass, com = ca.SX.sym("gravity", 3), ca.SX.sym("mass"), ca.SX.sym("com", 3)
     zero: Vector = [ca.SX(0)] * 3
 
-    point = ca.mtimes(ca.DM(links[-1].from_original), ca.vertcat(com, 1))
+    point = ca.mtimes(ca.DM(links[last].from_original), ca.vertcat(com, 1))
     inertias = [ca.SX(ca.DM(link.pseudo_inertia)) for link in links]
-    inertias[-1] = inertias[-1] + mass * ca.mtimes(point, point.T)
+    inertias[last] = inertias[last] + mass * ca.mtimes(point, point.T)
 
     joints: list[JointFrame] = []
     us: list[list[Vector]] = []
@@ -96,5 +104,4 @@ def torque_function(tree: Sequence[Link]) -> ca.Function:
             forces[link.parent] = plus(forces[link.parent], force)
             moment = plus(joints[k].up(torques[k]), cross(joints[k].offset, force))
             torques[link.parent] = plus(torques[link.parent], moment)
-    names = ["q", "v", "a", "gravity", "mass", "com"]
-    return ca.Function("tau", [q, v, a, gravity, mass, com], [ca.vertcat(*tau)], names, ["tau"])
+    return ca.Function("tau", [q, v, a, gravity, mass, com], [ca.vertcat(*tau)], NAMES, ["tau"])

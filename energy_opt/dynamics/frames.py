@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from energy_opt.dynamics.canonical import CanonicalLink
+from energy_opt.robot.coupling import Coupling
 
 Vector = list[ca.SX]
 
@@ -24,6 +25,17 @@ def plus(a: Sequence[ca.SX], b: Sequence[ca.SX]) -> Vector:
 def times(matrix: Sequence[Sequence[float | ca.SX]], x: Sequence[ca.SX]) -> Vector:
     """Matrix (3, 3) times vector."""
     return [row[0] * x[0] + row[1] * x[1] + row[2] * x[2] for row in matrix]
+
+
+def all_joints(coupling: Coupling, q: ca.SX, v: ca.SX, a: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Positions, velocities and accelerations of all joints of a tree, (L, 1) each, from those that move by themselves.
+
+    Each is (n, 1) and comes back as it is where nothing follows.
+    """
+    if coupling.trivial:
+        return q, v, a
+    matrix = ca.sparsify(ca.DM(coupling.matrix))
+    return ca.mtimes(matrix, q) + ca.DM(coupling.offset), ca.mtimes(matrix, v), ca.mtimes(matrix, a)
 
 
 class JointFrame:

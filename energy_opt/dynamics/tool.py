@@ -16,8 +16,9 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.dynamics.canonical import canonical, snapped
-from energy_opt.dynamics.frames import JointFrame, Vector, cross, plus, times
+from energy_opt.dynamics.frames import JointFrame, Vector, all_joints, cross, plus, times
 from energy_opt.robot import Link, Tool
+from energy_opt.robot.coupling import Coupling
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class ToolState:
 def tool_state(tree: Sequence[Link], tool: Tool, q: ca.SX, v: ca.SX, a: ca.SX) -> ToolState:
     """Where a tool is and how it moves, for joint positions, velocities and accelerations (n, 1)."""
     links = canonical(tree)
+    q, v, a = all_joints(Coupling.of(tree), q, v, a)
     chain = [tool.joint]
     while links[chain[0]].parent >= 0:
         chain.insert(0, links[chain[0]].parent)

@@ -14,7 +14,8 @@ from energy_opt.effects.stages import Link, RigidEffect
 class LinkInertia(RigidEffect):
     """Deviation of every link from the URDF: its mass, its centre of mass and its inertia about that centre.
 
-    Links are those that the joints carry, in the joints' order; what is welded to a link belongs to it.
+    Links are those that the joints carry, in the joints' order; what is welded to a link belongs to it. Links of joints
+    that follow others (mimic) stay as the URDF has them.
     """
 
     name = "link_inertia"

@@ -12,7 +12,7 @@ from energy_opt.robot import PointMass, RigidBody
 
 def body_of(model: PowerModel, body: RigidBody) -> RigidBody:
     """The rigid body with its links as the model says they are; the URDF's where it says nothing of them."""
-    nominal = [(link.mass, ca.DM(link.lever), ca.DM(link.inertia)) for link in body.plain.tree()]
+    nominal = [(link.mass, ca.DM(link.lever), ca.DM(link.inertia)) for link in body.plain.own_links()]
     for effect in model.effects:
         if isinstance(effect, RigidEffect):
             links = effect.links(nominal, effect.named(ca.DM(effect.full(body.n)), body.n))

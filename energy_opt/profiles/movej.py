@@ -19,22 +19,12 @@ from energy_opt.formats.urscript import JOINTS, check_start, vector
 from energy_opt.profiles.chain import Chain
 from energy_opt.profiles.plan import StandardMoves
 from energy_opt.robot import RigidBody
+from energy_opt.robot.kinematics import Kinematics
 
 
 def tool_point(body: RigidBody, q: np.ndarray) -> np.ndarray:
     """Origin of the last joint's frame in the base frame, (3,) [m]."""
-    poses: list[np.ndarray] = []
-    for link, position in zip(body.tree(), q, strict=True):
-        pose = (np.eye(4) if link.parent < 0 else poses[link.parent]) @ link.placement
-        moved = np.eye(4)
-        if link.prismatic:
-            moved[:3, 3] = position * link.axis
-        else:
-            x, y, z = link.axis
-            cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-            moved[:3, :3] += np.sin(position) * cross + (1 - np.cos(position)) * cross @ cross
-        poses.append(pose @ moved)
-    return np.asarray(poses[-1][:3, 3])
+    return np.asarray(Kinematics(body.tree())(q[None]).origin[0, body.last])
 
 
 def blend_radii(chain: Chain, body: RigidBody) -> np.ndarray:

@@ -123,8 +123,8 @@ def _motion(robot: Robot, played: Played) -> dict[str, Any]:
         "ghost": played.ghost,
         "shown": played.shown,
         "time": _numbers(time - time[0]),
-        "position": _numbers(q, 5),
-        "tool": _numbers(Kinematics(robot.body.tree())(q).origin[:, -2], 4),  # of the last link; the base is behind it,
+        "position": _numbers(robot.body.coupling.positions(q), 5),  # of all joints of the tree
+        "tool": _numbers(Kinematics(robot.body.tree())(q).origin[:, robot.body.last], 4),
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,15 @@ class PointMass:
 
 
 @dataclass(frozen=True)
+class Follows:
+    """How a joint follows another: its position is `ratio` times that of joint `leader`, an index, plus `offset`."""
+
+    leader: int
+    ratio: float
+    offset: float
+
+
+@dataclass(frozen=True)
 class Link:
     """One moving link and the joint that carries it, as plain numbers.
 
@@ -29,6 +39,7 @@ class Link:
         axis: (3,) unit vector in the joint's frame.
         mass, lever, inertia: kg, (3,) m to the centre of mass, (3, 3) kg m^2 about the centre of mass.
         armature: reflected rotor inertia, kg m^2 (0 unless the model states it).
+        follows: the joint that moves by itself and takes this one along; None where this one is such a joint.
     """
 
     name: str
@@ -41,6 +52,18 @@ class Link:
     lever: np.ndarray
     inertia: np.ndarray
     armature: float
+    follows: Follows | None = None
+
+
+def outermost(links: Sequence[Link]) -> int:
+    """Index of the link with most joints between it and the base, the last of several: what "the last joint" means.
+
+    On a chain it is the last; beside one, rods of a linkage do not take its place.
+    """
+    depth: list[int] = []
+    for link in links:
+        depth.append(1 + (depth[link.parent] if link.parent >= 0 else 0))
+    return max(range(len(links)), key=lambda k: (depth[k], k))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
 """The rigid body of an arm: Pinocchio's numbers behind plain arrays. The only module that imports pinocchio.
 
 Joint positions are angles (rad) for every revolute joint, continuous ones included, and lengths (m) for prismatic ones.
+Pinocchio's model holds all joints of the tree as if each moved by itself; vectors here are of those that do (see
+`coupling`), and indices of joints are those of the tree.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput, near
-from energy_opt.robot.links import Link, LinkGeometry, PointMass, UrdfLimits
+from energy_opt.robot.coupling import Coupling
+from energy_opt.robot.links import Follows, Link, LinkGeometry, PointMass, UrdfLimits, outermost
 from energy_opt.robot.meshes import collision_urdf
 from energy_opt.robot.urdf import check_urdf
 
@@ -92,21 +95,30 @@ def link_parents(path: Path) -> dict[str, str]:
 
 
 class RigidBody:
-    """A fixed-base tree of one-degree-of-freedom joints."""
+    """A fixed-base tree of one-degree-of-freedom joints.
 
-    def __init__(self, model: pin.Model) -> None:
-        self._model = model
+    Args:
+        follows: laws by which joints follow others: leader, ratio and offset by name.
+    """
+
+    def __init__(self, model: pin.Model, follows: Mapping[str, tuple[str, float, float]] | None = None) -> None:
+        self._model, self._follows = model, dict(follows or {})
         self._data = model.createData()
-        self.joints: tuple[str, ...] = tuple(model.names[1:])
-        self.n: int = model.nv
         self.gravity = np.array(model.gravity.linear)
         self.continuous = np.array([model.joints[j].nq == 2 for j in range(1, model.njoints)])
         self.plain: RigidBody = self  # with the links of the URDF
         self._index_q = np.array([model.joints[j].idx_q for j in range(1, model.njoints)])
+        self.coupling = Coupling.of(self.tree())
+        self.joints: tuple[str, ...] = tuple(link.name for link in self.own_links())
+        self.slides: tuple[bool, ...] = tuple(link.prismatic for link in self.own_links())
+        self.n: int = len(self.joints)
+        self.last = outermost(self.tree())  # the joint that carries a payload
 
     @classmethod
-    def from_urdf(cls, path: Path, lock: Mapping[str, float]) -> RigidBody:
-        """Read a URDF; joints named in `lock` stay at the given position (rad or m).
+    def from_urdf(
+        cls, path: Path, lock: Mapping[str, float], follows: Mapping[str, tuple[str, float, float]] | None = None
+    ) -> RigidBody:
+        """Read a URDF; joints named in `lock` stay at the given position (rad or m), those in `follows` follow.
 
         Raises:
             BadInput: the file is missing or does not parse, a locked joint is unknown, or a joint has more than one
@@ -117,10 +129,10 @@ class RigidBody:
         model, _ = _read(path, lock)
         if model.nv == 0:
             raise BadInput(f"{path}: no joint is left that moves")
-        return cls(model)
+        return cls(model, follows)
 
     def urdf_limits(self) -> UrdfLimits:
-        """The limits as the URDF states them; continuous joints have none on position."""
+        """The limits of all joints of the tree as the URDF states them; continuous joints have none on position."""
         m = self._model
         lower = np.where(self.continuous, -np.inf, m.lowerPositionLimit[self._index_q])
         upper = np.where(self.continuous, np.inf, m.upperPositionLimit[self._index_q])
@@ -131,7 +143,9 @@ class RigidBody:
         m, data = self._model, self._model.createData()
         pin.forwardKinematics(m, data, pin.neutral(m), np.zeros(m.nv))  # fills every joint's motion subspace
         out = []
+        index = {name: j - 1 for j, name in enumerate(m.names)}
         for j in range(1, m.njoints):
+            law = self._follows.get(m.names[j])
             subspace = np.asarray(data.joints[j].S).ravel()
             prismatic = m.joints[j].shortname().startswith("JointModelP")
             out.append(
@@ -146,6 +160,7 @@ class RigidBody:
                     lever=np.array(m.inertias[j].lever),
                     inertia=np.array(m.inertias[j].inertia),
                     armature=float(m.armature[m.joints[j].idx_v]),
+                    follows=None if law is None else Follows(index[law[0]], law[1], law[2]),
                 )
             )
         return tuple(out)
@@ -188,6 +203,7 @@ class RigidBody:
         """
         data, placement = self._model.createData(), pin.SE3(np.asarray(pose, dtype=float))
         poses, velocity, acceleration = np.empty((len(q), 4, 4)), np.empty((len(q), 3)), np.empty((len(q), 3))
+        v, a = self.coupling.rates(v), self.coupling.rates(a)
         for k, c in enumerate(self.configuration(q)):
             pin.forwardKinematics(self._model, data, c, v[k], a[k])
             here = data.oMi[joint + 1] * placement
@@ -199,15 +215,22 @@ class RigidBody:
         return poses, velocity, acceleration
 
     def tree(self) -> tuple[Link, ...]:
-        """The moving links, parents before children, in the order of the joints."""
+        """The moving links, parents before children."""
         return self._links
 
+    def own_links(self) -> tuple[Link, ...]:
+        """Those of the joints that move by themselves, in their order."""
+        return tuple(self._links[k] for k in self.coupling.own)
+
     def with_links(self, mass: np.ndarray, lever: np.ndarray, inertia: np.ndarray) -> RigidBody:
-        """The same tree with other links: mass (n,) [kg], centre (n, 3) [m], inertia (n, 3, 3) [kg m^2] about it."""
+        """The same tree with other links: mass (n,) [kg], centre (n, 3) [m], inertia (n, 3, 3) [kg m^2] about it.
+
+        Links are those of the joints that move by themselves; what follows keeps its own.
+        """
         model = pin.Model(self._model)
-        for j in range(self.n):
-            model.inertias[j + 1] = pin.Inertia(float(mass[j]), np.array(lever[j]), np.array(inertia[j]))
-        out = RigidBody(model)
+        for j, k in enumerate(self.coupling.own.tolist()):
+            model.inertias[k + 1] = pin.Inertia(float(mass[j]), np.array(lever[j]), np.array(inertia[j]))
+        out = RigidBody(model, self._follows)
         out.plain = self.plain
         return out
 
@@ -221,7 +244,7 @@ class RigidBody:
 
     def configuration(self, q: np.ndarray) -> np.ndarray:
         """Pinocchio's configurations (..., nq) of joint positions (..., n); of a continuous joint, cosine and sine."""
-        q = np.asarray(q, dtype=float)
+        q = self.coupling.positions(np.asarray(q, dtype=float))
         if not self.continuous.any():
             return q
         out = np.zeros((*q.shape[:-1], self._model.nq))
@@ -236,7 +259,7 @@ class RigidBody:
         model = pin.Model(self._model)
         if payload is not None:
             added = pin.Inertia(float(payload.mass), np.asarray(payload.com, dtype=float), np.zeros((3, 3)))
-            model.inertias[model.njoints - 1] += added
+            model.inertias[self.last + 1] += added
         if gravity is not None:
             model.gravity.linear = np.asarray(gravity, dtype=float)
         return model, model.createData()
@@ -251,20 +274,22 @@ class RigidBody:
     ) -> np.ndarray:
         """Inverse dynamics: torque (N, n) [N m] from q, v, a (N, n); `gravity` (3,) [m/s^2] in the base frame."""
         q, v, a = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, v, a))
+        v, a = self.coupling.rates(v), self.coupling.rates(a)
         if len(q) < FEW:
             model, data = self._variant(payload, gravity)
-            return np.array([pin.rnea(model, data, row, v[k], a[k]) for k, row in enumerate(self.configuration(q))])
+            rows = [pin.rnea(model, data, row, v[k], a[k]) for k, row in enumerate(self.configuration(q))]
+            return self.coupling.joined(np.array(rows))
         pool = pin.ModelPool(self._variant(payload, gravity)[0], 1)
-        out = np.empty((self.n, len(q)), order="F")
+        out = np.empty((self._model.nv, len(q)), order="F")
         pin.rneaInParallel(1, pool, self.configuration(q).T, v.T, a.T, out)
-        return out.T
+        return self.coupling.joined(out.T)
 
     def energy(
         self, q: np.ndarray, v: np.ndarray, payload: PointMass | None = None, gravity: np.ndarray | None = None
     ) -> np.ndarray:
         """Kinetic plus potential energy (N,) [J] at q, v (N, n), of the rigid body (its potential up to a constant)."""
         model, data = self._variant(payload, gravity)
-        q, v = np.atleast_2d(q), np.atleast_2d(v)
+        q, v = np.atleast_2d(q), self.coupling.rates(np.atleast_2d(v))
         return np.array(
             [
                 pin.computeKineticEnergy(model, data, c, v[k]) + pin.computePotentialEnergy(model, data, c)
@@ -272,34 +297,26 @@ class RigidBody:
             ]
         )
 
-    def payload_regressor(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, gravity: np.ndarray | None = None
-    ) -> np.ndarray:
-        """How torque grows with the last link's inertial parameters, (N, n, 10).
-
-        Parameters in Pinocchio's order, about the last joint's origin: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
-        """
-        model, data = self._variant(None, gravity)
-        q, v, a = np.atleast_2d(q), np.atleast_2d(v), np.atleast_2d(a)
-        out = np.empty((len(q), self.n, 10))
-        for k, c in enumerate(self.configuration(q)):
-            out[k] = pin.computeJointTorqueRegressor(model, data, c, v[k], a[k])[:, -10:]
-        return out
-
     def link_regressor(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, gravity: np.ndarray | None = None
     ) -> np.ndarray:
-        """How torque grows with all links' inertial parameters, (N, n, 10 n), each as in `payload_regressor`."""
+        """How torque grows with the inertial parameters of all L links, (N, n, 10 L).
+
+        Each link's in Pinocchio's order, about its joint's origin: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+        """
         model, data = self._variant(None, gravity)
-        out = np.empty((len(q), self.n, 10 * self.n))
+        v, a = self.coupling.rates(v), self.coupling.rates(a)
+        out = np.empty((len(q), model.nv, 10 * model.nv))
         for k, c in enumerate(self.configuration(q)):
             out[k] = pin.computeJointTorqueRegressor(model, data, c, v[k], a[k])
-        return out
+        return self.coupling.joined(out, axis=1)
 
     def torque_derivatives(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """dtau/dq, dtau/dv and the mass matrix, (n, n) each, at one state (for a continuous joint, by its angle)."""
-        data = self._model.createData()  # held: what comes back are views of it
-        dq, dv, da = pin.computeRNEADerivatives(self._model, data, self.configuration(q), v, a)
-        return np.array(dq), np.array(dv), np.triu(da) + np.triu(da, 1).T
+        data, rates = self._model.createData(), self.coupling.rates  # held: what comes back are views of it
+        dq, dv, da = pin.computeRNEADerivatives(self._model, data, self.configuration(q), rates(v), rates(a))
+        all_ = (np.array(x) for x in (dq, dv, np.triu(da) + np.triu(da, 1).T))
+        dq, dv, da = (self.coupling.joined(self.coupling.joined(x), axis=0) for x in all_)
+        return dq, dv, da

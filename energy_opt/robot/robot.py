@@ -14,9 +14,9 @@ from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
 from energy_opt.robot.limits import Limits, with_assumptions
 from energy_opt.robot.limits_file import overlay
 from energy_opt.robot.links import Link
+from energy_opt.robot.mimic import followers, leaders_limits
 from energy_opt.robot.rigid_body import RigidBody
 from energy_opt.robot.units import unit_of
-from energy_opt.robot.urdf import mimics
 
 
 @dataclass(frozen=True, repr=False)
@@ -28,7 +28,7 @@ class Robot:
         limits: after all overlays and assumptions.
         warnings: one line for each limit or inertia that is missing, zero or a placeholder, with what is assumed.
         urdf: the file it was read from.
-        locked: joints that stay where they are, with their positions.
+        locked: joints that stay where they are, with their positions; those that follow one of them too.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Robot:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints that move, in the order of every vector."""
+        """Names of the joints that move by themselves, in the order of every vector."""
         return self.body.joints
 
     @property
@@ -54,7 +54,7 @@ class Robot:
     @property
     def slides(self) -> tuple[bool, ...]:
         """The joints that slide, whose units are m and N."""
-        return tuple(link.prismatic for link in self.body.tree())
+        return self.body.slides
 
     def unit(self, kind: str, joint: str | None = None) -> str:
         """Unit of a joint's "position", "velocity", "acceleration", "jerk" or "effort", or of power and the like."""
@@ -62,7 +62,7 @@ class Robot:
 
     @property
     def n(self) -> int:
-        """Number of joints that move."""
+        """Number of joints that move by themselves."""
         return self.body.n
 
 
@@ -94,37 +94,19 @@ def load_robot(
     else:
         path, name = urdf_of(entry), name_or_urdf
         published, locked = published_limits(name), {**entry.lock, **(lock or {})}
-    if path.is_file():
-        locked = _followed(path, locked)
-    body = RigidBody.from_urdf(path, locked)
-    stated = body.urdf_limits()
-    free = np.full(body.n, np.inf)
+    locked, following = followers(path, locked) if path.is_file() else (locked, {})
+    body = RigidBody.from_urdf(path, locked, following)
+    links, stated = body.tree(), body.urdf_limits()
+    free = np.full(len(links), np.inf)
     merged = Limits(stated.lower, stated.upper, stated.velocity, free, free.copy(), stated.effort)
     scaled: list[str] = []
     for file, before in ((published, ""), (limits, prefix)):
         if file is not None:
-            merged, said = overlay(merged, body.joints, file, before, locked)
+            merged, said = overlay(merged, [link.name for link in links], file, before, locked)
             scaled += said
-    slides = [link.prismatic for link in body.tree()]
-    merged, warnings = with_assumptions(merged, body.joints, _holding(body.tree()), slides)
-    return Robot(name, merged, body, path, locked, (*scaled, *warnings, *_doubtful_inertias(body.tree())))
-
-
-def _followed(path: Path, locked: dict[str, float]) -> dict[str, float]:
-    """The locked joints, and with them those that follow them by the URDF's mimic elements.
-
-    Raises:
-        BadInput: a joint follows one that moves; the dynamics of such a linkage are not those of a tree.
-    """
-    followers, out = mimics(path), dict(locked)
-    for _ in followers:
-        for name, (leader, multiplier, offset) in followers.items():
-            if leader in out and name not in out:
-                out[name] = multiplier * out[leader] + offset
-    for name, (leader, _, _) in followers.items():
-        if name not in out:
-            raise BadInput(f"{path}: joint {name} follows {leader} (mimic), which moves; --lock {leader}=VALUE")
-    return out
+    merged, led = leaders_limits(merged, links)
+    merged, warnings = with_assumptions(merged, body.joints, _holding(links), body.slides)
+    return Robot(name, merged, body, path, locked, (*scaled, *led, *warnings, *_doubtful_inertias(links)))
 
 
 def _holding(links: Sequence[Link]) -> float:

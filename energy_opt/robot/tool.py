@@ -16,7 +16,7 @@ class Tool:
 
     Attributes:
         name: of the frame it stands on.
-        joint: index of the joint that carries it.
+        joint: index, among all of the tree, of the joint that carries it.
         pose: (4, 4) as nested tuples, in that joint's frame.
     """
 
@@ -33,8 +33,9 @@ def tool_of(body: RigidBody, words: str | None = None) -> Tool:
     Raises:
         BadInput: unknown frame, a frame that does not move, or numbers that are none.
     """
-    name, *offset = (body.joints[-1] if words is None else words).split(",")
-    frames = {**body.link_frames(), **{joint: (k, np.eye(4)) for k, joint in enumerate(body.joints)}}
+    links = body.tree()
+    name, *offset = (links[body.last].name if words is None else words).split(",")
+    frames = {**body.link_frames(), **{link.name: (k, np.eye(4)) for k, link in enumerate(links)}}
     if name not in frames:
         raise BadInput(f"--tool {words}: no frame {name!r}; frames are {', '.join(frames)}")
     joint, pose = frames[name]

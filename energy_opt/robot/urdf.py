@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 from energy_opt.robot.xml import read_robot_xml
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -36,15 +36,21 @@ def check_urdf(path: Path) -> None:
 
 
 def mimics(path: Path) -> dict[str, tuple[str, float, float]]:
-    """The joints that follow another: its name, the multiplier and the offset (rad or m) of each."""
-    root, out = read_robot_xml(path), {}
-    for joint in root.findall("joint"):
-        mimic, name = joint.find("mimic"), str(joint.get("name"))
+    """The joints that follow another: its name, the multiplier and the offset (rad or m) of each.
+
+    Raises:
+        BadInput: the other is no joint of the file that moves, or a number is none.
+    """
+    joints, out = {str(joint.get("name")): joint for joint in read_robot_xml(path).findall("joint")}, {}
+    moving = [name for name, joint in joints.items() if joint.get("type") != "fixed"]
+    for name in moving:
+        mimic = joints[name].find("mimic")
         if mimic is not None:
             where = f"{path}: joint {name!r}, mimic"
-            leader = mimic.get("joint")
-            if leader is None or leader == name:
-                raise BadInput(f"{where}: joint={leader!r}; expected the name of another joint")
+            leader, others = mimic.get("joint"), [other for other in moving if other != name]
+            if leader not in others:
+                hint = near(leader or "", others) or f"; they are {', '.join(others) or 'none'}"
+                raise BadInput(f"{where}: joint={leader!r}; expected the name of another joint that moves{hint}")
             out[name] = leader, _number(where, mimic, "multiplier", 1.0), _number(where, mimic, "offset", 0.0)
     return out
 

@@ -67,6 +67,11 @@ class MujocoArm:
 
     def __init__(self, robot: Robot, plant: Plant) -> None:
         plant.check(robot.n)
+        if not robot.body.coupling.trivial:
+            follower = next(link for link in robot.body.tree() if link.follows is not None)
+            raise BadInput(
+                f"simulate: {follower.name} follows another joint (mimic); the virtual arm has no such joints"
+            )
         self.mujoco = import_mujoco()
         self.joints = tuple(robot.joints)
         n = len(self.joints)
@@ -74,7 +79,7 @@ class MujocoArm:
         mass = plant.number("payload", "mass", 0.0)
         com = plant.value("payload", "com")
         if mass > 0 and com is not None:
-            bodies[-1].add(mass, com, np.zeros((3, 3)))
+            bodies[robot.body.last].add(mass, com, np.zeros((3, 3)))
         armature = plant.value("armature", "inertia", n)
         self.armature = np.zeros(n) if armature is None else np.array(armature)
         self.laws = JointLaws(plant, n)

@@ -41,10 +41,14 @@ class Carried:
         return np.asarray(at.origin[:, self._joint] + at.rotation[:, self._joint] @ self._origin)
 
     def moved(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Axes z of the joints, and the velocities w that they give it; zero of those that do not, (M, n, 3) each."""
+        """Axes z of all joints, and the velocities w that they give it; zero of those that do not, (M, L, 3) each."""
         at, slides = self._kinematics(q), self._kinematics.prismatic[:, None]
         w = np.where(slides, at.axis, np.cross(at.axis, self.place(q)[:, None] - at.origin[:, :-1]))
         return at.axis * (self._moves[:, None] & ~slides), w * self._moves[:, None]
+
+    def joined(self, moved: np.ndarray) -> np.ndarray:
+        """Velocities (M, n, 3) that the joints which move by themselves give it, from those of all, (M, L, 3)."""
+        return self._kinematics.coupling.joined(moved, axis=1)
 
     def bent(self, axes: np.ndarray, moved: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Sum of the second derivatives of its origin's coordinates times weight (M, 3), (M, n, n).
@@ -52,7 +56,8 @@ class Carried:
         d2x / dq_i dq_j = z_i x w_j for i above or at j.
         """
         half = np.cross(weight[:, None], axes) @ moved.transpose(0, 2, 1) * self._kinematics.moves[:-1].T
-        return np.asarray(half + (half * ~np.eye(half.shape[1], dtype=bool)).transpose(0, 2, 1))
+        both, coupling = (half * ~np.eye(half.shape[1], dtype=bool)).transpose(0, 2, 1), self._kinematics.coupling
+        return coupling.joined(coupling.joined(half + both), axis=1)
 
 
 class Tube(Limit):
@@ -169,7 +174,7 @@ class ToolRows:
     def gradient(self, q: np.ndarray) -> np.ndarray:
         """(R, n): with the gradient e of d^2 / 2, df/dx = e / (2 f w^2)."""
         off = self._move(q).off / (2 * self._f * self._bound**2)[:, None]
-        return np.asarray((self._moved @ off[:, :, None])[:, :, 0])
+        return np.asarray((self._tool.joined(self._moved) @ off[:, :, None])[:, :, 0])
 
     def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """(K, n, n): d2f/dx2 = (de/dx - e e^T / (2 f^2 w^2)) / (2 f w^2)."""
@@ -178,4 +183,5 @@ class ToolRows:
         inner = foot.off_slope - foot.off[:, :, None] * foot.off[:, None] / (self._f * size)[:, None, None]
         inner *= (multipliers / size)[:, None, None]
         bent = self._tool.bent(self._axes, self._moved, (multipliers / size)[:, None] * foot.off)
-        return np.asarray(self._moved @ inner @ self._moved.transpose(0, 2, 1) + bent)
+        moved = self._tool.joined(self._moved)
+        return np.asarray(moved @ inner @ moved.transpose(0, 2, 1) + bent)

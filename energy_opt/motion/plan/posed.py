@@ -61,5 +61,5 @@ def _moved(kinematics: Kinematics, tool: Tool, q: np.ndarray) -> tuple[np.ndarra
     lever = np.cross(at.axis, poses[:, None, :3, 3] - at.origin[:, :-1])
     linear = np.where(turns > 0, lever, at.axis)
     moves = kinematics.moves[tool.joint][:, None]
-    jacobian = np.concatenate([linear * moves, at.axis * turns * moves], axis=2)
+    jacobian = kinematics.coupling.joined(np.concatenate([linear * moves, at.axis * turns * moves], axis=2), axis=1)
     return poses, jacobian.transpose(0, 2, 1)

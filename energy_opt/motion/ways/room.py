@@ -13,6 +13,7 @@ from energy_opt.cell.curve import MotionCurve
 from energy_opt.cell.proof import prove
 from energy_opt.motion.path import JointPath
 from energy_opt.robot import Link
+from energy_opt.robot.coupling import Coupling
 
 STEP = 0.04  # [m] that the farthest point moves, about, between poses that are looked at along a line
 WIDEST = 0.12  # [rad] and no joint turns further than this
@@ -29,7 +30,9 @@ def steps(links: Sequence[Link]) -> np.ndarray:
             beyond = float(np.linalg.norm(link.placement[:3, 3])) + reach[own]
             reach[link.parent] = max(reach[link.parent], beyond)
     turning = np.minimum(STEP / reach, WIDEST)
-    return np.where([link.prismatic for link in links], STEP, turning)
+    step = np.where([link.prismatic for link in links], STEP, turning)
+    with np.errstate(divide="ignore"):  # one that takes others along goes no further than each of them may
+        return np.asarray((step[:, None] / np.abs(Coupling.of(links).matrix)).min(axis=0))
 
 
 class Room:

@@ -1,0 +1,100 @@
+"""Joints that a URDF's mimic elements make follow others: which they are, and what they ask of leaders' limits."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.robot.coupling import Coupling
+from energy_opt.robot.limits import PLACEHOLDER, SMALLEST, Limits
+from energy_opt.robot.links import Link
+from energy_opt.robot.units import unit_of
+from energy_opt.robot.urdf import mimics
+
+SAME = 1e-9  # share by which a follower's bound must be tighter than its leader's to count; less is rounding
+
+Law = tuple[str, float, float]  # the joint that leads, ratio and offset
+
+
+def followers(path: Path, locked: Mapping[str, float]) -> tuple[dict[str, float], dict[str, Law]]:
+    """The joints that stand still, and those that follow one that moves by itself.
+
+    A joint that follows one that stands still stands still too, as does one with multiplier 0; one that is locked by
+    its own name does not follow. Where a joint follows one that follows another, the last one leads both.
+
+    Returns: `locked` with what stands still beside; laws of the others by name.
+
+    Raises:
+        BadInput: the leader is no joint, or joints follow each other in a circle.
+    """
+    given, still, moving = mimics(path), dict(locked), {}
+    for name in given:
+        if name in locked:
+            continue
+        leader, ratio, offset, seen = name, 1.0, 0.0, [name]
+        while leader in given and leader not in locked:
+            leader, multiplier, shift = given[leader]
+            offset, ratio = offset + ratio * shift, ratio * multiplier
+            if leader in seen:
+                raise BadInput(f"{path}: joint {name!r}, mimic: {' follows '.join([*seen, leader])}: a circle")
+            seen.append(leader)
+        if leader in locked:
+            still[name] = ratio * locked[leader] + offset
+        elif ratio == 0:
+            still[name] = offset
+        else:
+            moving[name] = leader, ratio, offset
+    return still, moving
+
+
+def leaders_limits(limits: Limits, links: Sequence[Link]) -> tuple[Limits, list[str]]:
+    """Limits of all joints (L,) as limits of those that move by themselves (n,), and a line for each that follows so.
+
+    What follows keeps its bounds on position, velocity, acceleration and jerk by tighter ones of its leader. Its effort
+    is its leader's to bring, whose own limit holds for the sum.
+
+    Raises:
+        BadInput: no position is left to a leader.
+    """
+    coupling = Coupling.of(links)
+    out = {field.name: getattr(limits, field.name)[coupling.own] for field in dataclasses.fields(limits)}
+    said: list[str] = []
+    for k, link in enumerate(links):
+        if link.follows is None:
+            continue
+        leader, ratio, offset = links[link.follows.leader], link.follows.ratio, link.follows.offset
+        j = int(np.flatnonzero(coupling.own == link.follows.leader)[0])
+        why = f"so that {link.name} ({ratio:g} times it) keeps its own"
+        low, high = float(limits.lower[k]), float(limits.upper[k])
+        if low < high:
+            ends = sorted(((low - offset) / ratio, (high - offset) / ratio))
+            room = SAME * max(1.0, abs(ends[0]), abs(ends[1])) if np.isfinite(ends).all() else 0.0
+            lower, upper, given = float(out["lower"][j]), float(out["upper"][j]), out["lower"][j] < out["upper"][j]
+            if not given:
+                lower, upper = -np.inf, np.inf
+            if not max(lower, ends[0]) < min(upper, ends[1]):
+                raise BadInput(
+                    f"{leader.name}: no position in its limits [{lower:g}, {upper:g}] leaves {link.name}, which "
+                    f"follows it (mimic: {ratio:g} times it plus {offset:g}), in [{low:g}, {high:g}]"
+                )
+            if ends[0] > lower + room or ends[1] < upper - room:
+                lower, upper = max(lower, ends[0]), min(upper, ends[1])
+                said.append(f"{leader.name}: position limits [{lower:g}, {upper:g}] {_unit(leader, 'position')}, {why}")
+            out["lower"][j], out["upper"][j] = lower, upper
+        else:
+            said.append(f"{link.name}: position limits [{low:g}, {high:g}] are empty; assumed: those of {leader.name}")
+        for kind in ("velocity", "acceleration", "jerk"):
+            mine, its = float(getattr(limits, kind)[k]) / abs(ratio), float(out[kind][j])
+            usual = its if SMALLEST <= its < PLACEHOLDER else np.inf
+            if SMALLEST <= mine * abs(ratio) < PLACEHOLDER and mine < usual * (1 - SAME):
+                out[kind][j] = mine
+                said.append(f"{leader.name}: {kind} limit {mine:g} {_unit(leader, kind)}, {why}")
+    return Limits(**out), said
+
+
+def _unit(link: Link, kind: str) -> str:
+    return unit_of(kind, link.prismatic)

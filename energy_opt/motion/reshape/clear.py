@@ -2,28 +2,31 @@
 
 A round fixes a plane between every two bodies that are near at places along the curve, lets IPOPT go a little way from
 there, and has the result proven. Where the proof fails, the next round looks there too and keeps more distance; the
-best curve that was proven stays the answer while the search goes on from the last.
+best curve that was proven stays the answer while the search goes on from the last; and the part of the way towards
+this one that can be proven is kept too, so that a search which ends a hair inside of something is not lost.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
 from energy_opt.motion.limits.clearance import ClearanceRows
-from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome
+from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome, between
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import FEASIBLE, Task, all_rows
 
 log = logging.getLogger(__name__)
 PLACES = 60  # along a curve, evenly in time, where pairs are looked at
 ROUNDS, BOLD = 12, 6  # rounds, and those of them in which a failed proof does not make the next step shorter
+CLOSE = 0.05  # of their spacing: a corner that is passed fast needs places as near to each other as this
 REACH = 0.1  # [m] pairs that are nearer get rows
+ARM, AGAIN = 1.0, 2.0  # [m] by which turns of joints come near; a round goes so many times as far as the last, at most
 MARGIN = 0.002  # [m] rows keep this much more than is to be proven
 MORE, MOST = 0.0005, 0.0015  # [m] added to it where a proof failed, and how much of that at most
 RAMP = 0.15  # share of the move over which the margin of an end that stands nearer grows to the full one
@@ -33,6 +36,9 @@ LEAST = 0.03  # [rad]
 LOOSE, FINE = 1e-3, 1e-5  # IPOPT's tolerance in a round, and in the last one
 ITERATIONS = 40
 DONE = 5e-4  # two proven rounds that win less of the cost than this share end the search
+SHARES = (0.9, 0.7, 0.4)  # of the way from the best proven curve to one that is cheaper and not proven
+CHEAPER = 0.002  # of the cost: where less is to be won, no part of the way is tried
+HOPELESS, LESS = 0.3, 0.9  # [rows' units] rows broken by more, and not by less than this share of what it was before
 
 
 @dataclass
@@ -66,7 +72,7 @@ class Places:
         for touch in proof.touches:
             at = touch.time / duration
             self.forced.add((at, touch.pair))
-            if np.abs(self.u - at).min() > 0.2 / PLACES:
+            if np.abs(self.u - at).min() > CLOSE / PLACES:
                 self.u = np.sort(np.append(self.u, at))
         pairs = np.unique(np.array([touch.pair for touch in proof.touches], dtype=int))
         self.more[pairs] = np.minimum(self.more[pairs] + MORE, MOST)
@@ -139,6 +145,7 @@ class Descent:
         self._curve, self._rows = first, rows
         self._trust, self._turn, self._quiet = TRUST, 0, 0
         self._known: Multipliers | None = None
+        self._broken, self._moved = np.inf, np.inf
 
     @property
     def cost(self) -> float:
@@ -149,7 +156,9 @@ class Descent:
         """Up to `rounds` rounds in all, fewer where no more is to be won, or the cost is `enough`."""
         while self._turn < rounds and self._quiet < 2 and self.cost > enough and not stopped():
             before = self.cost
-            outcome, proof = self._work.one(self._curve, self._rows, self._trust, LOOSE, self._known)
+            far = min(self._trust, AGAIN * self._moved)
+            outcome, proof = self._work.one(self._curve, self._rows, self._trust, LOOSE, self._known, far)
+            self._moved = float(np.abs(outcome.curve.points - self._curve.points).max())
             self._curve, self._rows, self._turn = outcome.curve, outcome.rows, self._turn + 1
             self._known = outcome.multipliers
             share = {"share": 0.6 + 0.35 * self._turn / rounds}
@@ -165,6 +174,9 @@ class Descent:
                 self._work.places.learn(proof, outcome.curve.duration)
                 self._trust = self._trust if self._turn <= BOLD else max(self._trust * SHRINK, LEAST)
                 self._quiet = 0
+            if outcome.broken > max(HOPELESS, LESS * self._broken):  # it is stuck inside of something
+                break
+            self._broken = outcome.broken
 
     def finish(self, stopped: Callable[[], bool]) -> None:
         """Polish the best."""
@@ -183,23 +195,45 @@ class _Rounds:
         self.found = Cleared()
 
     def one(
-        self, start: Curve, rows: np.ndarray, reach: float, tolerance: float, known: Multipliers | None = None
+        self, start: Curve, rows: np.ndarray, reach: float, tolerance: float, known: Multipliers | None = None,
+        far: float = LEAST,
+    ) -> tuple[Outcome, Clearance]:  # fmt: skip
+        """Solve from `start`, at most `reach` away from it, and have it proven; `far` [rad] is what is expected."""
+        outcome, proof = self._solved(start, rows, reach, tolerance, known, far)
+        if proof.proven and self._excess(outcome) > FEASIBLE:  # a limit has come to bind that had no row
+            outcome, proof = self._solved(outcome.curve, outcome.rows, LEAST, tolerance, outcome.multipliers, LEAST)
+        if proof.proven and self._excess(outcome) <= FEASIBLE:
+            self.found.take(outcome)
+        elif not proof.proven:
+            self._part_way(outcome)
+        return outcome, proof
+
+    def _solved(
+        self, start: Curve, rows: np.ndarray, reach: float, tolerance: float, known: Multipliers | None, far: float
     ) -> tuple[Outcome, Clearance]:
-        """Solve from `start`, at most `reach` away from it, and have it proven."""
-        places, task = self.places, self._task
-        held = ClearanceRows(self._search.near, places.u, self._kept.at(places), REACH, places.must)
+        places, task, near = self.places, self._task, min(REACH, MARGIN + ARM * far)
+        held = ClearanceRows(self._search.near, places.u, self._kept.at(places), near, places.must)
         outcome = self._level.solve(
             start, task.ends, (*task.limits, held), task.parameters, task.durations,
             tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach, multipliers=known,
             options={"max_iter": ITERATIONS, "mu_init": 1e-2},
         )  # fmt: skip
         self.found.iterations += outcome.iterations
-        proof = self._search.proof(outcome.curve, self._wanted)
-        if proof.proven and _broken(self._level, outcome, task) <= FEASIBLE:
-            self.found.take(outcome)
-        return outcome, proof
+        return outcome, self._search.proof(outcome.curve, self._wanted)
 
+    def _part_way(self, outcome: Outcome) -> None:
+        """Keep what lies farthest on the way from the best to a curve that is not proven, and is."""
+        best, task = self.found.best, self._task
+        if best is None or task.cost(outcome) > (1 - CHEAPER) * task.cost(best) or outcome.broken > HOPELESS:
+            return
+        for share in SHARES:
+            curve = between(best.curve, outcome.curve, share)
+            cost, excess = self._level.excess(curve, task.parameters, task.limits)
+            if cost >= best.cost or excess > FEASIBLE or not self._search.proof(curve, self._wanted).proven:
+                continue
+            self.found.take(replace(outcome, curve=curve, cost=cost, broken=excess))
+            return
 
-def _broken(level: Level, outcome: Outcome, task: Task) -> float:
-    """The worst excess over a limit, planes aside."""
-    return level.excess(outcome.curve, task.parameters, task.limits)[1]
+    def _excess(self, outcome: Outcome) -> float:
+        """The worst excess over a limit, planes aside."""
+        return self._level.excess(outcome.curve, self._task.parameters, self._task.limits)[1]

@@ -18,7 +18,7 @@ LARGEST = 1e6  # [rad, m] of a position: joints that turn without end count fewe
 COUNTS = (  # of settings: name, least, most without `allow_large` (what the most comes to)
     ("starts", 1, 10_000),  # hours
     ("seed", 0, 2**63 - 1),
-    ("verify_samples", 100, 2_000_000),  # 1 GB for seven joints
+    ("verify_samples", 100, 2_000_000),  # some seconds a look, block by block
     ("ways", 0, 100),  # minutes of planning each
     ("controls", 10, 400),  # 2,800 unknowns for seven joints: minutes a start
 )

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from energy_opt.cell.cell import Clearance
 from energy_opt.motion.dense import Dense
-from energy_opt.motion.judge.energy import DENSER, Scorer
+from energy_opt.motion.judge.energy import DENSER, Energy, Scorer, blocks
 from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.trajectory import Trajectory
 
-BLOCK = 300_000  # instants that are judged at once: some 200 MB for seven joints
 ALLOWED = 1e-6  # a violation beyond this share of the bound is one
 
 
@@ -90,12 +89,47 @@ def certify(
     Long ones are looked at block by block, in bounded memory; laws with a memory begin anew with each.
     """
     factor = DENSER if samples is None else max(DENSER, -(-samples // (len(trajectory.time) - 1)))
-    factor, last = 1 if rows_only else factor, len(trajectory.time) - 1
-    begins = range(0, last, max(BLOCK // factor, 1))
-    found = [certificate_of(scorer.dense(trajectory, factor, rows), limits)
-             for rows in (slice(a, min(a + begins.step, last) + 1) for a in begins)]  # fmt: skip
-    worst = tuple(max(places, key=_size) for places in zip(*(c.found for c in found), strict=True))
-    return Certificate(last * factor + 1, worst, max(c.peak_power for c in found))
+    factor = 1 if rows_only else factor
+    return _pieces(trajectory, scorer, limits, factor, lambda dense: None)
+
+
+def looked_at(
+    trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit]
+) -> tuple[Certificate, Energy, Trajectory]:
+    """Certificate, energy, and the trajectory with effort and power, in one pass of which nothing else is kept."""
+    spent: list[tuple[float, dict[str, float]]] = []
+    effort: list[np.ndarray] = []
+    power: list[np.ndarray] = []
+
+    def look(dense: Dense) -> None:
+        own = slice(DENSER if spent else 0, None, DENSER)  # pieces share their ends
+        spent.append(scorer.spent(dense))
+        effort.append(dense.effort[own].copy())
+        power.append(dense.power[own].copy())
+
+    certificate = _pieces(trajectory, scorer, limits, DENSER, look)
+    filled = replace(trajectory, effort=np.concatenate(effort), power=np.concatenate(power))
+    return certificate, scorer.together(trajectory, spent), filled
+
+
+def _pieces(
+    trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit], factor: int, look: Callable[[Dense], None]
+) -> Certificate:
+    """The certificate, piece by piece; `look` is shown each. Via points are looked for among all rows at once."""
+    parts = blocks(trajectory, factor)
+    if len(parts) == 1:
+        dense = scorer.dense(trajectory, factor)
+        look(dense)
+        return certificate_of(dense, limits)
+    found = []
+    for part in parts:
+        dense = scorer.dense(trajectory, factor, part)
+        look(dense)
+        found.append(certificate_of(dense, [limit for limit in limits if not limit.via.size]))
+    worst = iter([max(places, key=_size) for places in zip(*(c.found for c in found), strict=True)])
+    rows = scorer.dense(trajectory, 1) if any(limit.via.size for limit in limits) else None
+    whole = tuple(limit.worst(rows) if rows is not None and limit.via.size else next(worst) for limit in limits)
+    return Certificate((len(trajectory.time) - 1) * factor + 1, whole, max(c.peak_power for c in found))
 
 
 def certificate_of(dense: Dense, limits: Sequence[Limit]) -> Certificate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -16,6 +17,7 @@ from energy_opt.power.rigid import body_of, rigid_inputs, rigid_torque
 from energy_opt.robot import Robot
 
 DENSER = 10  # places between two rows at which a trajectory is judged; even, for Simpson's rule
+BLOCK = 300_000  # places looked at at once: some 200 MB for seven joints; laws with a memory begin anew in each
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,13 @@ class Energy:
             "loss": self.loss,
             "by_effect": self.by_effect,
         }
+
+
+def blocks(trajectory: Trajectory, factor: int) -> list[slice]:
+    """The rows of a trajectory in slices that share their ends, each of at most `BLOCK` places."""
+    last = len(trajectory.time) - 1
+    step = max(BLOCK // factor, 1)
+    return [slice(first, min(first + step, last) + 1) for first in range(0, last, step)]
 
 
 class Scorer:
@@ -96,15 +105,26 @@ class Scorer:
 
     def energy(self, trajectory: Trajectory) -> Energy:
         """Energy of the curve that the rows stand for."""
-        return self.energy_of(self.dense(trajectory))
+        pieces = [self.spent(self.dense(trajectory, DENSER, rows)) for rows in blocks(trajectory, DENSER)]
+        return self.together(trajectory, pieces)
 
     def energy_of(self, dense: Dense) -> Energy:
         """Energy of a trajectory that lies on a dense grid already (of an even factor), by Simpson's rule."""
+        return self.together(dense.trajectory, [self.spent(dense)])
+
+    def together(self, trajectory: Trajectory, spent: Sequence[tuple[float, dict[str, float]]]) -> Energy:
+        """The energy of a trajectory from what its pieces spend."""
+        total = sum(whole for whole, _ in spent)
+        by_effect = {name: sum(parts[name] for _, parts in spent) for name in spent[0][1]}
+        standby = sum(by_effect[name] for name in dict.fromkeys(e.name for e in self.model.effects if e.overhead))
+        stored = self.stored(trajectory)
+        return Energy(total, standby, stored, total - standby - stored, by_effect)
+
+    def spent(self, dense: Dense) -> tuple[float, dict[str, float]]:
+        """What a piece of a trajectory takes, J, in all and by effect."""
         q, v, a, weight = dense.q, dense.v, dense.a, dense.weight
         by_effect = dict(zip(self.parts, (weight @ dense.parts).tolist(), strict=True))
         total = float(weight @ dense.power)
-        standby = sum(by_effect[name] for name in dict.fromkeys(e.name for e in self.model.effects if e.overhead))
-        stored = self.stored(dense.trajectory)
         rigid = list(dict.fromkeys(e.name for e in self.model.effects if e.stage == "rigid"))
         tau = rigid_torque(self.model, self.robot.body, q, v, a) if rigid else None
         for name in rigid:  # its share of the rigid body's mechanical work, against the model without it
@@ -112,7 +132,7 @@ class Scorer:
             share = float(weight @ np.sum((tau - bare) * v, axis=1))
             by_effect[name] = share
             by_effect["mechanical"] -= share
-        return Energy(total, standby, stored, total - standby - stored, by_effect)
+        return total, by_effect
 
     def filled(self, trajectory: Trajectory) -> Trajectory:
         """The trajectory with effort and power at its rows."""

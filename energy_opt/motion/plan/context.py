@@ -11,7 +11,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.motion.dense import Dense
-from energy_opt.motion.judge.certificate import Certificate, certificate_of
+from energy_opt.motion.judge.certificate import Certificate, certificate_of, certify, looked_at
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.limits.base import Limit
@@ -26,35 +26,47 @@ from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
+LONG = 50_000  # places of the judge's grid, of which no more are kept: 20 MB for seven joints
+
 
 @dataclass(frozen=True)
 class Judged:
-    """A trajectory on the judge's grid, and what is read off it there, each when it is first asked for."""
+    """A trajectory, and what is read off it on the judge's grid, each when it is first asked for.
 
-    dense: Dense
+    A long one is looked at once, for all of that, and its grid is not kept. `samples`: of the certificate.
+    """
+
+    trajectory: Trajectory
     scorer: Scorer
     limits: tuple[Limit, ...]
     cell: Cell | None
+    samples: int | None
 
-    @property
-    def trajectory(self) -> Trajectory:
-        """As it was handed in."""
-        return self.dense.trajectory
+    @cached_property
+    def _dense(self) -> Dense | None:
+        short = DENSER * len(self.trajectory.time) <= LONG
+        return self.scorer.dense(self.trajectory) if short else None
+
+    @cached_property
+    def _looked_at(self) -> tuple[Certificate, Energy, Trajectory]:
+        return looked_at(self.trajectory, self.scorer, self.limits)
 
     @cached_property
     def filled(self) -> Trajectory:
         """With effort and power."""
-        return self.dense.filled
+        return self._looked_at[2] if self._dense is None else self._dense.filled
 
     @cached_property
     def energy(self) -> Energy:
         """Under the model."""
-        return self.scorer.energy(self.trajectory) if self.dense.factor != DENSER else self.scorer.energy_of(self.dense)
+        return self._looked_at[1] if self._dense is None else self.scorer.energy_of(self._dense)
 
     @cached_property
     def within(self) -> Certificate:
         """Under the limits; what the arm may touch is not asked."""
-        return certificate_of(self.dense, self.limits)
+        if self.samples is not None and self.samples > DENSER * (len(self.trajectory.time) - 1):
+            return certify(self.trajectory, self.scorer, self.limits, self.samples)
+        return self._looked_at[0] if self._dense is None else certificate_of(self._dense, self.limits)
 
     @cached_property
     def clearance(self) -> Clearance | None:
@@ -78,10 +90,7 @@ class Judge:
         """The trajectory, judged; on a grid ten times denser than its rows, or of the samples asked for."""
         known = self._known.get(id(trajectory))
         if known is None:  # it holds the trajectory, so that no other one gets the same id
-            factor = DENSER
-            if self._samples is not None:
-                factor = max(DENSER, -(-self._samples // (len(trajectory.time) - 1)))
-            known = Judged(self._scorer.dense(trajectory, factor), self._scorer, self._limits, self._cell)
+            known = Judged(trajectory, self._scorer, self._limits, self._cell, self._samples)
             self._known[id(trajectory)] = known
         return known
 

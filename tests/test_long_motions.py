@@ -1,0 +1,48 @@
+"""Long motions are judged in one pass, piece by piece, of which nothing is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from energy_opt.motion.judge import energy
+from energy_opt.motion.judge.certificate import certify, looked_at
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.power import Power
+from energy_opt.motion.limits.velocity import Velocity
+from energy_opt.motion.limits.via import ViaPoints
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def motion(panda: Robot) -> Trajectory:
+    """Sines, whose derivatives are known."""
+    t, n = np.linspace(0, 6, 601), np.arange(1, 8)
+    middle = np.array([0, 0, 0, -1.5, 0, 1.6, 0])
+    phase = 0.3 * n * t[:, None]
+    q, v = middle + 0.4 * np.sin(phase), 0.12 * n * np.cos(phase)
+    return Trajectory(panda.joints, t, q, v, -0.036 * n**2 * np.sin(phase))
+
+
+def test_pieces_find_what_the_whole_has(
+    panda: Robot, model: PowerModel, motion: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scorer, via = Scorer(panda, model), ViaPoints(motion.position[[150, 431]])
+    limits = Velocity(panda.limits.velocity), via, Power(300.0)
+    whole = certify(motion, scorer, limits), scorer.energy(motion), scorer.filled(motion)
+    monkeypatch.setattr(energy, "BLOCK", 1700)
+    assert len(energy.blocks(motion, 10)) == 4
+    pieces = looked_at(motion, scorer, limits)
+    assert certify(motion, scorer, limits) == pieces[0]
+    assert pieces[0].samples == whole[0].samples == 6001
+    assert [x.limit for x in pieces[0].found] == ["velocity", "via", "power"]
+    for a, b in zip(pieces[0].found, whole[0].found, strict=True):
+        assert a.excess == pytest.approx(b.excess, abs=1e-6) and a.time == pytest.approx(b.time, abs=1e-9)
+    assert pieces[0].found[1].excess < -0.9  # both points are passed, in two of the pieces
+    assert pieces[0].peak_power == pytest.approx(whole[0].peak_power, rel=1e-12)
+    assert pieces[1].total == pytest.approx(whole[1].total, rel=1e-12)
+    assert pieces[1].by_effect == pytest.approx(whole[1].by_effect, rel=1e-9, abs=1e-9)
+    assert pieces[2].power == pytest.approx(whole[2].power, rel=1e-12)
+    assert pieces[2].effort == pytest.approx(whole[2].effort, rel=1e-12, abs=1e-12)

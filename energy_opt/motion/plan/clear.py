@@ -26,6 +26,8 @@ SHORT, NEARLY = 8, 0.05  # rounds from there; they end where no more than this s
 LEFT = 0.12  # and nothing else is tried where no more than this one is
 TRIAL = 4  # rounds of each of several searches: they win four fifths of what all rounds do
 PROMISING, FURTHER = 0.1, 2  # of the cost: searches so near the best then go on, so many at most
+CAREFUL = 0.06  # [rad] that a round goes at most where bolder ones led to nothing
+LITTLE = 0.25  # of the loss of the first path slowed evenly: where no more is saved, another way is looked for
 PASSED = 400  # points of a path that a first curve is fitted to
 NOTHING = "reshaping found nothing that keeps clear and is better than the path as it is"
 
@@ -56,11 +58,23 @@ def kept_clear(
         if found.best is not None:
             best.take(found.best)
     done = not context.ways and best.best is not None and task.cost(best.best) <= least + LEFT * (most - least)
-    for found in [] if done else _searched([search.begin(level, task, curve) for curve in curves], context):
+    own = len(curves) - 1 - len(context.ways)
+    for found in [] if done else _searched([search.begin(level, task, curve) for curve in curves], own, context):
         spent += found.iterations
         if found.best is not None:
             best.take(found.best)
-    if not done and best.best is not None and free.outcome is not None and not context.stopped():
+    if best.best is None and not context.stopped():
+        found = search.run(level, task, curves[own], context.stopped, trust=CAREFUL)
+        spent += found.iterations
+        if found.best is not None:
+            best.take(found.best)
+    if _little(context, timing, best) and not context.stopped():
+        for way in context.further():
+            found = search.run(level, task, task.curve(level.shape, _passed(way, lines[own].duration)), context.stopped)
+            spent += found.iterations
+            if found.best is not None:
+                best.take(found.best)
+    elif not done and best.best is not None and free.outcome is not None and not context.stopped():
         spent += _again(context, search, task, best, free.outcome)
     if best.best is None:
         return Made(None, spent, True, NOTHING, free.starts)
@@ -70,6 +84,18 @@ def kept_clear(
         assert made.outcome is not None
         trajectory = trajectory_of(replace(made.outcome.curve, duration=move.duration), context.robot.joints)
     return replace(made, trajectory=trajectory, iterations=spent + made.iterations, starts=free.starts)
+
+
+def _little(context: Context, timing: Timing | None, best: Cleared) -> bool:
+    """Whether so little of the first path's loss is saved that another way is worth its time."""
+    if best.best is None:
+        return True
+    curve = best.best.curve
+    if timing is None or timing.duration > curve.duration:
+        return False
+    joints = context.robot.joints
+    scaled, found = timing.slowed(curve.duration).trajectory(joints), trajectory_of(curve, joints)
+    return context.scorer.energy(found).loss > (1 - LITTLE) * context.scorer.energy(scaled).loss
 
 
 def _towards(
@@ -95,15 +121,14 @@ def _towards(
     return None, least, most
 
 
-def _searched(descents: Sequence[Descent], context: Context) -> list[Cleared]:
+def _searched(descents: Sequence[Descent], own: int, context: Context) -> list[Cleared]:
     """What searches come to: of several, a few rounds tell which are worth going on with besides the move's own."""
     if len(descents) > 1:
         for descent in descents:
             descent.go(context.stopped, TRIAL)
     least = min(descent.cost for descent in descents)
-    own = descents[-1 - len(context.ways)]
     good = sorted((d for d in descents if d.cost <= least + PROMISING * abs(least)), key=lambda d: d.cost)
-    for descent in dict.fromkeys([own, *good[:FURTHER]]):
+    for descent in dict.fromkeys([descents[own], *good[:FURTHER]]):
         descent.go(context.stopped)
         descent.finish(context.stopped)
     return [descent.found for descent in descents]

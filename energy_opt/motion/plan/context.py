@@ -134,6 +134,7 @@ class Context:
         stopped: asked between solves; True ends the work with the best known so far.
         cell: what is to be kept clear of; None for nothing.
         ways: further free paths to start from, besides the move's own.
+        further: looks for yet another one, asked where those that are there lead to little.
     """
 
     robot: Robot
@@ -147,6 +148,7 @@ class Context:
     stopped: Callable[[], bool]
     cell: Cell | None = None
     ways: tuple[JointPath, ...] = ()
+    further: Callable[[], tuple[JointPath, ...]] = tuple
 
     @cached_property
     def values(self) -> np.ndarray:

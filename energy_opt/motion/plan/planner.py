@@ -32,7 +32,7 @@ from energy_opt.robot import Robot
 
 log = logging.getLogger(__name__)
 REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
-LITTLE, FURTHER = 25.0, 2  # [%] of the loss saved on a way that was looked for, below which so many are tried
+OTHER = 1000  # seeds that another way is away from the first
 
 Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
@@ -148,35 +148,24 @@ class Planner:
         self._check_objective(move)
         log.info("first path")
         begun = self.first_path(move)
-        result = self._solved(begun, warm)
-        if self._poor(begun, result):
-            settings = replace(self.settings, ways=1 if begun[1].source == "given" else FURTHER)
-            wider = first_path(self.robot, self.model, self.cell, settings, self.limits(move), move)
-            if not wider[2]:  # there is no other
-                return result
-            try:
-                other = self._solved(wider, warm)
-            except Infeasible:  # the longer way may not be done in this time
-                return result
-            result = min(result, other, key=lambda r: (r.status != "solved", r.energy.total))
-        return result
+        return self._solved(begun, warm, move)
 
-    def _poor(self, begun: Begun, result: Result) -> bool:
-        """Whether a path around something leads to so little that a further way is worth its time."""
-        move, first, _ = begun
-        if move.mode != "reshape" or self.settings.ways is not None or self.cell is None or self._stopped():
-            return False
-        if self.settings.objective != "energy" or first.source == "straight":
-            return False
-        if first.source == "given":
-            return result.chosen == "retime"
-        share = None if result.saving is None else result.saving["loss_percent"]
-        return share is not None and share < LITTLE
+    def _further(self, asked: Move, source: str) -> tuple[JointPath, ...]:
+        """Another way, where what a path around something leads to is so little that this is worth its time."""
+        settings = self.settings
+        if settings.ways is not None or settings.objective != "energy" or self.cell is None or source == "straight":
+            return ()
+        other = replace(settings, ways=1, seed=settings.seed + OTHER)
+        try:
+            move, first, ways = first_path(self.robot, self.model, self.cell, other, self.limits(asked), asked)
+        except Infeasible:
+            return ()
+        return (path_of(move),) if first.source in ("own", "ompl") else ways
 
-    def _solved(self, begun: Begun, warm: Sequence[Trajectory]) -> Result:
+    def _solved(self, begun: Begun, warm: Sequence[Trajectory], asked: Move) -> Result:
         move, first, ways = begun
         built, begin = self._workshop.seconds, time.perf_counter()
-        context = replace(self.context(move), ways=ways)
+        context = replace(self.context(move), ways=ways, further=lambda: self._further(asked, first.source))
         work = made(context, move, first_timing(context, move), warm)
         build = self._workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
         try:

@@ -35,7 +35,7 @@ TRUST, GROWTH, SHRINK = 0.25, 1.5, 0.5  # [rad] that control points may go in a 
 LEAST = 0.03  # [rad]
 LOOSE, FINE = 1e-3, 1e-5  # IPOPT's tolerance in a round, and in the last one
 ITERATIONS = 40
-DONE = 5e-4  # two proven rounds that win less of the cost than this share end the search
+DONE = 1e-3  # two proven rounds that win less of the cost than this share end the search
 SHARES = (0.9, 0.7, 0.4)  # of the way from the best proven curve to one that is cheaper and not proven
 CHEAPER = 0.002  # of the cost: where less is to be won, no part of the way is tried
 HOPELESS, LESS = 0.3, 0.9  # [rows' units] rows broken by more, and not by less than this share of what it was before
@@ -111,16 +111,16 @@ class ClearSearch:
     def __init__(self, cell: Cell, joints: tuple[str, ...]) -> None:
         self.cell, self.joints, self.near = cell, joints, Near(cell.bodies)
 
-    def begin(self, level: Level, task: Task, first: Curve) -> Descent:
-        """A search from `first`."""
-        return Descent(_Rounds(self, level, task), first, all_rows(level.shape, task.limits), task)
+    def begin(self, level: Level, task: Task, first: Curve, trust: float = TRUST) -> Descent:
+        """A search from `first`; its first round goes at most `trust` [rad]."""
+        return Descent(_Rounds(self, level, task), first, all_rows(level.shape, task.limits), task, trust)
 
     def run(
         self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool], rounds: int = ROUNDS,
-        enough: float = -np.inf,
+        enough: float = -np.inf, trust: float = TRUST,
     ) -> Cleared:  # fmt: skip
         """The cheapest proven curve that at most so many rounds from `first` come to, or the first that is `enough`."""
-        descent = self.begin(level, task, first)
+        descent = self.begin(level, task, first, trust)
         descent.go(stopped, rounds, enough)
         descent.finish(stopped)
         return descent.found
@@ -140,10 +140,10 @@ class ClearSearch:
 class Descent:
     """A search from one curve, that can be left and gone on with; `found` is the cheapest proven curve."""
 
-    def __init__(self, work: _Rounds, first: Curve, rows: np.ndarray, task: Task) -> None:
+    def __init__(self, work: _Rounds, first: Curve, rows: np.ndarray, task: Task, trust: float) -> None:
         self._work, self._task, self.found = work, task, work.found
         self._curve, self._rows = first, rows
-        self._trust, self._turn, self._quiet = TRUST, 0, 0
+        self._trust, self._turn, self._quiet = trust, 0, 0
         self._known: Multipliers | None = None
         self._broken, self._moved = np.inf, np.inf
 
@@ -179,9 +179,10 @@ class Descent:
             self._broken = outcome.broken
 
     def finish(self, stopped: Callable[[], bool]) -> None:
-        """Polish the best."""
+        """Polish the best, and go towards what is cheaper as far as that can be proven."""
         if self.found.best is not None and not stopped():
             self._work.one(self.found.best.curve, self.found.best.rows, LEAST, FINE)
+            self._work.part_way()
 
 
 class _Rounds:
@@ -193,6 +194,7 @@ class _Rounds:
         self._wanted = self._kept.wanted
         self.places = Places.evenly(len(self._wanted))
         self.found = Cleared()
+        self.near: Outcome | None = None  # the cheapest that could not be proven
 
     def one(
         self, start: Curve, rows: np.ndarray, reach: float, tolerance: float, known: Multipliers | None = None,
@@ -204,8 +206,8 @@ class _Rounds:
             outcome, proof = self._solved(outcome.curve, outcome.rows, LEAST, tolerance, outcome.multipliers, LEAST)
         if proof.proven and self._excess(outcome) <= FEASIBLE:
             self.found.take(outcome)
-        elif not proof.proven:
-            self._part_way(outcome)
+        elif self.near is None or outcome.cost < self.near.cost:
+            self.near = outcome
         return outcome, proof
 
     def _solved(
@@ -221,10 +223,15 @@ class _Rounds:
         self.found.iterations += outcome.iterations
         return outcome, self._search.proof(outcome.curve, self._wanted)
 
-    def _part_way(self, outcome: Outcome) -> None:
-        """Keep what lies farthest on the way from the best to a curve that is not proven, and is."""
-        best, task = self.found.best, self._task
-        if best is None or task.cost(outcome) > (1 - CHEAPER) * task.cost(best) or outcome.broken > HOPELESS:
+    def part_way(self) -> None:
+        """Keep what lies farthest on the way from the best to the cheapest that is not proven, and is proven."""
+        best, outcome, task = self.found.best, self.near, self._task
+        if (
+            best is None
+            or outcome is None
+            or task.cost(outcome) > (1 - CHEAPER) * task.cost(best)
+            or outcome.broken > HOPELESS
+        ):
             return
         for share in SHARES:
             curve = between(best.curve, outcome.curve, share)

@@ -189,6 +189,7 @@ def short(**changes: Any) -> dict[str, Any]:
         (short(size=[1, 0, 1]), "object crate: y of its box is 0"),
         (short(size=[1, 1]), "box with 2 sizes"),
         (short(size=[1, 1, float("nan")]), "object crate: size is nan"),
+        (short(size=[1, 1, 10**400]), "object crate: size is 1000.*expected a finite number"),
         (short(position=[0, 0, float("inf")]), "object crate: z of its position is inf"),
         (short(quaternion=[0, 0, 0, 0]), "object crate: its quaternion is zero"),
         (short(type="torus"), "object crate: type is 'torus'; expected box"),

@@ -11,8 +11,6 @@ import numpy as np
 from energy_opt.cell.solids import Ruler, Solid, placement
 from energy_opt.robot.kinematics import Kinematics, Poses
 
-FAR_AWAY = 1e9  # [m] from a half-space, of what has no corners itself
-
 
 @dataclass(frozen=True, eq=False)
 class Body:

@@ -6,8 +6,8 @@ clearance that is asked for, the interval is halved, and only the pairs that are
 intervals of one size are looked at together: what is arithmetic on arrays is done once for all of them.
 
 A pair is closed by the cheapest of: boxes around the bodies, convex hulls, planes between these (see `heights`), convex
-pieces, meshes. A pair that a mesh
-holds apart cannot be inside of another (see `inside`): surfaces that never meet do not pass each other.
+pieces, meshes. A pair that a mesh holds apart cannot be inside of another (see `inside`): surfaces that never meet do
+not pass each other.
 """
 
 from __future__ import annotations
@@ -47,14 +47,12 @@ class Proof:
         lower_bound: what every pair keeps over all of the motion, m; -inf where nothing is proven.
         least: the smallest distance that was measured, with its pair and time.
         touches: where the clearance is broken, coarse; the deepest first.
-        looked_at: how many distances were asked for.
     """
 
     verdict: str = "proven"
     lower_bound: float = np.inf
     least: Touch | None = None
     touches: list[Touch] = field(default_factory=list)
-    looked_at: int = 0
 
 
 def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
@@ -123,7 +121,6 @@ def _measured(
     """
     bodies, again, doubt = scene.bodies, [], []
     least = np.inf if out.least is None else out.least.distance
-    out.looked_at += len(which)
     for side in (0, 1):
         scene.place(span[which], bodies.pairs[pair[which], side])
     rest = planes.rest(span[which], pair[which], travel[which])

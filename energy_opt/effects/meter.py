@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 SHORTEST_LAG = 1e-4  # [s] a lag below this is none
-RESOLVED_LAG = 0.01  # [s] a smaller delay or lag of the meter is not told from smoothing
 LAGS = (0.02, 0.06, 0.15, 0.4)  # [s] at which lags are tried
 DELAYS = tuple(sign * lag for lag in LAGS for sign in (1.0, -1.0))  # [s] a meter may be stamped late
 
@@ -45,7 +44,7 @@ class MeterDelay(MeterEffect):
     """The meter shows at time t the power of time t - delay."""
 
     name = "meter_delay"
-    parameters = (Parameter("delay", "s", 0.0, -5.0, 5.0, fit=(-0.5, 1.0), trials=DELAYS, resolved=RESOLVED_LAG),)
+    parameters = (Parameter("delay", "s", 0.0, -5.0, 5.0, fit=(-0.5, 1.0), trials=DELAYS),)
     turn = 1
 
     @classmethod
@@ -70,7 +69,7 @@ class MeterFilter(MeterEffect):
     """
 
     name = "meter_filter"
-    parameters = (Parameter("time_constant", "s", 0.0, 0.0, 10.0, fit=(0.0, 2.0), trials=LAGS, resolved=RESOLVED_LAG),)
+    parameters = (Parameter("time_constant", "s", 0.0, 0.0, 10.0, fit=(0.0, 2.0), trials=LAGS),)
     turn = 2
 
     @classmethod
@@ -121,7 +120,7 @@ class MeterWindow(MeterEffect):
     """
 
     name = "meter_window"
-    parameters = (Parameter("duration", "s", 0.0, 0.0, 60.0, fit=(0.0, 5.0), trials=LAGS, resolved=RESOLVED_LAG),)
+    parameters = (Parameter("duration", "s", 0.0, 0.0, 60.0, fit=(0.0, 5.0), trials=LAGS),)
     turn = 4
     sought = False  # what the set declares as [meter] window is applied as such; a lag and a delay say nearly the same
 

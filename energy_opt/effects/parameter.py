@@ -37,7 +37,6 @@ class Parameter:
         trials: values at which a search begins where the effect's size says nothing of this parameter.
         steps: the law jumps with it, or it is a grid that is chosen: derivatives by it say nothing, so it is scanned or
             given, never descended.
-        resolved: size below which logged data cannot tell it from nothing; such a value is never claimed.
     """
 
     name: str
@@ -49,7 +48,6 @@ class Parameter:
     shapes: bool = False
     fit: tuple[float, float] | None = None
     trials: tuple[float, ...] = ()
-    resolved: float = 0.0
     steps: bool = False
 
     @property

@@ -25,6 +25,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from energy_opt.bench.faults import is_number
 from energy_opt.bench.moves import joint_values
 from energy_opt.errors import BadInput, near
 from energy_opt.files import inside, read_toml
@@ -144,7 +145,7 @@ class _Reader:
         if key not in table:
             return default
         value = table[key]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= LONGEST:
+        if not is_number(value) or not least <= value <= LONGEST:
             self.faults.append(f"{where}: {key} = {value!r}; expected seconds, {least:g} to {LONGEST:g}")
             return default
         return float(value)
@@ -166,7 +167,7 @@ class _Reader:
     def payload(self, value: Any, where: str) -> tuple[float, float, float, float]:
         """MASS or [MASS, CX, CY, CZ]."""
         parts = value if isinstance(value, list) else [value]
-        numbers = [x for x in parts if isinstance(x, (int, float)) and not isinstance(x, bool) and np.isfinite(x)]
+        numbers = list(filter(is_number, parts))
         if len(numbers) != len(parts) or len(numbers) not in (1, 4) or numbers[0] < 0:
             self.faults.append(f"{where}: payload = {value!r}; expected a mass in kg, or [mass, cx, cy, cz] with m")
             return (0.0, 0.0, 0.0, 0.0)

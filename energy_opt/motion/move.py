@@ -110,7 +110,7 @@ class Settings:
         starts: at most so many starting points a reshaping tries, the straight one included; they are seeded, and fewer
             are tried where no better answer is to be expected.
         seed: of the starting points.
-        compile: "auto", "always" or "never" (see `compile`).
+        compile: "auto", "always" or "never" (see `numerics.compile`).
         objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
         solver: "ipopt".
         dynamics: source of the symbolic dynamics (see `dynamics`).
@@ -161,7 +161,7 @@ class Settings:
                 hint = ", or --allow-large" if value > most and name != "seed" else ""
                 raise BadInput(f"--{name.replace('_', '-')} {value!s:.24}; expected {least} to {most}{hint}")
         if self.objective not in OBJECTIVES:
-            raise BadInput(f"objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
+            raise BadInput(f"--objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
         if self.solver != "ipopt":
             raise BadInput(f"--solver {self.solver!r}; expected ipopt")
         if self.end_acceleration not in ("zero", "free"):

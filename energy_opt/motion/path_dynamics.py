@@ -68,11 +68,11 @@ def has_torque_effects(model: PowerModel) -> bool:
 
 
 class PathDynamics:
-    """Coefficients at path positions s (M,): q, q1, q2, q3 (path and derivatives), M, C, G (torque); (M, n) each."""
+    """Coefficients at path positions s (M,): q, q1, q2 (path and derivatives), M, C, G (torque); (M, n) each."""
 
     def __init__(self, robot: Robot, model: PowerModel, path: JointPath, s: np.ndarray) -> None:
         self.robot, self.model, self.path, self.s = robot, model, path, s
-        self.q, self.q1, self.q2, self.q3 = (path(s, order) for order in range(4))
+        self.q, self.q1, self.q2 = (path(s, order) for order in range(3))
         self._affine: bool | None = None
         self._tools: dict[Tool, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 

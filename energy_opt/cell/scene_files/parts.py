@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import math
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.cell.scene import SIZES, Kind, SceneObject, Shape
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, near
 
 FARTHEST = 10_000.0  # [m] no size or position of a cell is larger: beyond it a length is a slip of the unit
 MOST_SHAPES = 100_000  # in a scene
@@ -121,8 +121,8 @@ def number(value: Any, what: str) -> float:
             value = float(value)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise BadInput(f"{what} is {brief(value)}; expected a number")
-    if not math.isfinite(value):
-        raise BadInput(f"{what} is {value}; expected a finite number")
+    if not abs(value) <= sys.float_info.max:  # whole numbers may be larger
+        raise BadInput(f"{what} is {brief(value)}; expected a finite number")
     return float(value)
 
 
@@ -184,7 +184,5 @@ def name_of(value: Any, key: str) -> str:
 
 def unknown_key(key: Any, known: Iterable[str]) -> str:
     """What to say of a key that nobody knows."""
-    known = list(known)
-    near = difflib.get_close_matches(str(key), known, 1)
-    hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
-    return f"unknown key {brief(key)}; {hint}"
+    names = list(known)
+    return f"unknown key {brief(key)}" + (near(str(key), names) or f"; known are {', '.join(names)}")

@@ -61,6 +61,6 @@ def check_pose(limits: Sequence[Limit], robot: Robot, model: PowerModel, q: np.n
                 f"{what}: {joint}: {fixed.text(0, j)}{hint}",
                 joint=joint,
                 limit=limit.name,
-                position=1.0 if what == "goal" else 0.0,
+                position={"start": 0.0, "goal": 1.0}.get(what),
                 excess=float(fixed.excess[0, j]),
             )

@@ -36,5 +36,4 @@ class ClearanceRows(Limit):
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaneRows | None:
         """Rows over planes between what is near along `curve`."""
         rows = self.near.rows(self.u, curve(self.u), self.margin, self.reach, self.forced)
-        object.__setattr__(self, "count", len(rows.place))
         return rows if len(rows.place) else None

@@ -22,7 +22,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 MENDS = 6  # times that limits are tightened where the judge finds them broken
 LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path
-SHORTEST = 0.2
+SHORTEST = 0.2  # and begins at this one
 ROWS = 200  # of a first guess
 RESOLUTION = 2e-5  # [rad, m] below which an encoder of 18 bits a turn does not tell two positions apart
 BRIEFEST = 0.01  # [s] of such a move: in less, the rounding of positions alone is beyond a jerk limit

@@ -34,7 +34,7 @@ def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
     if contact is not None:
         raise Infeasible(
             f"{what}: {contact}; a pose that is free would work", limit="clearance",
-            position=1.0 if what == "goal" else 0.0, excess=contact.depth,
+            position={"start": 0.0, "goal": 1.0}.get(what), excess=contact.depth,
         )  # fmt: skip
 
 

@@ -10,12 +10,17 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import energy_opt as eo
+from energy_opt import dynamics
 from energy_opt.bench import load_suite, run_batch
+from energy_opt.dynamics import compact
+from energy_opt.errors import BadInput
 from energy_opt.numerics.compile import compiler
+from energy_opt.robot import Link
 
 A = np.array([0, 1, -1, 0, 0, 0.0]), np.array([1, 1.5, -1.5, 0.2, 0.3, 0.4])
 B = np.array([-1, 0.5, -1, 0.3, 0, 0.0]), np.array([1, 1.2, -0.5, 0.2, -0.3, 0.4])
@@ -76,6 +81,36 @@ def test_the_compiler_changes_nothing_that_counts(tmp_path: Path, monkeypatch: p
         assert compiled.solver.compiled == (mode == "reshape")
         assert compiled.energy.loss == pytest.approx(plain.energy.loss, rel=SAME)
         assert np.abs(compiled.trajectory.position - plain.trajectory.position).max() < SAME
+
+
+def lagrange(tree: list[Link]) -> ca.Function:
+    """The torque as sum of what acceleration, speed and gravity ask for: the same law by another, longer graph."""
+    own = compact.torque_function(tree)
+    q, v, a, gravity, mass, com = (ca.SX.sym(own.name_in(k), *own.size_in(k)) for k in range(6))
+    rest, unit = ca.SX.zeros(len(tree)), ca.SX.eye(len(tree))
+    inertia = [own(q, rest, unit[:, j], ca.SX.zeros(3), mass, com) * a[j] for j in range(len(tree))]
+    tau = own(q, v, rest, ca.SX.zeros(3), mass, com) + sum(inertia) + own(q, rest, rest, gravity, mass, com)
+    return ca.Function("tau", [q, v, a, gravity, mass, com], [tau])
+
+
+@pytest.mark.parametrize("source", ["lagrange", "templates", "pinocchio"])
+def test_the_source_of_the_graph_changes_nothing_that_counts(source: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two sources round differently; the two that Pinocchio has are held against ours where they are installed."""
+    robot = eo.load_robot("z1")
+    if source == "lagrange":
+        monkeypatch.setitem(dynamics._BUILDERS, "pinocchio", lambda body: lagrange(body.tree()))
+        source = "pinocchio"
+    try:
+        dynamics.torque_function(robot.body, source)
+    except BadInput as error:
+        pytest.skip(str(error))
+    found = []
+    for own in ("compact", source):
+        settings = eo.Settings(starts=2, compile="never", dynamics=own)
+        found.append(eo.Planner(robot, eo.source_model(robot), settings).solve(eo.Move(*A, "reshape", duration=1.5)))
+    assert found[1].energy.loss == pytest.approx(found[0].energy.loss, rel=SAME)
+    apart = np.abs(found[1].trajectory.position - found[0].trajectory.position).max()
+    assert 0 < apart < SAME
 
 
 @pytest.mark.slow

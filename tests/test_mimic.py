@@ -291,6 +291,9 @@ def test_a_move_of_the_palletizer_from_end_to_end(files: Path, tmp_path: Path, c
     assert main(["check", *common, str(out / "trajectory.yaml")]) == 0
     again = ["--path", str(out / "trajectory.yaml"), "--mode", "retime", "--out", str(tmp_path / "again")]
     assert main(["optimize", *common, *model, *again, "--duration", "1.5"]) == 0
+    locked = tmp_path / "locked.yaml"  # as MoveIt's plan of the arm's group: without the gripper
+    locked.write_text((out / "trajectory.yaml").read_text().replace("'tip_a'", "'another'"))
+    assert main(["check", *common, "--lock", "tip_a=0.01", str(locked)]) == 0
     plant = tmp_path / "plant.toml"
     plant.write_text('format = "energy-opt/model/1"\n[[effect]]\nname = "standby"\npower = 50.0\n')
     played = ["--robot", urdf, "--plant", str(plant), "--out", str(tmp_path / "virtual")]

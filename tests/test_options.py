@@ -27,7 +27,8 @@ VERBS = {
     "simulate": ["run.csv", "--plant", "model.toml"], "check": ["run.csv", "--robot", "z1"], "robots": [],
     "effects": [],
 }  # fmt: skip
-UNASKED = ("--help", "--view", "--scheduler")  # the last waits for a cluster
+PARTS = 8
+UNASKED = {"--help", "--view", "--scheduler"}  # the last waits for a cluster
 STEP = '[[step]]\nname = "a"\nto = [0.000001, 1, -1, 0, 0, 0]\nmode = "retime"\n'
 FILES = {
     "model.toml": 'format = "energy-opt/model/1"\nrobot = "z1"\n[[effect]]\nname = "standby"\npower = 30.0\n',
@@ -44,7 +45,7 @@ def _cases() -> list[tuple[str, argparse.Action, str | None]]:
     out: list[tuple[str, argparse.Action, str | None]] = []
     for verb in VERBS:
         for action in parsers([verb])[1][verb]._actions:
-            if action.option_strings and action.option_strings[0] not in UNASKED:
+            if action.option_strings and not {*action.option_strings} & UNASKED:
                 out += [(verb, action, value) for value in (VALUES if action.nargs != 0 else [None])]
     return out
 
@@ -55,6 +56,8 @@ def _tried(case: tuple[str, argparse.Action, str | None], capsys: pytest.Capture
     if option in words:
         del words[words.index(option) : words.index(option) + 2]
     words += [option] if value is None else [option, value, value] if action.nargs == 2 else [f"{option}={value}"]
+    if verb not in ("robots", "effects", "check") and option != "--force":
+        words.append("--force")  # over what the case before has left
     begin = time.process_time()
     code = main(words)
     said = capsys.readouterr().err
@@ -95,6 +98,16 @@ def test_a_sample_of_options(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.nightly
-def test_all_options_all_night(capsys: pytest.CaptureFixture[str]) -> None:
-    for case in _cases():
-        _tried(case, capsys)
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("part", range(PARTS))
+def test_all_options_all_night(verb: str, part: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """All values of a verb's options, every `PARTS`-th; all that fall are told."""
+    fell = []
+    for case in [case for case in _cases() if case[0] == verb][part::PARTS]:
+        try:
+            _tried(case, capsys)
+        except BaseException as error:
+            if isinstance(error, KeyboardInterrupt):
+                raise
+            fell.append(f"{verb} {case[1].option_strings[0]}={case[2]!r:.60}: {type(error).__name__}: {error!s:.600}")
+    assert not fell, "\n".join(fell)

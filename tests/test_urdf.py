@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.robot import known_robots, load_robot
 from energy_opt.robot.urdf import check_urdf
@@ -26,7 +27,7 @@ GOOD = """<?xml version="1.0"?>
 
 DAMAGES = [
     ('mass value="2.0"', 'mass value="3,0"', "link 'arm', mass: value='3,0'"),
-    ('mass value="2.0"', 'mass value="${m}"', "link 'arm', mass: value"),
+    ('mass value="2.0"', 'mass value="two"', "link 'arm', mass: value"),
     ('mass value="2.0"', 'mass value="nan"', "link 'arm', mass: value='nan'"),
     ('mass value="2.0"', 'mass value="-2"', "negative"),
     ('<mass value="2.0"/>', "", "link 'arm', mass: value is missing"),
@@ -77,6 +78,8 @@ def test_a_damage_is_named(before: str, after: str, said: str, tmp_path: Path) -
 
 def test_xacro_says_what_to_do(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf.xacro"
-    path.write_text('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arg name="a"/></robot>')
-    with pytest.raises(BadInput, match="run xacro first"):
-        load_robot(str(path))
+    for inside in ('<xacro:arg name="a"/>', '<link name="${prefix}base"/>', '<link name="$(arg prefix)base"/>'):
+        path.write_text(f'<robot xmlns:xacro="http://ros.org/wiki/xacro">{inside}</robot>')
+        with pytest.raises(BadInput, match=r"run xacro first: xacro arm.urdf.xacro > robot.urdf$"):
+            load_robot(str(path))
+    assert main(["check", str(path), str(path)]) == 2

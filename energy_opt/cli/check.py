@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_cell, add_prefix, refuse_degrees, say
+from energy_opt.cli.common import add_cell, add_lock, add_prefix, load_robot_of, refuse_degrees, say
 from energy_opt.cli.faults import one_line
 from energy_opt.errors import BadInput, EnergyOptError
 
@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot whose joints and limits are meant")
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--model", metavar="MODEL", help="model for the torque of a trajectory (source-method-2)")
+    add_lock(parser)
     add_prefix(parser)
     add_cell(parser)
     parser.add_argument("--json", action="store_true", help="faults as one JSON document on stdout")
@@ -74,7 +75,12 @@ def _faults(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]
         return _toml(file, args, notes)
     if file.suffix in (".yaml", ".yml", ".json", ".scene"):
         return _document(file, args)
-    if file.suffix in (".urdf", ".xml"):
+    if file.suffix == ".srdf":
+        from energy_opt.robot.srdf import read_srdf
+
+        read_srdf(file)
+        return []
+    if file.suffix in (".urdf", ".xml", ".xacro"):
         from energy_opt.robot import load_robot
 
         load_robot(str(file))
@@ -168,10 +174,10 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
         matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
         if not matching:
             return [f"{file}: joints {', '.join(rows.joints)} are those of no robot by name; say which with --robot"]
-        robot = load_robot(matching[0], limits=args.limits, prefix=args.joint_prefix)
+        robot = load_robot_of(args, matching[0])
         say(args, f"{file}: taken for a {robot.name} (say --robot to change it)")
     else:
-        robot = load_robot(args.robot, limits=args.limits, prefix=args.joint_prefix)
+        robot = load_robot_of(args)
     rows = rows.of(robot.joints, args.joint_prefix)
     refuse_degrees(robot, rows.position, rows.where)
     if rows.time is None:

@@ -35,7 +35,7 @@ def add_common(parser: argparse.ArgumentParser, out: str, default: str = "source
     group.add_argument(
         "--limits", type=Path, metavar="FILE", help="MoveIt's joint_limits.yaml (default: published or the URDF's)"
     )
-    group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
+    add_lock(group)
     group.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m] (none)"
     )
@@ -100,9 +100,7 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--ways", type=int, metavar="N", help="free ways to start from (1; 0 besides a free --path)")
     group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move (48)")
     group.add_argument("--end-acceleration", default="zero", metavar="KIND", help="zero (default) or free (reshape)")
-    group.add_argument(
-        "--compile", default="auto", metavar="WHEN", help="node functions: auto (default), always, never"
-    )
+    group.add_argument("--compile", default="auto", metavar="WHEN", help="functions: auto (default), always or never")
     objectives = "energy (default), torque, power_squared, path_length, time"
     group.add_argument("--objective", default="energy", metavar="NAME", help=objectives)
     group.add_argument("--verify-samples", type=int, metavar="N", help="samples of the certificate (default: 10 a row)")
@@ -121,9 +119,7 @@ def add_cell(parser: argparse.ArgumentParser) -> None:
         "--package-dir", action="append", type=Path, default=[], metavar="DIR", help="for package:// paths"
     )
     group.add_argument("--scene", type=Path, metavar="FILE", help="MoveIt PlanningScene, .scene text, or short YAML")
-    group.add_argument(
-        "--base", metavar="X,Y,Z,R,P,Y", help="the robot's base in the scene's frame [m, rad] (the same)"
-    )
+    group.add_argument("--base", metavar="X,Y,Z,R,P,Y", help="robot's base in the scene's frame [m, rad] (the same)")
     group.add_argument("--floor", type=float, metavar="Z", help="solid below this height of the scene's frame [m]")
     group.add_argument("--clearance", type=float, metavar="M", help="kept from everything [m] (0.0005)")
     group.add_argument("--planner", default="auto", metavar="NAME", help="first path: auto (default), none or ompl")
@@ -134,11 +130,14 @@ def add_cell(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--allow-large", action="store_true", help="larger files and meshes are read too")
 
 
+def add_lock(group: argparse._ActionsContainer) -> None:
+    """Joints that take no part."""
+    group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
+
+
 def add_prefix(group: argparse._ActionsContainer) -> None:
     """How joints are called in files that others wrote."""
-    group.add_argument(
-        "--joint-prefix", default="", metavar="PREFIX", help="what stands before the joints' names in files"
-    )
+    group.add_argument("--joint-prefix", default="", metavar="PREFIX", help="what stands before joints' names in files")
 
 
 def say(args: argparse.Namespace, text: str) -> None:
@@ -147,15 +146,15 @@ def say(args: argparse.Namespace, text: str) -> None:
         print(printable(text), file=sys.stderr)
 
 
-def load_robot_of(args: argparse.Namespace) -> Robot:
-    """The robot that --robot, --limits and --lock describe."""
+def load_robot_of(args: argparse.Namespace, name: str = "") -> Robot:
+    """The robot that --robot (or else `name`), --limits and --lock describe."""
     from energy_opt.robot import load_robot
 
     lock = {}
     for word in args.lock:
-        name, _, value = word.partition("=")
-        lock[name] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
-    return load_robot(args.robot, limits=args.limits, lock=lock, prefix=args.joint_prefix)
+        joint, _, value = word.partition("=")
+        lock[joint] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
+    return load_robot(args.robot or name, limits=args.limits, lock=lock, prefix=args.joint_prefix)
 
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:

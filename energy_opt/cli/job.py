@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from energy_opt.cli.common import (
     add_cell,
+    add_lock,
     add_model,
     add_output,
     add_prefix,
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("robot and model")
     group.add_argument("--robot", metavar="NAME_OR_URDF", help="in place of the job's own")
     group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
-    group.add_argument("--lock", action="append", default=[], metavar="JOINT=VALUE", help="a joint that stays [rad, m]")
+    add_lock(group)
     add_model(group)
     add_prefix(group)
     group = parser.add_argument_group("solving")

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_cell, add_output, add_prefix, cell_of, payload_from, say
+from energy_opt.cli.common import add_cell, add_lock, add_output, add_prefix, cell_of, load_robot_of, payload_from, say
 from energy_opt.errors import BadInput, Infeasible
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "trajectories", nargs="+", type=Path, metavar="TRAJECTORY", help="files of trajectories, in order"
     )
+    add_lock(parser)
     add_prefix(parser)
     parser.add_argument(
         "--plant", type=Path, required=True, metavar="MODEL.toml", help="what the arm truly is: a model file"
@@ -69,7 +70,6 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import to_json
     from energy_opt.folders import written_whole
     from energy_opt.power.named import model_of
-    from energy_opt.robot import load_robot
     from energy_opt.virtual_arm import Instruments, load_plant, simulate
 
     if not 1 <= args.repeat <= MOST_REPEATS:
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     plant = load_plant(args.plant)
     if args.payload is not None:
         plant = dataclasses.replace(plant, model=plant.model.replaced(payload_from(args.payload)))
-    robot = load_robot(args.robot or plant.model.robot, limits=args.limits, prefix=args.joint_prefix)
+    robot = load_robot_of(args, plant.model.robot)
     declared = model_of(args.model, robot.name) if args.model is not None else None
     instruments = Instruments(
         rate=args.rate,

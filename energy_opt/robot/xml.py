@@ -27,8 +27,15 @@ def read_robot_xml(path: Path) -> ElementTree.Element:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
         raise BadInput(f"{path}: not XML that can be read: {error}") from None
-    if any(isinstance(element.tag, str) and "xacro" in element.tag for element in root.iter()):
-        raise BadInput(f"{path}: a xacro file; run xacro first: xacro {path.name} > robot{path.suffix}")
+    if any(map(_of_xacro, root.iter())):
+        made = "robot.srdf" if ".srdf" in path.suffixes else "robot.urdf"
+        raise BadInput(f"{path}: a xacro file; run xacro first: xacro {path.name} > {made}")
     if root.tag != "robot":
         raise BadInput(f"{path}: begins with <{root.tag}>; expected <robot>")
     return root
+
+
+def _of_xacro(element: ElementTree.Element) -> bool:
+    """Is this one of xacro's own elements, or does it hold an expression that xacro has not replaced yet?"""
+    own = isinstance(element.tag, str) and "xacro" in element.tag
+    return own or any("${" in value or "$(" in value for value in element.attrib.values())

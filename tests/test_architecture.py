@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ MODULES = sorted(ROOT.rglob("*.py"))
 
 # Packages of the two sides; they meet in the power model, in `next_motion` above both, and in the command line, which
 # may import all.
-MOTION = {"motion", "profiles", "formats", "tradeoff", "bench"}
+MOTION = {"motion", "profiles", "formats", "tradeoff", "bench", "job"}
 DATA = {"measured", "identify", "diagnose"}
 ABOVE = {"next_motion", "virtual_arm"}
 
@@ -100,6 +101,16 @@ def test_dependencies_point_one_way() -> None:
             del graph[name]
 
 
+def test_the_page_on_architecture_has_the_rooms_in_an_order_in_which_they_import() -> None:
+    page = (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    order = [name for row in re.findall(r"^\| (`.*?) \|", page, re.M) for name in re.findall(r"`(\w+)`", row)]
+    parts = {part(module) for module in MODULES if not part(module).startswith("__")}
+    assert sorted(order) == sorted(parts)
+    for module in MODULES:
+        if part(module) in parts:
+            assert parts_imported(module) <= set(order[: order.index(part(module))]), module
+
+
 def dotted(module: Path) -> str:
     """A file's name as it is imported."""
     return ".".join(("energy_opt", *module.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__")
@@ -124,7 +135,8 @@ def test_modules_form_no_circles() -> None:
     assert not without_what_leads_nowhere(graph)
 
 
-ROOMS = ("plan", "retime", "reshape", "timing", "judge", "limits")  # of motion; each may use what stands behind it
+# Of motion; each may use what stands behind it.
+ROOMS = ("plan", "ways", "retime", "reshape", "timing", "judge", "limits")
 
 
 def test_rooms_of_motion_point_one_way() -> None:

@@ -163,3 +163,4 @@ def test_what_the_data_leave_open_reaches_the_saving(panda: Robot) -> None:
     assert [r.name for r in loaded] == [r.name for r in robust] and all(r.model.get("payload") for r in loaded)
     tilted = model.standing(0.1, 0.0).doubt
     assert tilted is not None and tilted.names == doubt.names and tilted.matrix.tolist() == doubt.matrix.tolist()
+    assert [rival.get("base_tilt") for rival in tilted.rivals] == [model.standing(0.1, 0.0).get("base_tilt")]

@@ -56,13 +56,9 @@ def _drawn(rival: Rival, count: int) -> list[Rival]:
 
 
 def _explaining(rival: Rival) -> list[Rival]:
-    """Other models that explain the same data as well, by the model's file, with the same payload."""
-    doubt, payload = rival.model.doubt, rival.model.get("payload")
-    models = () if doubt is None else doubt.rivals
-    return [
-        Rival(f"rival {k}", model if payload is None else model.replaced(payload))
-        for k, model in enumerate(models, start=1)
-    ]
+    """Other models that explain the same data as well, by the model's file."""
+    doubt = rival.model.doubt
+    return [Rival(f"rival {k}", model) for k, model in enumerate(() if doubt is None else doubt.rivals, start=1)]
 
 
 def _interval(result: Result, rival: Rival, robot: Robot) -> dict[str, list[float]]:

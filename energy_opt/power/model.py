@@ -74,11 +74,15 @@ class PowerModel:
         return PowerModel(self.robot, kept, self.assumed)
 
     def for_move(self, effect: Effect) -> PowerModel:
-        """The model with what belongs to a move, a payload or a tilt; its other values are as sure as before."""
+        """The model, and those that explain its data as well, with what belongs to a move: a payload or a tilt.
+
+        Its other values are as sure as before.
+        """
         doubt = self.doubt
         if doubt is not None:
             kept = [k for k, name in enumerate(doubt.names) if name.partition(".")[0] != effect.name]
-            doubt = Doubt(tuple(doubt.names[k] for k in kept), doubt.matrix[np.ix_(kept, kept)], doubt.rivals)
+            names, rivals = tuple(doubt.names[k] for k in kept), tuple(r.replaced(effect) for r in doubt.rivals)
+            doubt = Doubt(names, doubt.matrix[np.ix_(kept, kept)], rivals)
         return replace(self.replaced(effect), doubt=doubt)
 
     def __add__(self, other: Effect | PowerModel) -> PowerModel:

@@ -1,9 +1,9 @@
 """Energy against duration for one move.
 
-Every point is reached from its neighbours on both sides: on the way out from the free optimum, and on the way back
-from the ends wherever the neighbour there is another local optimum and not the same one at another duration. The better
-is kept, so a poorer optimum cannot leave a bump that a neighbour's answer would have avoided. The minimum is a solve of
-its own with free duration, the fastest one of minimum time.
+Every point is solved as a single move is, and reached from its neighbours on both sides (see `Neighbours`): on the way
+out from the free optimum, and on the way back from the ends wherever the neighbour there is another local optimum and
+not the same one at another duration. The better is kept, so a poorer optimum cannot leave a bump that a neighbour's
+answer would have avoided. The minimum is a solve of its own with free duration, the fastest one of minimum time.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def trace(
     """The front of a move; Ctrl-C ends it early and keeps what is there.
 
     Args:
-        planner: minimises energy. Its starts are tried for the free optimum; every other solve starts from neighbours.
+        planner: minimises energy.
         move: its duration is ignored.
         durations: where the front is wanted, s; chosen from the fastest and the optimum otherwise.
         longest: where the program's own choice of durations ends, s.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from energy_opt.cli.main import main
@@ -94,6 +94,24 @@ def test_bags_of_ros2(tmp_path: Path, storage: StoragePlugin) -> None:
     assert "2 planned trajectories; the last is taken" in rows.notes[0]
     (file,) = (*(tmp_path / "bag").glob("*.mcap"), *(tmp_path / "bag").glob("*.db3"))
     check(read_trajectory(file, JOINTS))
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE], ids=["file", "message"])
+def test_compressed_bags(tmp_path: Path, mode: CompressionMode) -> None:
+    """As `ros2 bag record --compression-mode` makes them: by the folder, or by its only file."""
+    store, kind = types(), "trajectory_msgs/msg/JointTrajectory"
+    writer = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/plan", kind, typestore=store)
+        writer.write(connection, 0, store.serialize_cdr(joint_trajectory(store), kind))
+    (file,) = (x for x in (tmp_path / "bag").iterdir() if x.name != "metadata.yaml")
+    check(read_trajectory(tmp_path / "bag", JOINTS))
+    check(read_trajectory(file, JOINTS))
+    alone = tmp_path / file.name
+    alone.write_bytes(file.read_bytes())
+    with pytest.raises(BadInput, match="compressed bag" if mode is CompressionMode.FILE else "not a bag that can"):
+        read_trajectory(alone, JOINTS)
 
 
 def test_old_bags_without_definitions(tmp_path: Path) -> None:

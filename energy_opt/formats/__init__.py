@@ -51,7 +51,7 @@ FORMATS: dict[str, Format] = {
             write=messages.write_goal,
         ),
         Format(
-            "mcap", ".mcap", "bag with a trajectory_msgs/JointTrajectory", bags.read, bags.write_mcap, (".db3", ".bag")
+            "mcap", ".mcap", "bag with a trajectory_msgs/JointTrajectory", bags.read, bags.write_mcap, bags.SUFFIXES[1:]
         ),
         Format("urscript", ".script", "program for Universal Robots", write=urscript.write),
         Format("franka", ".franka.csv", "joint positions for libfranka", write=franka.write),

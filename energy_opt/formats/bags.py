@@ -24,6 +24,8 @@ from energy_opt.motion.trajectory import Trajectory
 LARGEST = 4 * 10**9  # bytes of a bag
 LARGEST_CHUNK = 10**9  # bytes of a part of a bag once it is unpacked
 MOST_MESSAGES = 2 * 10**6  # of those that are asked for: half an hour at 1 kHz
+SUFFIXES = (".mcap", ".db3", ".bag", ".zstd")  # the last: a file of a compressed bag
+METADATA = "metadata.yaml"
 TOPIC = "/joint_trajectory"
 PLANS = (
     "trajectory_msgs/msg/JointTrajectory",
@@ -66,7 +68,7 @@ DEFINITIONS = {
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a bag by its name, or a folder with a bag's metadata."""
-    return path.suffix.lower() in (".mcap", ".db3", ".bag") or (path / "metadata.yaml").is_file()
+    return path.suffix.lower() in SUFFIXES or (path / METADATA).is_file()
 
 
 def read(path: Path) -> Rows:
@@ -123,7 +125,7 @@ def opened(path: Path) -> Iterator[Bag]:
     Raises:
         BadInput: rosbags is not installed, or the bag is missing, too large or faulty, now or while it is read.
     """
-    highlevel = _library().highlevel
+    highlevel, path = _library().highlevel, _whole(path)
     files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
     try:
         size = sum(file.stat().st_size for file in files)
@@ -132,7 +134,9 @@ def opened(path: Path) -> Iterator[Bag]:
     if size > LARGEST:
         raise BadInput(f"{path}: larger than {LARGEST / 1e9:g} GB; cut out the part that matters")
     if path.is_dir():
-        read_yaml(path / "metadata.yaml")  # within bounds
+        read_yaml(path / METADATA)  # within bounds
+    elif path.suffix.lower() == ".zstd":
+        raise BadInput(f"{path}: part of a compressed bag; expected beside it the bag's {METADATA}, which names it")
     try:
         with highlevel.AnyReader([path], default_typestore=_types()) as reader:
             storages = [getattr(part, "storage", part) for part in reader.readers]
@@ -146,6 +150,16 @@ def opened(path: Path) -> Iterator[Bag]:
     except Exception as error:  # a faulty bag makes the library raise nearly anything
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BadInput(f"{path}: not a bag that can be read: {reason[:300]}") from None
+
+
+def _whole(path: Path) -> Path:
+    """The folder of a bag whose only file this is, where that says how it is compressed; else the path itself."""
+    beside = path.parent / METADATA
+    if path.suffix.lower() == ".bag" or not path.is_file() or not beside.is_file():
+        return path
+    document = read_yaml(beside)
+    about = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
+    return path.parent if isinstance(about, dict) and about.get("relative_file_paths") == [path.name] else path
 
 
 def as_document(found: Any) -> Any:

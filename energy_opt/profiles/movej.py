@@ -75,11 +75,13 @@ def write_yaml(moves: StandardMoves, body: RigidBody, path: Path) -> None:
     chain = moves.chain
     speed, acceleration = leading(chain)
     radii = [*blend_radii(chain, body), 0.0]
+    sliding = [joint for joint, slides in zip(body.joints, body.slides, strict=True) if slides]
+    unit = "rad" + (f" ({', '.join(sliding)}: m)" if sliding else "")
     lines = [
         "format: energy-opt/moves/1",
         f"kind: {moves.kind}",
         f"joints: [{', '.join(moves.trajectory.joints)}]",
-        f"start: {_list(chain.corners[0])}  # rad, at rest",
+        f"start: {_list(chain.corners[0])}  # {unit}, at rest",
         f"duration: {chain.duration!r}  # s",
         "moves:  # joint moves; at a blend the ramp from one line's velocity to the next's stands for the via point",
     ]

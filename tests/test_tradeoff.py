@@ -9,17 +9,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Energy
+from energy_opt.motion.path import through
 from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import load_robot
 from energy_opt.tradeoff import Cycle, trace
 from energy_opt.tradeoff.output import document, table, write
+from tests.poses import MIDDLE
 
 FASTEST = 1.0
 
@@ -210,6 +214,20 @@ def test_a_front_finds_what_single_moves_find(panda):
     assert alone.points[0].energy.loss <= single * (1 + 1e-9)
     assert among.points[1].energy.loss <= single * (1 + 1e-9)
     assert among.points[1].energy.loss == pytest.approx(alone.points[0].energy.loss, rel=2e-3)
+
+
+@pytest.mark.parametrize(("given", "durations"), [(False, [1.5, 2.0]), (True, [1.5])])
+def test_a_front_that_keeps_clear_finds_what_single_moves_find(panda, given, durations):
+    """It once went on from neighbours alone where the arm's own body is in the way, and stood 1 % above at 1.5 s."""
+    settings = Settings(compile="never", controls=16, starts=1)
+    planner = Planner(panda, source_method_2(), settings, cell=load_cell(panda, CellRequest()))
+    path = through(np.stack([START, MIDDLE, GOAL])) if given else None
+    front = trace(planner, Move(START, GOAL, path=path), durations=durations)
+    for point in front.points:
+        single = planner.solve(Move(START, GOAL, path=path, duration=point.duration))
+        assert point.status == single.status == "solved"
+        assert point.total <= single.energy.total * (1 + 1e-6)
+        assert planner.certify(point.trajectory).clearance.proven
 
 
 def command(*words):

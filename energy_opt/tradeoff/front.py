@@ -1,9 +1,9 @@
 """Energy against duration for one move.
 
-Every point is solved as a single move is, and reached from its neighbours on both sides (see `Neighbours`): on the way
-out from the free optimum, and on the way back from the ends wherever the neighbour there is another local optimum and
-not the same one at another duration. The better is kept, so a poorer optimum cannot leave a bump that a neighbour's
-answer would have avoided. The minimum is a solve of its own with free duration, the fastest one of minimum time.
+Every point is solved as a single move is, and reached from its neighbours on both sides: on the way out from the free
+optimum, on the way back from the ends, and out again. The better is kept, so a poorer optimum cannot leave a bump that
+a neighbour's answer would have avoided. The minimum is a solve of its own with free duration, the fastest one of
+minimum time.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ COUNT = 20  # points where none are asked for
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
 LOWER = 1e-6  # a point this much (relative) below the free optimum makes it solve again from there
 SAME = 1e-9  # relative difference of durations that count as equal
-FAMILY = 4.0  # times the front's usual change from point to point: what changes more is another optimum
 SEARCH = 12  # solves that the search for the best duration in a cycle may take
 
 
@@ -115,8 +114,7 @@ def trace(
         Infeasible: no duration works at all, or none that is within the cycle.
     """
     if steps is None:
-        begun, _, ways = planner.first_path(replace(move, duration=None, max_duration=None))
-        steps = Neighbours(replace(planner.context(begun), ways=ways), begun)
+        steps = Neighbours(planner.single(replace(move, duration=None, max_duration=None)))
     tracer = _Tracer(planner, steps, move, cycle, progress, stopped)
     try:
         tracer.run(durations, longest)
@@ -144,7 +142,7 @@ class _Tracer:
         self.planner, self.steps = planner, steps
         self.cycle, self.progress, self.stopped = cycle, progress, stopped
         self.free = replace(move, duration=None, max_duration=None)
-        self.front, self.expected, self._usual = Front(), COUNT + 2, 0.0
+        self.front, self.expected = Front(), COUNT + 2
 
     def run(self, durations: Sequence[float] | None, longest: float | None) -> None:
         front = self.front
@@ -205,15 +203,16 @@ class _Tracer:
         optimum = Optimum(result.trajectory, result.energy, result.status == "solved")
         return self._point(result.trajectory.duration, optimum)
 
-    def _step(self, duration: float, neighbour: Optimum) -> Point:
-        """One step to exactly `duration` s."""
+    def _step(self, duration: float, neighbour: Optimum, known: Optimum | None = None) -> Point:
+        """One step to exactly `duration` s; it is no solve where it comes to what is `known`."""
         try:
             optimum = self.steps.at(duration, neighbour)
         except Infeasible as error:
             point = Point(duration, "infeasible", reason=str(error))
         else:
             point = self._point(duration, optimum)
-        self._count()
+        if known is None or point.optimum is not known:
+            self._count()
         return point
 
     def _point(self, duration: float, optimum: Optimum | None) -> Point:
@@ -229,38 +228,15 @@ class _Tracer:
         return self.cycle.waiting(duration)
 
     def _sweep(self) -> None:
-        """Out from the free optimum to both ends, then back."""
+        """Out from the free optimum to both ends, back, and out again: what was better on the way back goes on."""
         points, best = self.front.points, self.front.minimum
         assert best is not None
         middle = int(np.searchsorted([p.duration for p in points], best.duration))
-        sides = (range(middle, len(points)), range(middle - 1, -1, -1))
-        ends = []
-        for order in sides:
+        for order in (range(middle, len(points)), range(middle - 1, -1, -1)):
+            again = [] if self.free.mode == "retime" else [*order[-2::-1], *order[1:]]  # retiming needs no neighbour
             neighbour = best
-            for k in order:
+            for k in [*order, *again]:
                 neighbour = self._improve(k, neighbour)
-            ends.append(neighbour)
-        self._usual = self._usual_change()
-        for order, neighbour in zip(sides, ends, strict=True):
-            for k in order[-2::-1]:
-                if self._another_optimum(k, neighbour):
-                    self._improve(k, neighbour)
-                neighbour = points[k] if points[k].optimum is not None else neighbour
-
-    def _another_optimum(self, k: int, neighbour: Point) -> bool:
-        """May a step back from a neighbour end elsewhere than at point k? Not where both are one smooth family."""
-        here, there = self.front.points[k].optimum, neighbour.optimum
-        if there is None or self.free.mode == "retime":
-            return False  # retiming starts from the path alone, wherever it is called from
-        if here is None:
-            return True
-        return change(self.front.points[k], neighbour) > FAMILY * self._usual
-
-    def _usual_change(self) -> float:
-        """Median change between neighbouring points."""
-        found = [p for p in self.front.points if p.optimum is not None]
-        changes = [change(a, b) for a, b in zip(found, found[1:], strict=False)]
-        return float(np.median(changes)) if changes else 0.0
 
     def _improve(self, k: int, neighbour: Point) -> Point:
         """Step to point k from a neighbour and keep the better; returns what the next point is to start from."""
@@ -271,7 +247,7 @@ class _Tracer:
             self.front.points[k] = Point(old.duration, "infeasible", reason=reason)
             return neighbour
         if neighbour.optimum is not None:
-            new = self._step(old.duration, neighbour.optimum)
+            new = self._step(old.duration, neighbour.optimum, old.optimum)
             if new.optimum is None and fastest.optimum is not None and _equal(old.duration, fastest.duration):
                 new = self._point(old.duration, fastest.optimum)
             if old.optimum is None or (new.optimum is not None and _better(new, old)):
@@ -334,15 +310,6 @@ def _changed(planner: Planner, **changes: Any) -> Iterator[None]:
 
 def _equal(a: float, b: float) -> bool:
     return abs(a / b - 1) <= SAME
-
-
-def change(a: Point, b: Point) -> float:
-    """How fast the move changes between two points: largest distance [rad] of any joint per relative duration."""
-    if a.trajectory is None or b.trajectory is None or _equal(a.duration, b.duration):
-        return 0.0
-    share = np.linspace(0, 1, 65)
-    q = [t.sample(t.time[0] + share * t.duration)[0] for t in (a.trajectory, b.trajectory)]
-    return float(np.abs(q[0] - q[1]).max() / abs(np.log(a.duration / b.duration)))
 
 
 def _better(new: Point, old: Point) -> bool:

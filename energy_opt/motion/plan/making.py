@@ -33,7 +33,6 @@ def made(
     timing: Timing | None,
     warm: Sequence[Trajectory] = (),
     kept: Kept | None = None,
-    around: bool = True,
 ) -> Work:
     """Candidates for a move's answer.
 
@@ -41,7 +40,6 @@ def made(
         timing: the fastest one of the first path.
         warm: trajectories to start from besides.
         kept: what starts led to at other durations of the same move.
-        around: where the free optimum touches something, look for ways around.
 
     Raises:
         Infeasible: no timing or no path holds the limits.
@@ -66,9 +64,8 @@ def made(
     curve = None
     if not stands_still(move):
         curve = reshaped(context, move, timing, solution, warm, kept)
-        if around:
-            log.info("keeping clear", extra={"share": 0.6})
-            curve = kept_clear(context, move, timing, solution, curve, warm)
+        log.info("keeping clear", extra={"share": 0.6})
+        curve = kept_clear(context, move, timing, solution, curve, warm)
         if not curve.converged and not context.stopped():
             curve = small_enough(move, solution, curve)
     return Work(timing, solution, curve, None, warm)

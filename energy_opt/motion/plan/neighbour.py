@@ -1,10 +1,9 @@
 """A move at one duration after the other: as a single move is solved, and from a neighbour's optimum.
 
 Fronts of energy against duration are made of such steps. A step does all that a single solve at its duration does, so
-that a front lies nowhere above what single moves find (but for what they find around obstacles: there a step goes from
-its neighbour's way on alone). What the starts lead to is shared by durations that lie close together, which a single
-move has for itself alone. Then the neighbour's curve is taken as it is, with the new duration and with the rows that
-bound it; the better one counts. A retimed path is retimed anew, which needs no start.
+that a front lies nowhere above what single moves find, around obstacles neither. First paths, their timings, ways
+around and what the starts lead to are shared by all durations. Then the neighbour's curve is gone on from where it may
+lead to less: the better one counts. A retimed path is retimed anew, which needs no start.
 """
 
 from __future__ import annotations
@@ -12,9 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Energy
-from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import (
     least_energy_timing,
     mended,
@@ -22,19 +22,19 @@ from energy_opt.motion.plan.candidates import (
     reference_time,
     task_of,
 )
-from energy_opt.motion.plan.choice import least
 from energy_opt.motion.plan.clear import mended_clear
-from energy_opt.motion.plan.context import Context
-from energy_opt.motion.plan.making import first_timing, made
+from energy_opt.motion.plan.single import Single
 from energy_opt.motion.reshape.clear import ClearSearch
 from energy_opt.motion.reshape.level import Outcome
-from energy_opt.motion.reshape.search import Kept, Reshaper
+from energy_opt.motion.reshape.search import Reshaper
+from energy_opt.motion.reshape.starts import joined
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
-from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
-CARRIED = 6  # rounds from a neighbour that keeps clear
+CARRIED, TRIAL = 6, 3  # rounds from a neighbour that keeps clear, and those after which it must come near the best
+PROMISING = 0.01  # of the cost
+BUMP = 0.005  # of the cost: where a front is so little above the line between neighbours, it may be its own curve
 
 
 @dataclass(frozen=True)
@@ -48,20 +48,21 @@ class Optimum:
 
 
 class Neighbours:
-    """Solves one move (its own duration is ignored) at one duration after the other."""
+    """Solves one move at one duration after the other."""
 
-    def __init__(self, context: Context, move: Move) -> None:
-        self._context, self._move = context, replace(move, duration=None, max_duration=None)
-        self._kept: Kept = {}
-        self._known: dict[float, Optimum | None] = {}  # what single solves find, by duration
-
-    @cached_property
-    def _timing(self) -> Timing | None:
-        return first_timing(self._context, self._move)
+    def __init__(self, single: Single) -> None:
+        self._single, self._context, self._move = single, single.context, single.move
+        self._known: dict[float, Optimum | None] = {}  # the best so far, by duration
+        self._tried: set[tuple[float, float, float]] = set()  # by duration, and by the neighbour's and its energy
 
     @cached_property
     def _reshaper(self) -> Reshaper:
         return self._context.reshaper("energy")
+
+    @cached_property
+    def _clear(self) -> ClearSearch | None:
+        cell = self._context.cell
+        return None if cell is None else ClearSearch(cell, self._context.robot.joints)
 
     def at(self, duration: float, neighbour: Optimum) -> Optimum | None:
         """The optimum at exactly `duration` s, from starts and a neighbour's; None where nothing within limits came.
@@ -71,34 +72,46 @@ class Neighbours:
         """
         if self._move.mode == "retime":
             return self._retimed(duration)
-        move = replace(self._move, duration=duration)
-        reference = reference_time(self._context, move, self._timing)
-        task = task_of(self._context, move, reference, duration)
-        carried = self._carried(task, neighbour)
         if duration not in self._known:
-            self._known[duration] = self._single(move)
-        found = [carried, self._known[duration]]
-        if self._context.cell is not None and not any(x is not None and x.outcome is not None for x in found):
-            found.append(self._cleared(task, neighbour))
-        best = min((x for x in found if x is not None), key=lambda x: x.energy.total, default=None)
-        return best if best is not None else self._retimed(duration)
+            self._known[duration] = self._alone(duration)
+        here = self._known[duration]
+        move = replace(self._move, duration=duration)
+        task = task_of(self._context, move, reference_time(self._context, move, self._single.timing), duration)
+        step = duration, neighbour.trajectory.duration, neighbour.energy.total
+        if step not in self._tried and self._may_lead_lower(task, here, neighbour):
+            self._tried.add(step)
+            stepped = self._carried(task, neighbour) if self._clear is None else self._cleared(task, neighbour, here)
+            here = min((x for x in (here, stepped) if x is not None), key=lambda x: x.energy.total, default=None)
+        self._known[duration] = here if here is not None else self._retimed(duration)
+        return self._known[duration]
 
-    def _single(self, move: Move) -> Optimum | None:
+    def _alone(self, duration: float) -> Optimum | None:
         """What a solve of the move alone finds; None where nothing within limits came of it."""
         try:
-            work = made(self._context, move, self._timing, kept=self._kept, around=False)
+            solved = self._single.at(duration)
         except Infeasible:
             return None
-        slowed = []
-        if work.timing is not None and work.solution is not None:
-            joints = self._context.robot.joints
-            slowed = [("scaled", work.timing.slowed(work.solution.trajectory.duration).trajectory(joints))]
-        best, _ = least(self._context, move, work, slowed)
-        if best is None:
-            return None
-        name, judged = best
-        outcome = work.asked.outcome if name == "reshape" else None
-        return Optimum(judged.trajectory, judged.energy, work.asked.converged, outcome)
+        result = solved.result
+        return Optimum(result.trajectory, result.energy, result.status == "solved", solved.outcome)
+
+    def _may_lead_lower(self, task: Task, here: Optimum | None, neighbour: Optimum) -> bool:
+        """Not where the best so far lies at the line between its neighbours', and in one valley with this one.
+
+        What a longer or shorter move costs without regard to its path says nothing: with limits that bind, its path
+        changes as much as its time does.
+        """
+        there = neighbour.outcome
+        if here is None or here.outcome is None or there is None or here.outcome.curve.shape is not there.curve.shape:
+            return True
+        costs = {d: x.energy.total - task.offset * d for d, x in self._known.items() if x is not None}
+        costs[neighbour.trajectory.duration] = neighbour.energy.total - task.offset * neighbour.trajectory.duration
+        duration, cost = task.durations[0], here.energy.total - task.offset * task.durations[0]
+        others = sorted(d for d in costs if d != duration)
+        if cost > (1 + BUMP) * np.interp(duration, others, [costs[d] for d in others]):
+            return True
+        level, curve = self._reshaper.fine(task.vias), replace(there.curve, duration=duration)
+        passed, _ = level.shares(curve, task.parameters, task.limits)
+        return not joined(level, task, here.outcome, replace(there, curve=curve, cost=passed))
 
     def _carried(self, task: Task, neighbour: Optimum) -> Optimum | None:
         if neighbour.outcome is None:
@@ -108,21 +121,26 @@ class Neighbours:
             outcome = self._reshaper.step(start, task)
         return self._judged(outcome, task)
 
-    def _cleared(self, task: Task, neighbour: Optimum) -> Optimum | None:
+    def _cleared(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
         """From a neighbour that keeps clear, on to what does so at this duration."""
-        context = self._context
-        assert context.cell is not None
-        search, level = ClearSearch(context.cell, context.robot.joints), self._reshaper.fine(task.vias)
+        search, level = self._clear, self._reshaper.fine(task.vias)
+        assert search is not None
         curve = task.curve(level.shape, Line.of(neighbour.trajectory))
         if neighbour.outcome is not None and neighbour.outcome.curve.shape is level.shape:
             curve = replace(neighbour.outcome.curve, duration=task.durations[0])
-        found = search.run(level, task, curve, context.stopped, rounds=CARRIED)
+        descent, stopped = search.begin(level, task, curve), self._context.stopped
+        descent.go(stopped, TRIAL)
+        if here is not None and descent.cost > (1 + PROMISING) * (here.energy.total - task.offset * task.durations[0]):
+            return None
+        descent.go(stopped, CARRIED)
+        descent.finish(stopped)
+        found = descent.found
         if found.best is None:
             return None
-        made = mended_clear(context, search, task, found.best)
+        made = mended_clear(self._context, search, task, found.best)
         if made.trajectory is None or made.outcome is None:
             return None
-        judged = context.judge(made.trajectory)
+        judged = self._context.judge(made.trajectory)
         return Optimum(made.trajectory, judged.energy, True, made.outcome) if judged.certificate.valid else None
 
     def _judged(self, outcome: Outcome, task: Task) -> Optimum | None:
@@ -136,7 +154,7 @@ class Neighbours:
         return Optimum(trajectory, judged.energy, best.converged, best) if judged.certificate.valid else None
 
     def _retimed(self, duration: float) -> Optimum | None:
-        context, shortest = self._context, self._timing
+        context, shortest = self._context, self._single.timing
         if shortest is None:
             return None
         if abs(duration / shortest.duration - 1) < ONLY_ONE:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -20,9 +20,8 @@ from energy_opt.motion.limits.check import check_pose
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.plan.choice import choose
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
-from energy_opt.motion.plan.making import first_timing, made
+from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.ways import check_free, first_path
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.trajectory import Trajectory
@@ -147,8 +146,18 @@ class Planner:
         self._check_ends(move)
         self._check_objective(move)
         log.info("first path")
-        begun = self.first_path(move)
-        return self._solved(begun, warm, move)
+        result = self.single(move).at(move.duration, move.max_duration, warm).result
+        return replace(result, warnings=(*result.warnings, *self._cell_warnings))
+
+    def single(self, move: Move) -> Single:
+        """What solves a move as the planner is now, at its own duration and at others.
+
+        Raises:
+            Infeasible: a move that keeps its path would touch something, or no way around was found.
+        """
+        begun, first, ways = self.first_path(move)
+        further = cache(lambda: self._further(move, first.source))  # whatever the duration, another way is one way
+        return Single(replace(self.context(begun), ways=ways, further=further), begun, first)
 
     def _further(self, asked: Move, source: str) -> tuple[JointPath, ...]:
         """Another way, where what a path around something leads to is so little that this is worth its time."""
@@ -161,20 +170,6 @@ class Planner:
         except Infeasible:
             return ()
         return (path_of(move),) if first.source in ("own", "ompl") else ways
-
-    def _solved(self, begun: Begun, warm: Sequence[Trajectory], asked: Move) -> Result:
-        move, first, ways = begun
-        built, begin = self._workshop.seconds, time.perf_counter()
-        context = replace(self.context(move), ways=ways, further=lambda: self._further(asked, first.source))
-        work = made(context, move, first_timing(context, move), warm)
-        build = self._workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
-        try:
-            result = choose(context, move, work, build, time.perf_counter() - begin - build)
-        except Infeasible as error:
-            if not first.blocked or self._stopped():
-                raise
-            raise Infeasible(f"{first.blocked}; nor did reshaping from it keep clear", limit="clearance") from error
-        return replace(result, first_path=first, warnings=(*result.warnings, *self._cell_warnings))
 
     def context(self, move: Move) -> Context:
         """What the parts of a solve are given: the planner as it is now, with a judge for this move."""

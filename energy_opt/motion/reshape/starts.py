@@ -134,15 +134,14 @@ def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[O
     """The best outcome of every valley, the best first: between two of one valley the cost nowhere rises."""
     found: list[Outcome] = []
     for outcome in sorted(outcomes, key=task.rank):
-        if not any(_joined(level, task, known, outcome) for known in found):
+        alike = (o for o in found if (o.broken <= FEASIBLE) == (outcome.broken <= FEASIBLE))
+        if not any(joined(level, task, known, outcome) for known in alike):
             found.append(outcome)
             yield outcome
 
 
-def _joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
-    """Do two outcomes lie in one valley?"""
-    if (a.broken <= FEASIBLE) != (b.broken <= FEASIBLE):
-        return False
+def joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
+    """Do two curves lie in one valley? Between them the cost is nowhere above both."""
     ridge = max(task.cost(a), task.cost(b))
     for share in BETWEEN:
         curve = between(a.curve, b.curve, share)

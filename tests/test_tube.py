@@ -1,5 +1,7 @@
 """A tube about a path: nearest points, derivatives of rows, and solved moves by a dense sampling of both curves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -85,6 +87,15 @@ def test_a_solved_move_stays_in_it(panda: Robot, model: PowerModel, words: str) 
     assert result.certificate.max_violation["tube"] <= 1e-6
     retimed = planner.solve(Move(START, GOAL, "retime", path=through(POINTS), duration=3.0))
     assert retimed.certificate.max_violation["tube"] < -0.999 and retimed.energy.total > result.energy.total
+
+
+def test_one_too_narrow_to_search_is_answered_all_the_same(panda: Robot, model: PowerModel) -> None:
+    """The path itself is within it, in its best timing."""
+    planner = Planner(panda, model, Settings(tube="0.00003m", tool="panda_hand_tcp", **QUICK))
+    asked = Move(START, GOAL, path=through(POINTS), duration=3.0)
+    result, retimed = planner.solve(asked), planner.solve(replace(asked, mode="retime"))
+    assert result.status == "solved" and result.certificate.valid
+    assert result.energy.total <= retimed.energy.total * (1 + 1e-9)
 
 
 def test_words_that_are_no_tube_and_ends_that_are_outside(panda: Robot, model: PowerModel, tmp_path, capsys) -> None:

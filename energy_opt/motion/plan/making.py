@@ -9,6 +9,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import (
     Made,
+    in_tube,
     least_energy_timing,
     mended_timing,
     reshaped,
@@ -67,7 +68,7 @@ def made(
         log.info("keeping clear", extra={"share": 0.6})
         curve = kept_clear(context, move, timing, solution, curve, warm)
         if not curve.converged and not context.stopped():
-            curve = small_enough(move, solution, curve)
+            curve = in_tube(context, move, solution, small_enough(move, solution, curve))
     return Work(timing, solution, curve, None, warm)
 
 

@@ -299,3 +299,21 @@ def test_a_move_of_the_palletizer_from_end_to_end(files: Path, tmp_path: Path, c
     played = ["--robot", urdf, "--plant", str(plant), "--out", str(tmp_path / "virtual")]
     assert main(["simulate", str(out / "trajectory.yaml"), *played]) == 2
     assert "follows another joint (mimic); the virtual arm has no such joints" in capsys.readouterr().err
+
+
+def test_a_log_without_the_gripper_is_a_set(files: Path, tmp_path: Path) -> None:
+    """Imported and checked with the gripper held."""
+    time, held = np.arange(0, 4, 0.01), load_robot(files / "palletizer.urdf", lock={"tip_a": 0.02})
+    turn = 1 - np.cos(2 * np.pi * time / 4)
+    q = np.outer(turn, [0.3, 0.2, 0.2, 0.4])
+    rate = np.outer(np.sin(2 * np.pi * time / 4) * np.pi / 2, [0.3, 0.2, 0.2, 0.4])
+    power = 60 + np.sum(held.body.torque(q, rate, np.gradient(rate, time, axis=0)) * rate, axis=1)
+    names = ",".join(f"{joint}.position" for joint in held.joints)
+    rows = np.column_stack([time, q, power])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=f"time,{names},power", comments="")
+    urdf, lock = str(files / "palletizer.urdf"), ["--lock", "tip_a=0.02"]
+    words = ["import", str(tmp_path / "log.csv"), "--out", str(tmp_path / "set"), "--quiet"]
+    assert main([*words, "--robot", urdf]) == 2 and main([*words, *lock]) == 2
+    assert main([*words, "--robot", urdf, *lock]) == 0
+    assert main(["check", str(tmp_path / "set"), "--quiet"]) == 2
+    assert main(["check", str(tmp_path / "set"), "--quiet", *lock]) == 0

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_cell, add_lock, add_prefix, load_robot_of, refuse_degrees, say
+from energy_opt.cli.common import add_cell, add_lock, add_prefix, load_robot_of, locks_of, refuse_degrees, say
 from energy_opt.cli.faults import one_line
 from energy_opt.errors import BadInput, EnergyOptError
 
@@ -107,7 +107,7 @@ def _document(file: Path, args: argparse.Namespace) -> list[str]:
 def _set(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
     from energy_opt.measured import inspect_set
 
-    faults, remarks = inspect_set(file, args.allow_outside)
+    faults, remarks = inspect_set(file, args.allow_outside, locks_of(args))
     notes += remarks
     return faults
 

@@ -112,12 +112,8 @@ def add_cell(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--self-collision", choices=("on", "off"), default="on", help="the arm keeps clear of itself (on)"
     )
-    group.add_argument(
-        "--srdf", type=Path, metavar="FILE", help="pairs of links that may touch (default: known robots')"
-    )
-    group.add_argument(
-        "--package-dir", action="append", type=Path, default=[], metavar="DIR", help="for package:// paths"
-    )
+    group.add_argument("--srdf", type=Path, metavar="FILE", help="links that may touch (default: known robots')")
+    group.add_argument("--package-dir", action="append", type=Path, default=[], metavar="DIR", help="for package://")
     group.add_argument("--scene", type=Path, metavar="FILE", help="MoveIt PlanningScene, .scene text, or short YAML")
     group.add_argument("--base", metavar="X,Y,Z,R,P,Y", help="robot's base in the scene's frame [m, rad] (the same)")
     group.add_argument("--floor", type=float, metavar="Z", help="solid below this height of the scene's frame [m]")
@@ -150,11 +146,16 @@ def load_robot_of(args: argparse.Namespace, name: str = "") -> Robot:
     """The robot that --robot (or else `name`), --limits and --lock describe."""
     from energy_opt.robot import load_robot
 
+    return load_robot(args.robot or name, limits=args.limits, lock=locks_of(args), prefix=args.joint_prefix)
+
+
+def locks_of(args: argparse.Namespace) -> dict[str, float]:
+    """The joints that --lock holds, and where."""
     lock = {}
     for word in args.lock:
         joint, _, value = word.partition("=")
         lock[joint] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
-    return load_robot(args.robot or name, limits=args.limits, lock=lock, prefix=args.joint_prefix)
+    return lock
 
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:

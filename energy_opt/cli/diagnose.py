@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from energy_opt.cli.common import add_cell, add_output, cell_of, payload_from, say
+from energy_opt.cli.common import add_cell, add_lock, add_output, cell_of, locks_of, payload_from, say
 
 if TYPE_CHECKING:
     from energy_opt.cell.request import CellRequest
@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="energy error within which a model is good enough to plan with (default 3)",
     )
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    add_lock(parser)
     parser.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="known payload [kg, m], put into the declared model"
     )
@@ -55,7 +56,8 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.robot import load_robot
 
     log = read_log(args.set, args.allow_outside)
-    robot = load_robot(args.robot, limits=args.limits) if args.robot else robot_of(log, args.limits)
+    lock = locks_of(args)
+    robot = load_robot(args.robot, limits=args.limits, lock=lock) if args.robot else robot_of(log, args.limits, lock)
     with Progress(args) as show:
         show.stage("reading", 0.0, 1.0)
         measured = read_set(args.set, robot, allow_outside=args.allow_outside, meter=False)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_cell, add_output, cell_of, payload_from, say
+from energy_opt.cli.common import add_cell, add_lock, add_output, cell_of, locks_of, payload_from, say
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--suggest", type=int, metavar="N", help="propose N static poses that would tell most")
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: the one that log.toml names)")
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
+    add_lock(parser)
     parser.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="payload held in the poses [kg, m]")
     add_cell(parser)
     add_output(parser, "identify")
@@ -34,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.set is None and args.suggest is None:
         raise BadInput("identify needs a measured set (DIR), or --suggest N with --robot")
-    robot = load_robot(args.robot, limits=args.limits) if args.robot else None
+    robot = load_robot(args.robot, limits=args.limits, lock=locks_of(args)) if args.robot else None
     mass = _mass(args.payload)
     if args.suggest is not None:
         return _suggest(args, robot, mass)
@@ -61,7 +62,7 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
     from energy_opt.measured.sets import robot_of
     from energy_opt.reports.identify import page
 
-    arm = robot or robot_of(read_log(args.set, args.allow_outside), args.limits)
+    arm = robot or robot_of(read_log(args.set, args.allow_outside), args.limits, locks_of(args))
     with Progress(args) as show:
         show.stage("reading", 0.0, 1.0)
         measured = read_set(args.set, arm, allow_outside=args.allow_outside)
@@ -132,7 +133,7 @@ def _suggest(args: argparse.Namespace, robot: Robot | None, mass: PointMass | No
     if robot is None:
         if args.set is None:
             raise BadInput("identify --suggest needs --robot, or a set whose log.toml names one")
-        robot = robot_of(read_log(args.set, args.allow_outside), args.limits)
+        robot = robot_of(read_log(args.set, args.allow_outside), args.limits, locks_of(args))
     cell = load_cell(robot, cell_of(args))
     found = suggest(robot, args.suggest, args.seed, mass, None if cell is None else cell.free)
     path = args.out / "suggested_poses.csv"

@@ -7,7 +7,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from energy_opt.cli.common import say
+from energy_opt.cli.common import add_lock, locks_of, say
+from energy_opt.errors import BadInput
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,6 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, required=True, metavar="SET", help="folder of the measured set")
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot (default: found by columns and torques)")
+    add_lock(parser)
     parser.add_argument("--force", action="store_true", help="replace a set that is there already")
     parser.add_argument("--json", action="store_true", help="what was made as one JSON document on stdout")
     parser.add_argument("--quiet", action="store_true", help="no messages")
@@ -29,7 +31,10 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.measured.importing import import_files
     from energy_opt.robot import known_robots, load_robot
 
-    robot = load_robot(args.robot) if args.robot else None
+    lock = locks_of(args)
+    if lock and not args.robot:
+        raise BadInput("--lock needs --robot: the robot that is found by its columns has no other joints")
+    robot = load_robot(args.robot, lock=lock) if args.robot else None
     named = None
     if args.robot and args.robot not in known_robots():
         named = str(Path(args.robot).resolve())

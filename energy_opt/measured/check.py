@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +22,16 @@ def check_set(folder: str | Path, allow_outside: bool = False) -> list[str]:
     return inspect_set(Path(folder), allow_outside)[0]
 
 
-def inspect_set(folder: Path, allow_outside: bool = False) -> tuple[list[str], list[str]]:
-    """All faults of a measured set, and remarks on what reading took: rows dropped, recordings cut, clocks found."""
+def inspect_set(
+    folder: Path, allow_outside: bool = False, lock: Mapping[str, float] | None = None
+) -> tuple[list[str], list[str]]:
+    """All faults of a measured set, and remarks on what reading took: rows dropped, recordings cut, clocks found.
+
+    `lock`: joints of the log's robot that stay, and where.
+    """
     try:
         log = read_log(folder, allow_outside)
-        robot = robot_of(log)
+        robot = robot_of(log, None, lock)
     except BadInput as error:
         return [str(error)], []
     runs, faults, remarks = collect(log, robot)

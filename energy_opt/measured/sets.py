@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -72,11 +73,11 @@ def _clock(log: LogFile) -> bool:
     return len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
 
 
-def robot_of(log: LogFile, limits: Path | None = None) -> Robot:
-    """The robot that a log names; a URDF's path counts from the set's folder. `limits`: a joint_limits.yaml."""
+def robot_of(log: LogFile, limits: Path | None = None, lock: Mapping[str, float] | None = None) -> Robot:
+    """The robot that a log names, with a joint_limits.yaml and joints that stay; a URDF lies by the set's folder."""
     beside = log.path.parent / log.robot
     name = str(beside) if beside.suffix in (".urdf", ".xml") and beside.is_file() else log.robot
-    return load_robot(name, limits=limits)
+    return load_robot(name, limits=limits, lock=lock)
 
 
 def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]]:

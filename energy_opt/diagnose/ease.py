@@ -25,8 +25,8 @@ def eased(f: Fit) -> Fit:
         wanted = np.ones(len(usual))
         for k, (c, z) in enumerate(zip(usual, eased.numbers, strict=True)):
             if c.term.name not in told:  # what is told is no guess
-                size = np.mean((z - c.mean) ** 2 / np.diag(np.linalg.inv(c.precision)))
-                wanted[k] = max(1.0, float(np.sqrt(size)))
+                sizes = ((z - c.mean) ** 2 / np.diag(np.linalg.inv(c.precision)))[~c.shapes]
+                wanted[k] = max(1.0, float(np.sqrt(sizes.mean()))) if len(sizes) else 1.0
         if (wanted <= ENOUGH * widths).all():
             break
         widths = wanted

@@ -29,7 +29,7 @@ from energy_opt.files import write_json
 from energy_opt.measured import read_set
 
 SAME = {"supply_efficiency": {"meter_gain"}}
-SMALL = (4, 2, 5, 0)
+SMALL = (4, 2, 9, 3)
 STATED = 0.95  # probability of the upper bounds
 
 

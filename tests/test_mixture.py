@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from energy_opt.effects import CopperLoss, CoulombFriction, Payload, Regeneration, Standby
+from energy_opt.effects import CopperLoss, CoulombFriction, FrictionCurve, Payload, Regeneration, Standby
 from energy_opt.errors import BadInput
 from energy_opt.front.rivals import compared, rivals_from
 from energy_opt.motion import Move, Planner, Settings
@@ -18,6 +18,7 @@ from energy_opt.motion.plan.robust import Rival, RobustPlanner
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
+from energy_opt.power.draws import draws_of
 from energy_opt.power.model import Doubt
 from energy_opt.power.named import named_model
 from energy_opt.robot import Robot
@@ -164,3 +165,16 @@ def test_what_the_data_leave_open_reaches_the_saving(panda: Robot) -> None:
     tilted = model.standing(0.1, 0.0).doubt
     assert tilted is not None and tilted.names == doubt.names and tilted.matrix.tolist() == doubt.matrix.tolist()
     assert [rival.get("base_tilt") for rival in tilted.rivals] == [model.standing(0.1, 0.0).get("base_tilt")]
+
+
+def test_draws_leave_what_is_given_as_it_is() -> None:
+    """A curve's speeds have no doubt; those of its torques must not reach them by rounding."""
+    curve, count = FrictionCurve(speed=[0.0, 0.1, 0.9], torque=np.full((6, 3), 4.0)), 6 + 3 + 18
+    places = (("copper_loss.r_over_kt2", 6), ("friction_curve.speed", 3), ("friction_curve.torque", 18))
+    names = tuple(f"{name}.{k}" for name, size in places for k in range(size))
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(count, count)) * np.exp(3 * rng.normal(size=(count, 1)))
+    root[6:9] = 0.0
+    model = PowerModel("ur5", (CopperLoss(r_over_kt2=[0.1] * 6), curve), doubt=Doubt(names, root @ root.T, ()))
+    for drawn in draws_of(model, 5):
+        assert np.array_equal(drawn.effects[-1].values["speed"], [0.0, 0.1, 0.9])

@@ -49,7 +49,7 @@ def _foreseeing_best(found: Trace) -> Fit:
     tried = [found.root, found.accepted]
     if found.best is not found.accepted:
         tried.append(eased(_plain(search, found.best)))
-    tried += [eased(f) for f in _curves(search, tried[-1])]
+    tried += _curves(search, tried[-1])
     losses = [float(left_out(f).sum()) for f in tried]
     best = 0
     for k in range(1, len(tried)):

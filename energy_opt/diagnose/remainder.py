@@ -9,7 +9,8 @@ import numpy as np
 
 from energy_opt.diagnose.candidates import functions
 from energy_opt.diagnose.fit import Fit, Free, fit
-from energy_opt.diagnose.trace import Trace, wandering
+from energy_opt.diagnose.leftover import wandering
+from energy_opt.diagnose.trace import Trace
 
 WEAKEST = 0.05  # share of what is left that a signal must hold to be named
 MOST = 8

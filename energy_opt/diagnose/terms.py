@@ -119,9 +119,15 @@ class Chart:
         lower, upper = _bounds(kind, self.n, len(values))
         return kind.from_full(np.clip(values, lower, upper), self.n, **words)
 
+    @property
+    def shapes(self) -> np.ndarray:
+        """(Z,) True for numbers that only shape the effect."""
+        return np.array([p.shapes for p, *_ in _entries(self.term.kind, self.n, len(self.base))])[self.rows]
+
     def wider(self, times: float) -> Chart:
-        """The chart with what is known before so many times as wide."""
-        return replace(self, precision=self.precision / times**2)
+        """The chart with what is known before of its sizes so many times as wide; shapes are as before."""
+        narrow = np.where(self.shapes, 1.0, 1 / times)
+        return replace(self, precision=self.precision * np.outer(narrow, narrow))
 
     def _inner(self, z: np.ndarray) -> np.ndarray:
         x = self.base.copy()

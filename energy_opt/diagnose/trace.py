@@ -12,6 +12,7 @@ from energy_opt.diagnose.candidates import candidates
 from energy_opt.diagnose.ease import eased
 from energy_opt.diagnose.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnose.follows import follows
+from energy_opt.diagnose.leftover import leftover, wandering
 from energy_opt.diagnose.links import links_of
 from energy_opt.diagnose.noise import Noise
 from energy_opt.diagnose.noise_seen import noise_of, standing_noise
@@ -19,7 +20,6 @@ from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.samples import Samples, weighted
 from energy_opt.diagnose.search import GAIN, Search, moved, root
 from energy_opt.diagnose.terms import Scale, Told
-from energy_opt.diagnose.weigh import STEADY
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
@@ -30,10 +30,7 @@ RIVAL = 3.0  # and within which another set explains as well: twenty to one
 LOOKED = 6.0  # rivals this near when weighed linearly are fitted
 CHANGES = 3  # of the accepted set for a likelier rival
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed beside an unknown structure
-LEVELS = 0.03  # of the arm's level, by which runs may differ among each other as meters drift
-LEFT = 1.5  # of the noise's slow part, by which what is left must exceed it to be called structure
 TRIFLE = 0.02  # of what can be explained, that free functions or the rest may take up without a word
-BLOCK = 0.4  # [s] over which what is left is averaged to be compared with noise at standstill
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
 SLOW = 0.1  # of a joint's velocity limit
 
@@ -182,13 +179,6 @@ def _structure(found: Search, best: Fit, accepted: Fit, still: Noise) -> tuple[f
     return left, structured or wandering(accepted)
 
 
-def wandering(f: Fit) -> bool:
-    """Do the runs' levels differ by more than a meter drifts?"""
-    own = np.sqrt(np.maximum(np.diag(f.covariance)[len(f.theta) - len(f.levels) :], 0.0))
-    apart = float(np.ptp(f.levels))
-    return apart > LEVELS * (f.world.scale.level + STEADY) and apart > 6 * float(np.median(own))
-
-
 def _trifling(found: Search, named: Fit, best: Fit) -> bool:
     """Do free functions take away little beside what effects do? Then they are errors of smoothing, not structure."""
     if not best.free or not named.charts:
@@ -259,19 +249,24 @@ def _profiled(found: Search, f: Fit) -> float:
 
 
 def _other_drives(found: Search, f: Fit) -> list[Fit]:
-    """The hypothesis with every other law of what becomes of negative power: stores are no straight step away."""
+    """Every other law of what becomes of negative power, for the one that there is and alone in place of all.
+
+    Stores are no straight step away, and what stands beside the wrong law may only make up for it. A store's size is
+    begun at each value tried, as readings bend in it.
+    """
     at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
     if at is None or f.charts[at].term.declared:
         return []
-    less = _without(found, f, at)
-    out, tried = [], set()
-    for c in candidates(less):
-        term = c.chart.term
-        if term.kind.stage == "drive" and term.name != f.charts[at].term.name and term not in tried:
-            tried.add(term)
+    bases = [_without(found, f, at)]
+    if len(f.charts) > 1 or f.free:
+        bases.append(root(found.world, f.nuisance))
+    out = []
+    for c in candidates(bases[0]):
+        if c.chart.term.kind.stage == "drive" and c.chart.term.name != f.charts[at].term.name:
             start = c.start(np.where(np.isfinite(c.low), c.low, c.high) / 2)
-            free = list(f.free)
-            out.append(found.fitted([*less.charts, c.chart], [*less.numbers, start], free, f.nuisance, f.amounts))
+            for base in bases:
+                charts, starts = [*base.charts, c.chart], [*base.numbers, start]
+                out.append(found.fitted(charts, starts, list(base.free), f.nuisance, f.amounts))
     return out
 
 
@@ -322,27 +317,3 @@ def _rivals(found: Search, accepted: Fit) -> tuple[Fit, ...]:
         if names not in out and found.score(new) > reached - RIVAL:
             out[names] = new
     return tuple(out.values())
-
-
-def leftover(f: Fit, still: Noise) -> tuple[float, bool]:
-    """Slow part of what a hypothesis leaves in motion over that of the noise at standstill, and is it structure?"""
-    from scipy.stats import chi2
-
-    s = f.world.samples
-    step = float(np.median(np.concatenate([np.diff(s.at[p]) for p in s.parts])))
-    count = max(1, round(BLOCK / step))
-    means = []
-    for part in s.parts:
-        rows = np.arange(part.start, part.stop)
-        for k in range(0, len(rows) - count + 1, count):
-            own = rows[k : k + count]
-            if s.moving[own].mean() > 0.5:
-                trust = s.weight[own]
-                means.append(float(np.average(f.residual[own], weights=trust)))
-    if len(means) < 5:
-        return 1.0, False
-    memory = np.exp(-np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * step / still.memory)
-    expected = still.white**2 / count + still.wave**2 * float(memory.mean())
-    ratio = float(np.mean(np.square(means))) / expected
-    p = float(chi2.sf(ratio * len(means), len(means)))
-    return ratio**0.5, bool(ratio > LEFT**2 and p < 1e-4)

@@ -15,6 +15,7 @@ def draws_of(model: PowerModel, count: int, seed: int = 0) -> list[PowerModel]:
     rng = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(doubt.matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root[np.diag(doubt.matrix) == 0] = 0.0  # what is given, as a curve's speeds, stays to the last digit
     out = []
     for _ in range(count):
         moved = dict(zip(doubt.names, root @ rng.normal(size=len(doubt.names)), strict=True))

@@ -27,6 +27,9 @@ from energy_opt.errors import BadInput
 from energy_opt.formats import read_trajectory
 from energy_opt.motion.limits.tube import Tube
 from energy_opt.motion.path import through
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.reports.motion import Played, player
+from energy_opt.reports.solids import drawn
 from energy_opt.robot import PointMass, Robot, tool_of
 
 START, GOAL = np.array([0.0, 0.0, 0.0, 0.0, 0.0]), np.array([1.2, 0.5, 0.4, 1.0, 0.03])
@@ -222,6 +225,17 @@ def test_rows_over_planes_have_the_derivatives_of_their_values(cell: Cell) -> No
         assert np.allclose(hessian[:, j], sums, atol=1e-6)
 
 
+def test_the_page_plays_all_joints(cell: Cell) -> None:
+    time, still = np.linspace(0, 1, 5), np.zeros((5, 5))
+    t = Trajectory(cell.robot.joints, time, START + time[:, None] * (GOAL - START), still, still)
+    shown = player(cell.robot, [Played("result", t)], drawn(cell)[0])
+    assert shown is not None and len(shown["tree"]) == 9
+    first, last = shown["motions"][0]["position"][0], shown["motions"][0]["position"][-1]
+    assert first == [0.0] * 9 and last == [1.2, 0.5, -0.5, 0.4, -0.4, 1.0, 0.03, -0.03, 0.5]
+    placed = cell.bodies.kinematics(GOAL[None]).origin[0, list(PALLETIZER_ALL).index("tip_b")]
+    assert np.allclose(shown["motions"][0]["tool"][-1], placed, atol=1e-4)
+
+
 def test_followers_limits_are_kept_by_their_leaders(files: Path, tmp_path: Path) -> None:
     robot = load_robot(files / "odd.urdf")
     # a = 0.7 d + 0.2 and e = -1.4 d - 0.5 (no end) within [-9, 9]; |1.4 v_d| <= 9; g = 3 f
@@ -298,7 +312,9 @@ def test_a_move_of_the_palletizer_from_end_to_end(files: Path, tmp_path: Path, c
     plant.write_text('format = "energy-opt/model/1"\n[[effect]]\nname = "standby"\npower = 50.0\n')
     played = ["--robot", urdf, "--plant", str(plant), "--out", str(tmp_path / "virtual")]
     assert main(["simulate", str(out / "trajectory.yaml"), *played]) == 2
-    assert "follows another joint (mimic); the virtual arm has no such joints" in capsys.readouterr().err
+    assert "j2_plate follows j2 (mimic), which the virtual arm cannot; --lock j2=VALUE" in capsys.readouterr().err
+    assert main(["robots", urdf, "--quiet"]) == 0
+    assert "tip_b                    follows: -1 times tip_a\n" in capsys.readouterr().out
 
 
 def test_a_log_without_the_gripper_is_a_set(files: Path, tmp_path: Path) -> None:

@@ -26,6 +26,10 @@ def run(args: argparse.Namespace) -> int:
                 "name": r.name,
                 "urdf": r.urdf.name,
                 "locked": r.locked,
+                "followers": {
+                    name: {"joint": leader, "multiplier": ratio, "offset": offset}
+                    for name, (leader, ratio, offset) in r.followers.items()
+                },
                 "warnings": r.warnings,
                 "joints": [
                     {"name": joint, "unit": r.units[j], **{kind: getattr(r.limits, kind)[j] for kind in kinds}}
@@ -44,6 +48,8 @@ def run(args: argparse.Namespace) -> int:
             span = f"{m.lower[j]:.4g} … {m.upper[j]:.4g} {r.units[j]}"
             rates = f"{m.velocity[j]:>10.4g}{m.acceleration[j]:>9.4g}{m.jerk[j]:>9.4g}"
             print(f"  {joint:<24}{span:>24}{rates}{m.effort[j]:>9.4g}")
+        for name, (leader, ratio, offset) in r.followers.items():
+            print(f"  {name:<24} follows: {ratio:g} times {leader}" + (f" plus {offset:g}" if offset else ""))
         if not args.quiet:
             for warning in r.warnings:
                 print(f"  warning: {warning}", file=sys.stderr)

@@ -54,6 +54,13 @@ class Robot:
         return self.body.joints
 
     @property
+    def followers(self) -> dict[str, tuple[str, float, float]]:
+        """Joints that follow others: the one that leads, ratio, and offset [rad, m] of each."""
+        links = self.body.tree()
+        laws = {link.name: link.follows for link in links if link.follows is not None}
+        return {name: (links[law.leader].name, law.ratio, law.offset) for name, law in laws.items()}
+
+    @property
     def units(self) -> tuple[str, ...]:
         """Unit of each joint's position: "rad", or "m" where it slides."""
         return tuple(unit_of("position", slides) for slides in self.slides)

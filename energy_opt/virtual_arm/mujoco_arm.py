@@ -67,11 +67,8 @@ class MujocoArm:
 
     def __init__(self, robot: Robot, plant: Plant) -> None:
         plant.check(robot.n)
-        if not robot.body.coupling.trivial:
-            follower = next(link for link in robot.body.tree() if link.follows is not None)
-            raise BadInput(
-                f"simulate: {follower.name} follows another joint (mimic); the virtual arm has no such joints"
-            )
+        for name, (leader, _, _) in robot.followers.items():
+            raise BadInput(f"{name} follows {leader} (mimic), which the virtual arm cannot; --lock {leader}=VALUE")
         self.mujoco = import_mujoco()
         self.joints = tuple(robot.joints)
         n = len(self.joints)

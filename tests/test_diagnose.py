@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ import pytest
 from energy_opt.cli.main import main
 from energy_opt.diagnose import diagnose
 from energy_opt.diagnose.friction import friction_torque
+from energy_opt.diagnose.samples import take_samples
+from energy_opt.diagnose.words import next_step
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby, StandbyDrift
 from energy_opt.files import read_table, read_toml, write_toml
 from energy_opt.measured import read_set
@@ -51,6 +54,23 @@ def test_friction_is_named_with_its_values(found):
     width = high - low
     assert ((low - width / 4 <= true) & (true <= high + width / 4)).all()
     assert row["p_value"] <= 0.01 and row["share_of_residual"] > 0.95
+
+
+def test_runs_of_which_only_the_total_is_known_have_a_step(coulomb):
+    measured = read_set(coulomb.folder)
+    runs = [
+        replace(r, power_time=r.time[-1:], power=r.power[:1], window=r.time[-1:] - r.time[:1], meter="total")
+        for r in measured.runs
+    ]
+    samples, _ = take_samples(replace(measured, runs=tuple(runs)))
+    lengths = [float(np.ptp(r.time)) for r in runs]
+    assert min(lengths) < samples.step < max(lengths)
+
+
+def test_a_motion_that_was_not_proposed_is_not_the_next_step():
+    document = {"verdict": "insufficient", "usable": False, "remainder": [], "next_motion": None}
+    assert "more motions" in next_step(document)
+    assert "the proposed motion" in next_step({**document, "next_motion": "next_motion.csv"})
 
 
 def test_errors_fall_to_the_noise_on_runs_never_fitted(found):

@@ -132,6 +132,7 @@ def _heat(measured: MeasuredSet) -> list[float]:
 def _next_motion(result: Diagnosis, out: Path, seed: int, surroundings: CellRequest) -> None:
     """Propose a motion where one would help, and write it."""
     from energy_opt.cell.load import load_cell
+    from energy_opt.diagnose.words import next_step
     from energy_opt.errors import BadInput, Infeasible
     from energy_opt.formats import table
     from energy_opt.next_motion import propose, rivals_of
@@ -155,6 +156,7 @@ def _next_motion(result: Diagnosis, out: Path, seed: int, surroundings: CellRequ
     name = "next_motion.csv"
     table.write(motion.trajectory, out / name)
     result.document["next_motion"] = name
+    result.document["next_step"] = next_step(result.document)
     remarks.append(f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms.")
 
 

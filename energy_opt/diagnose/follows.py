@@ -36,8 +36,7 @@ def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
     columns = _centred(samples.shown(np.column_stack([mechanical, heat, now.power, lost, dragged])), samples)
     if np.std(columns[:, 0]) < SHOWN * samples.noise:
         return True
-    step = float(np.median(np.concatenate([np.diff(samples.at[s]) for s in samples.parts])))
-    lags = [lag for lag in LAGS if lag == 0 or abs(lag) > step / 2]
+    lags = [lag for lag in LAGS if lag == 0 or abs(lag) > samples.step / 2]
     lagged = np.column_stack([_shifted(columns, samples, lag) for lag in lags])
     if len(lagged) - len(samples.parts) < FEW * lagged.shape[1]:
         return True

@@ -25,8 +25,7 @@ def leftover(f: Fit, still: Noise) -> tuple[float, bool]:
     from scipy.stats import chi2
 
     s = f.world.samples
-    step = float(np.median(np.concatenate([np.diff(s.at[p]) for p in s.parts])))
-    count = max(1, round(BLOCK / step))
+    count = max(1, round(BLOCK / s.step))
     means = []
     for part in s.parts:
         rows = np.arange(part.start, part.stop)
@@ -37,7 +36,7 @@ def leftover(f: Fit, still: Noise) -> tuple[float, bool]:
                 means.append(float(np.average(f.residual[own], weights=trust)))
     if len(means) < 5:
         return 1.0, False
-    memory = np.exp(-np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * step / still.memory)
+    memory = np.exp(-np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * s.step / still.memory)
     expected = still.white**2 / count + still.wave**2 * float(memory.mean())
     ratio = float(np.mean(np.square(means))) / expected
     p = float(chi2.sf(ratio * len(means), len(means)))

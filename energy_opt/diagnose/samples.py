@@ -100,6 +100,12 @@ class Samples:
         return out
 
     @cached_property
+    def step(self) -> float:
+        """Usual time between readings of a run, s; how long a run usually takes where each has but one."""
+        apart = np.concatenate([np.diff(self.at[part]) for part in self.parts])
+        return float(np.median(apart if apart.size else [np.ptp(self.t[rows]) for rows in self.slices]))
+
+    @cached_property
     def moving(self) -> np.ndarray:
         """(M,) True where a joint moves at some time of what a reading shows."""
         return np.asarray(self.shown((self.v != 0).any(axis=1).astype(float)) > 1e-6)

@@ -170,6 +170,8 @@ def next_step(document: dict[str, Any]) -> str:
     if document["usable"]:
         return "Next: good enough to plan with (optimize --model model.toml)."
     if document["verdict"] in ("ambiguous", "insufficient"):
+        if document["next_motion"] is None:
+            return "Next: record more motions, every joint slowly and fast, and diagnose both sets together."
         return "Next: record the proposed motion and diagnose both sets together."
     if document["remainder"]:
         first = document["remainder"][0]

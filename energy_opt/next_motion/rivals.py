@@ -77,8 +77,7 @@ def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
             values[where[c.term.name]] = c.slope(z) @ root[at : at + len(z)]
         at += len(z)
     basis, noise, nuisance = f.world.links.basis, f.world.whiten.noise, f.nuisance
-    step = float(np.median(np.concatenate([np.diff(f.world.samples.at[p]) for p in f.world.samples.parts])))
-    density = noise.white**2 * step + 2 * noise.wave**2 * noise.memory
+    density = noise.white**2 * f.world.samples.step + 2 * noise.wave**2 * noise.memory
     level = float(np.hypot(nuisance.offset, nuisance.drift))
     return Slack(values, basis @ f.amounts, basis @ root[len(rows) - amounts :], level, density)
 

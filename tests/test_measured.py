@@ -102,6 +102,10 @@ def test_a_meter_with_its_own_file_and_clock(tmp_path):
     run = read_set(write_log(tmp_path, runs)).runs[0]
     np.testing.assert_allclose(run.power, 30 + run.power_time)
     assert run.start == 12.5 and len(run.power) == len(own)
+    turns = [f"{x:.3f}," if k % 2 else ",40" for k, x in enumerate(own)]
+    write_text(tmp_path / "p.csv", "\n".join(["time,power", *turns]) + "\n")
+    with pytest.raises(BadInput, match=r"p\.csv: columns time and power: no row that is used has both"):
+        read_set(tmp_path)
 
 
 @pytest.mark.parametrize(

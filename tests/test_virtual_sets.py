@@ -13,6 +13,8 @@ from energy_opt.effects import ViscousFriction
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table, write_toml
 from energy_opt.measured import read_set
+from energy_opt.measured.log import read_log
+from energy_opt.measured.sets import robot_of
 from energy_opt.power import load_model
 from energy_opt.virtual_arm import Cogging, Plant
 from energy_opt.virtual_arm.arms import ARMS, SIZES
@@ -133,6 +135,17 @@ def test_simulate_command(move: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     truth = tomllib.loads((out / "truth.toml").read_text())
     assert truth["special"][0]["name"] == "cogging" and truth["effect"][-1]["mass"] == 0.5
     assert load_model(out / "declared.toml").to_document() == base_model("z1").to_document()
+
+
+def test_a_set_of_an_arm_from_a_file_can_be_read(move: Path, tmp_path: Path) -> None:
+    plant, urdf = tmp_path / "plant.toml", tmp_path / "mine.urdf"
+    base_model("z1").save(plant)
+    urdf.write_bytes(arm("z1").urdf.read_bytes())
+    words = (str(move), "--plant", str(plant), "--self-collision", "off", "--out", str(tmp_path / "set"))
+    assert cli.run(_arguments(*words, "--robot", str(urdf), "--lock", "jointGripper=0")) == 0
+    log = read_log(tmp_path / "set")
+    seen = read_set(tmp_path / "set", robot_of(log, None, {"jointGripper": 0.0}))
+    assert seen.robot.urdf == urdf and np.ptp(seen.runs[0].position, axis=0).min() > 0.05
 
 
 def test_simulate_command_names_faults(move: Path, tmp_path: Path) -> None:

@@ -29,20 +29,17 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.progress import Progress
     from energy_opt.files import to_json
     from energy_opt.measured.importing import import_files
-    from energy_opt.robot import known_robots, load_robot
+    from energy_opt.robot import load_robot
 
     lock = locks_of(args)
     if lock and not args.robot:
         raise BadInput("--lock needs --robot: the robot that is found by its columns has no other joints")
     robot = load_robot(args.robot, lock=lock) if args.robot else None
-    named = None
-    if args.robot and args.robot not in known_robots():
-        named = str(Path(args.robot).resolve())
     with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
         files = _unpacked(args, Path(folder))
         with Progress(args) as show:
             show("columns, clocks and robot of each file")
-            made = import_files(files, args.out, robot, named, args.force)
+            made = import_files(files, args.out, robot, args.force)
     motions = sum(run.kind == "motion" for run in made.runs)
     readings = sum(len(run.power) for run in made.runs)
     what = f"{len(made.runs)} run(s), {motions} of them motions, {readings} readings of power"

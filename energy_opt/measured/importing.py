@@ -39,15 +39,13 @@ class Imported:
     runs: tuple[Run, ...]
 
 
-def import_files(
-    files: Sequence[Path], out: Path, robot: Robot | None = None, named: str | None = None, replace: bool = False
-) -> Imported:
+def import_files(files: Sequence[Path], out: Path, robot: Robot | None = None, replace: bool = False) -> Imported:
     """Make a measured set of files; nothing is written where that fails.
 
     Args:
         files: tables of joints (with or without power) and of meters, in any order.
         out: the set's folder.
-        robot: whose joints they are; found by columns and torques where None. named: how log.toml calls it.
+        robot: whose joints they are; found by columns and torques where None.
         replace: a set that is there already is replaced.
 
     Raises:
@@ -75,7 +73,7 @@ def import_files(
     if not known & {"power", "energy", "current", "effort"} and first_joint.preset is None:
         raise BadInput(f"{tables[0].path}: no column of power, energy, currents or torques in any file")
     pairs = _pairs(joints, meters, words)
-    document = _document(named or robot.name, first_joint, first_meter, joints, pairs)
+    document = _document(robot.address, first_joint, first_meter, joints, pairs)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for table in tables:

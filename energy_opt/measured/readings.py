@@ -50,6 +50,10 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
         time[joints.index] = joints.time
         time[joints.dropped] = np.nan
     there = np.flatnonzero(np.isfinite(time) & np.isfinite(values))
+    if not there.size and len(time):
+        names = [" * ".join(rule.columns) for rule in (stamps, rules[name])]
+        table.faults.append(f"{table.path}: columns {names[0]} and {names[1]}: no row that is used has both")
+        return None
     back = backward(time[there]) if own else None
     if back is not None:
         table.faults.append(

@@ -42,6 +42,13 @@ class Robot:
         return f"Robot({self.name!r}, {self.n} joints)"
 
     @property
+    def address(self) -> str:
+        """What `load_robot` finds it by on this machine: its name in the catalogue, else its URDF's absolute path."""
+        entry = CATALOG.get(self.name)
+        known = entry is not None and self.urdf == urdf_of(entry)
+        return self.name if known else str(self.urdf.resolve())
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints that move by themselves, in the order of every vector."""
         return self.body.joints

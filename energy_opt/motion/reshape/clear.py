@@ -38,7 +38,7 @@ ITERATIONS = 40
 DONE = 1e-3  # two proven rounds that win less of the cost than this share end the search
 SHARES = (0.9, 0.7, 0.4)  # of the way from the best proven curve to one that is cheaper and not proven
 CHEAPER = 0.002  # of the cost: where less is to be won, no part of the way is tried
-HOPELESS, LESS = 0.3, 0.9  # [rows' units] rows broken by more, and not by less than this share of what it was before
+HOPELESS, LESS = 0.45, 0.9  # [rows' units] rows broken by more, and not by less than this share of what it was before
 
 
 @dataclass

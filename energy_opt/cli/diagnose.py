@@ -155,7 +155,8 @@ def _next_motion(result: Diagnosis, out: Path, seed: int, surroundings: CellRequ
     name = "next_motion.csv"
     table.write(motion.trajectory, out / name)
     result.document["next_motion"] = name
-    remarks.append(f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms.")
+    more = "beyond what links, level and their own numbers can take up"
+    remarks.append(f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms {more}.")
 
 
 def _summary_of_joints(d: dict[str, Any], out: Path) -> str:

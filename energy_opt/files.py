@@ -240,6 +240,9 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     if not rows or not any(cell.strip() for cell in rows[0]):
         raise BadInput(f"{path}: row 1: no header; expected column names such as time, <joint>.position")
     header = [cell.strip() for cell in rows[0]]
+    mark = next((mark for mark in ";\t|" if mark in header[0] and len(header) == 1), None)
+    if mark is not None:
+        raise BadInput(f"{path}: row 1: columns are separated by {mark!r}; expected commas, and points in numbers")
     repeated = sorted({name for name in header if header.count(name) > 1})
     if repeated:
         raise BadInput(f"{path}: row 1: column {repeated[0]!r} stands there twice")

@@ -13,6 +13,9 @@ from pathlib import Path
 
 from energy_opt.errors import BadInput
 
+# What says that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
+ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "job", "results.jsonl": "bench",
+           "identify.json": "identify", "diagnosis.json": "diagnose"}  # fmt: skip
 ASIDE = ".writing-"  # and the process that writes there
 
 
@@ -32,6 +35,17 @@ def try_folder(out: Path) -> None:
             folder.rmdir()
     except (OSError, ValueError) as error:  # ValueError: NUL in the name
         raise BadInput(f"--out {out}: cannot be written: {_reason(error)}") from None
+
+
+def no_other_verb(out: Path, own: str) -> None:
+    """Refuse a folder with the results of another verb than that which writes `own`.
+
+    Raises:
+        BadInput: there are such results.
+    """
+    for name, verb in ANSWERS.items():
+        if name != own and (Path(out) / name).is_file():
+            raise BadInput(f"{out} holds the results of {verb} ({name}); choose another --out, or add --force")
 
 
 @contextmanager

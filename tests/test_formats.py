@@ -71,6 +71,18 @@ def test_faulty_trajectories(tmp_path: Path, text: str, says: str) -> None:
     assert says in str(caught.value)
 
 
+def test_tables_that_are_nearly_ours_say_what_differs(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("t,a,b\n0,1,2\n1,2,3\n")
+    assert read(path).time is None and "no column is called time, 't' is not read" in read(path).notes[0]
+    path.write_text("time;a;b\n0;1,5;2\n1;2;3\n")
+    with pytest.raises(BadInput, match="row 1: columns are separated by ';'; expected commas, and points in numbers"):
+        read(path)
+    path.write_text("time,a,b\n0,1,2\n1000000000,2,3\n")
+    with pytest.raises(BadInput, match=r"lasts 1e\+09 s; expected at most 100000 \(are its times in ms, us or ns"):
+        read(path)
+
+
 def test_waypoints_and_trajectories_are_paths(tmp_path: Path) -> None:
     lines = ["b.position,a.position", *(f"{b!r},{a!r}" for a, b in WAYPOINTS.tolist())]
     (tmp_path / "waypoints.csv").write_text("\n".join(lines))

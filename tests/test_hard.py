@@ -133,6 +133,25 @@ def test_rows_follow_the_motion_not_the_clock() -> None:
 # Written whole or not at all
 
 
+@pytest.mark.parametrize(
+    ("held", "words"), [("results.jsonl", [*MOVE, *ENDS]), ("job.json", [*MOVE, *ENDS]), ("result.json", ["bench", ""])]
+)
+def test_no_verb_writes_over_the_results_of_another(
+    held: str, words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Their reports and plots have the same names."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / held).write_text("{}")
+    (tmp_path / "s.toml").write_text(
+        'format = "energy-opt/suite/1"\nname = "s"\nrobots = ["z1"]\nmodes = ["retime"]\ndurations = [1.0]\n'
+        'models = ["source_method_2"]\n[[moves]]\nname = "m"\nstart = [0, 1, -1, 0, 0, 0]\ngoal = [1, 1, -1, 0, 0, 0]\n'
+    )
+    assert main([word or str(tmp_path / "s.toml") for word in words] + ["--out", str(out)]) == 2
+    assert f"({held}); choose another --out" in capsys.readouterr().err
+    assert [path.name for path in out.iterdir()] == [held]
+
+
 def test_results_change_place_together_and_the_last_comes_last(tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text("old")
     (tmp_path / "trajectory.csv").write_text("old")

@@ -8,6 +8,8 @@ import pytest
 from energy_opt.motion.judge import energy
 from energy_opt.motion.judge.certificate import certify, looked_at
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.effort import Effort
+from energy_opt.motion.limits.jerk import Jerk
 from energy_opt.motion.limits.power import Power
 from energy_opt.motion.limits.velocity import Velocity
 from energy_opt.motion.limits.via import ViaPoints
@@ -46,3 +48,28 @@ def test_pieces_find_what_the_whole_has(
     assert pieces[1].by_effect == pytest.approx(whole[1].by_effect, rel=1e-9, abs=1e-9)
     assert pieces[2].power == pytest.approx(whole[2].power, rel=1e-12)
     assert pieces[2].effort == pytest.approx(whole[2].effort, rel=1e-12, abs=1e-12)
+
+
+def test_peaks_of_effort_between_the_places_are_found(panda: Robot, model: PowerModel) -> None:
+    """A bound that all places of the grid keep, and a peak between them does not: it is found."""
+    rng = np.random.default_rng(4)
+    for _ in range(4):
+        t, rows = np.array([0.0, 0.02, 0.04]), rng.normal(size=(3, 3, 7))
+        q = np.array([0, 0, 0, -1.5, 0, 1.6, 0]) + 1e-3 * rows[0]
+        motion = Trajectory(panda.joints, t, q, 0.5 * rows[1], 20 * rows[2])
+        places, fine = (
+            np.abs(panda.body.torque(*motion.sample(np.linspace(0, 0.04, count))[:3])).max(axis=0)
+            for count in (21, 40_001)
+        )
+        found = certify(motion, Scorer(panda, model), [Effort(places * (1 + 1e-9))]).found[0]
+        assert found.excess == pytest.approx((fine / places - 1).max(), rel=1e-3, abs=1e-6)
+        assert found.excess > 1e-5
+
+
+def test_jerk_counts_on_both_sides_of_a_row(panda: Robot, model: PowerModel) -> None:
+    """q = x^5 up to the middle row, where jerk is 60; from there on acceleration stays."""
+    q, v, a = (np.outer(x, np.ones(7)) * 1e-3 for x in ([0, 1, 16], [0, 5, 25], [0, 20, 20]))
+    motion = Trajectory(panda.joints, np.array([0.0, 1.0, 2.0]), q, v, a)
+    assert motion.jerk_before_rows() == pytest.approx(1e-3 * np.outer([60, 0], np.ones(7)), abs=1e-12)
+    found = certify(motion, Scorer(panda, model), [Jerk(np.full(7, 0.05))]).found[0]
+    assert found.excess == pytest.approx(0.2) and found.time == 1.0

@@ -13,6 +13,7 @@ from typing import IO, Any
 from energy_opt.bench.rows import Record
 from energy_opt.errors import BadInput
 from energy_opt.files import plain
+from energy_opt.folders import no_other_verb
 
 FORMAT = "energy-opt/results/1"
 NAME = "results.jsonl"
@@ -60,9 +61,11 @@ class Journal:
 
         Raises:
             BadInput: another process writes there, or an unfinished batch lies there and `resume` is False, or the
-                results of another suite, or of an earlier version of this one, and `force` is False.
+                results of another suite, of an earlier version of this one, or of another verb, and `force` is False.
         """
         self.path = Path(folder) / NAME
+        if not force:
+            no_other_verb(self.path.parent, NAME)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._stream: IO[bytes] = self.path.open("ab")

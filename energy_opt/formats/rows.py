@@ -14,6 +14,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 LARGEST = 1e9  # rad or m, and per second, ...: what no joint does
 SHORTEST = 1e-10  # [s] between two rows: messages count nanoseconds
+LONGEST = 1e5  # [s] a motion of more than a day has its times in another unit
 KINDS = ("position", "velocity", "acceleration", "effort")
 
 
@@ -52,6 +53,11 @@ class Rows:
                 raise BadInput(
                     f"{self.where}: times up to {np.abs(self.time).max():g} s, {shortest:g} s apart; expected steps of "
                     f"{SHORTEST:g} s or more"
+                )
+            if self.time[-1] - self.time[0] > LONGEST:
+                raise BadInput(
+                    f"{self.where}: lasts {self.time[-1] - self.time[0]:g} s; expected at most {LONGEST:g} (are its "
+                    "times in ms, us or ns? expected seconds)"
                 )
 
     def of(self, joints: Sequence[str], prefix: str = "") -> Rows:

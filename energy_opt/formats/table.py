@@ -12,6 +12,8 @@ from energy_opt.files import read_table, write_table
 from energy_opt.formats.rows import KINDS, Rows
 from energy_opt.motion.trajectory import Trajectory
 
+LIKE_TIME = ("t", "t [s]", "stamp", "seconds", "secs")  # beside all that begins with "time"
+
 
 def read(path: Path) -> Rows:
     """Columns `<joint>.position` (or plainly `<joint>`), `.velocity`, `.acceleration`, `.effort` and `time` of a file.
@@ -43,7 +45,13 @@ def read(path: Path) -> Rows:
         if late.size:
             k = int(late[0])
             raise BadInput(f"{path}: row {k + 3}, column time: {time[k + 1]:g} does not come after {time[k]:g}")
-    return Rows(str(path), tuple(joints), time=time, **blocks)
+    like = [name for name in table if name.lower() in LIKE_TIME or name.lower().startswith("time")]
+    notes = (
+        ()
+        if time is not None or not like
+        else (f"{path}: waypoints: no column is called time, {like[0]!r} is not read",)
+    )
+    return Rows(str(path), tuple(joints), time=time, notes=notes, **blocks)
 
 
 def write(trajectory: Trajectory, path: Path) -> None:

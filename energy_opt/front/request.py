@@ -11,7 +11,7 @@ from typing import Any
 from energy_opt import __version__
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, read_json, read_toml
-from energy_opt.folders import try_folder
+from energy_opt.folders import no_other_verb, try_folder
 from energy_opt.motion import Move, Settings
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -121,10 +121,14 @@ def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
     """Refuse to overwrite the answer to another request, unless forced; that there was none is no answer to keep.
 
     Raises:
-        BadInput: `file` holds such an answer; says what differs. Or its folder cannot be written.
+        BadInput: `file` holds such an answer; says what differs. Or another verb's results lie beside it, or its folder
+            cannot be written.
     """
     try_folder(file.parent)
-    if force or not file.is_file():
+    if force:
+        return
+    no_other_verb(file.parent, file.name)
+    if not file.is_file():
         return
     try:
         document = read_json(file)

@@ -120,6 +120,15 @@ class Trajectory:
             values[-1] = last
         return out[0], out[1], out[2], out[3]
 
+    def jerk_before_rows(self) -> np.ndarray:
+        """Jerk (N - 1, n) just before each row but the first; it jumps at rows, where `sample` has that after."""
+        step = np.diff(self.time)[:, None]
+        rows = self.position, self.velocity, self.acceleration
+        data = np.stack([x * step**k for k, row in enumerate(rows) for x in (row[:-1], row[1:])])
+        data[1] -= data[0]
+        data[0] = 0.0
+        return np.asarray(np.tensordot(_powers(np.ones(1), 3) @ _HERMITE, data, axes=1)[0] / step**3)
+
     def __call__(self, time: np.ndarray, order: int = 0) -> np.ndarray:
         """Derivative of order 0 ... 3 with respect to time, shape (M, n) for `time` (M,) [s]."""
         return self.sample(np.atleast_1d(np.asarray(time, dtype=float)))[order]

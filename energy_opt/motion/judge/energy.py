@@ -101,7 +101,14 @@ class Scorer:
         trajectory = trajectory if rows is None else trajectory.part(rows)
         time = trajectory.denser(factor) - begin
         q, v, a, jerk = trajectory.sample_denser(factor)
+        before, at = trajectory.jerk_before_rows(), jerk[factor::factor]  # it jumps there: the larger of both counts
+        jerk[factor::factor] = np.where(np.abs(before) > np.abs(at), before, at)
         return Dense(trajectory, self.robot.body, factor, time, q, v, a, jerk, *self.drive(q, v, a, time))
+
+    def between(self, dense: Dense, time: np.ndarray) -> Dense:
+        """A trajectory that lies on a dense grid at other times (M,) of it: for what has no memory."""
+        q, v, a, jerk = dense.trajectory.sample(time + (dense.trajectory.time[0] - dense.time[0]))
+        return Dense(dense.trajectory, dense.body, 1, time, q, v, a, jerk, *self.drive(q, v, a, time))
 
     def energy(self, trajectory: Trajectory) -> Energy:
         """Energy of the curve that the rows stand for."""

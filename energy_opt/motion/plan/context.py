@@ -66,7 +66,7 @@ class Judged:
         """Under the limits; what the arm may touch is not asked."""
         if self.samples is not None and self.samples > DENSER * (len(self.trajectory.time) - 1):
             return certify(self.trajectory, self.scorer, self.limits, self.samples)
-        return self._looked_at[0] if self._dense is None else certificate_of(self._dense, self.limits)
+        return self._looked_at[0] if self._dense is None else certificate_of(self._dense, self.limits, self.scorer)
 
     @cached_property
     def clearance(self) -> Clearance | None:

@@ -20,14 +20,20 @@ from energy_opt.cell.planes import Near
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cli.main import main
+from energy_opt.diagnose import predict
 from energy_opt.diagnose.links import deviations_of
+from energy_opt.diagnose.samples import take_samples
 from energy_opt.dynamics import torque_function
 from energy_opt.dynamics.tool import tool_state
+from energy_opt.effects import LinkInertia, Payload
 from energy_opt.errors import BadInput
 from energy_opt.formats import read_trajectory
+from energy_opt.measured import read_set
 from energy_opt.motion.limits.tube import Tube
 from energy_opt.motion.path import through
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.power.rigid import rigid_torque
 from energy_opt.reports.motion import Played, player
 from energy_opt.reports.solids import drawn
 from energy_opt.robot import PointMass, Robot, tool_of
@@ -318,7 +324,7 @@ def test_a_move_of_the_palletizer_from_end_to_end(files: Path, tmp_path: Path, c
 
 
 def test_a_log_without_the_gripper_is_a_set(files: Path, tmp_path: Path) -> None:
-    """Imported and checked with the gripper held."""
+    """Imported and checked with the gripper held; with links off and a payload, diagnosis has Pinocchio's torque."""
     time, held = np.arange(0, 4, 0.01), load_robot(files / "palletizer.urdf", lock={"tip_a": 0.02})
     turn = 1 - np.cos(2 * np.pi * time / 4)
     q = np.outer(turn, [0.3, 0.2, 0.2, 0.4])
@@ -333,3 +339,8 @@ def test_a_log_without_the_gripper_is_a_set(files: Path, tmp_path: Path) -> None
     assert main([*words, "--robot", urdf, *lock]) == 0
     assert main(["check", str(tmp_path / "set"), "--quiet"]) == 2
     assert main(["check", str(tmp_path / "set"), "--quiet", *lock]) == 0
+    samples, _ = take_samples(read_set(tmp_path / "set", held))
+    links = LinkInertia(mass=[0.5, 0.4, 0.3, 0.2], com=np.full((4, 3), 0.01), inertia=np.full((4, 6), 1e-3))
+    model = PowerModel("palletizer", (Payload(mass=2.0, com=[0.01, 0.0, -0.1]), links))
+    found, _ = predict.rigid_torque(model, samples)
+    assert np.allclose(found, rigid_torque(model, held.body, samples.q, samples.v, samples.a), atol=1e-8)

@@ -69,11 +69,25 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Made:
             limit="duration",
             shortest_duration=timing.duration,
         )
+    duration = min(wanted, longest)
+    trajectory = timing.slowed(duration).trajectory(context.robot.joints)
+    if timing.path.moves and not context.judge(trajectory).within.valid:  # in so little time, many rows are rounding
+        trajectory = _in_one(context, move, duration)
     return Made(
-        timing.slowed(min(wanted, longest)).trajectory(context.robot.joints),
+        trajectory,
         message=f"no joint moves by {RESOLUTION:g} rad, which no encoder tells from standing: "
-        "answered by the minimum-time timing, without a search",
+        "answered by the minimum-time timing, or by one polynomial, without a search",
     )
+
+
+def _in_one(context: Context, move: Move, duration: float) -> Trajectory:
+    """The straight line from rest to rest as one cubic polynomial, that of least jerk, in three rows."""
+    u, way = np.array([[0.0], [0.5], [1.0]]), move.goal - move.start
+    q = move.start + u**2 * (3 - 2 * u) * way
+    v = 6 * u * (1 - u) * way / duration
+    a = 6 * (1 - 2 * u) * way / duration**2
+    q[-1] = move.goal
+    return Trajectory(context.robot.joints, u[:, 0] * duration, q, v, a)
 
 
 def small_enough(move: Move, line: RetimeSolution | None, curve: Made) -> Made:

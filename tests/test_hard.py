@@ -152,6 +152,14 @@ def test_no_verb_writes_over_the_results_of_another(
     assert [path.name for path in out.iterdir()] == [held]
 
 
+def test_a_planned_motion_is_not_taken_for_a_measured_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("result.json", "trajectory.csv"):
+        (tmp_path / name).write_text("{}")
+    assert main(["check", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert "a planned motion, not a measured set" in said and "trajectory.csv --robot" in said
+
+
 def test_results_change_place_together_and_the_last_comes_last(tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text("old")
     (tmp_path / "trajectory.csv").write_text("old")

@@ -196,6 +196,11 @@ def _segment(table: Any, path: Path) -> bool:
 
 def _missing(folder: Path) -> str:
     """What to write where a folder has no log.toml, judged by the CSV files that lie there."""
+    if (folder / "result.json").is_file() and (folder / "trajectory.csv").is_file():
+        return (
+            f"{folder}: a planned motion, not a measured set (no {NAME}); "
+            f"`energy-opt check {folder / 'trajectory.csv'} --robot ROBOT` judges the motion"
+        )
     tables = sorted(p.name for p in folder.glob("*.csv"))
     if not tables:
         return f"{folder}: no {NAME} and no CSV file; a measured set is a folder with a {NAME} and a CSV file per run"

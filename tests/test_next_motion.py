@@ -57,11 +57,11 @@ def plain(models):
 
 def hidden(**given):
     """What a diagnosis hands over, as far as the choice of rivals looks; its fits leave nothing open."""
-    none, at = np.zeros(0), np.arange(0.0, 1.0, 0.1)
+    none = np.zeros(0)
     world = SimpleNamespace(
         links=SimpleNamespace(basis=np.zeros((60, 0))),
         whiten=SimpleNamespace(noise=Noise(1.0)),
-        samples=SimpleNamespace(at=at, parts=(slice(0, 10),)),
+        samples=SimpleNamespace(step=0.1),
     )
     fits = [
         SimpleNamespace(

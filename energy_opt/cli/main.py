@@ -33,6 +33,7 @@ VERBS = {
 }
 MODULES = {"import": "ingest"}  # verbs whose module cannot have their name
 SHELLS = ("bash", "zsh", "tcsh")
+ALONE = {"--example": "KIND", "--print-completion": "SHELL"}  # without a verb
 VECTORS = ("--start", "--goal", "--via", "--base")
 
 
@@ -122,7 +123,7 @@ def _run(words: list[str]) -> int:
     _check_words(words)
     parser, verbs = parsers(words)
     verb = next((word for word in words if not word.startswith("-")), None)
-    if words[:1] and words[0].partition("=")[0] in ("--example", "--print-completion"):
+    if words[:1] and words[0].partition("=")[0] in ALONE:
         return _print(parser.parse_args(words))
     if verb is not None and verb not in VERBS:
         raise BadInput(f"no verb {verb!r}{near(verb, VERBS)}; verbs are {', '.join(VERBS)}")
@@ -133,6 +134,9 @@ def _run(words: list[str]) -> int:
         parser.print_help(sys.stderr)
         return 2
     if unknown:
+        alone = unknown[0].partition("=")[0]
+        if alone in ALONE:
+            raise BadInput(f"{alone} goes without a verb: energy-opt {alone} {ALONE[alone]}")
         options = [name for action in verbs[args.verb]._actions for name in action.option_strings]
         raise BadInput(f"unknown: {' '.join(unknown)}{near(unknown[0], options)} (see energy-opt {args.verb} --help)")
     args.command = words

@@ -159,7 +159,12 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
         },
         "r_squared": 1 - float(left @ left) / total if total > 0 else 0.0,
     }
-    word = "" if half[1] < 0.5 * r else f"r_over_kt2 is known to {100 * half[1] / r:.0f} % only: the poses vary little"
+    words = []
+    if half[1] >= 0.5 * r:
+        words.append(f"r_over_kt2 is known to {100 * half[1] / r:.0f} % only: the poses vary little")
+    if standby < 0:
+        words.append(f"Method 2's overhead is below zero ({standby:.3g} ± {half[0]:.2g} W): its model file has 0 W")
+    word = "; ".join(words)
     return Identification(robot, tuple(poses), mean, interval, line, word)
 
 

@@ -11,10 +11,9 @@ from energy_opt.cell.cell import Clearance
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer, blocks
 from energy_opt.motion.limits.base import Limit, Violation
-from energy_opt.motion.limits.effort import Effort
 from energy_opt.motion.trajectory import Trajectory
 
-PEAKS, FINER = 64, 64  # of effort that are looked at anew, the highest, and into how many parts of a place
+PEAKS, FINER = 64, 64  # of a limit that are looked at anew, the highest, and into how many parts of a place
 ALLOWED = 1e-6  # a violation beyond this share of the bound is one
 
 
@@ -141,14 +140,14 @@ def certificate_of(dense: Dense, limits: Sequence[Limit], scorer: Scorer) -> Cer
 
 
 def _peak(limit: Limit, found: Violation, dense: Dense, scorer: Scorer) -> Violation:
-    """What was found, or what effort has more between the grid's places: its peaks may be narrower than they lie apart.
+    """What was found, or more of it between the grid's places where peaks may be narrower than these lie apart.
 
     A peak of three places u- < u > u+ reaches at most (2 u - u- - u+) / 2 above u where both its sides are straight,
     and a quarter of that where it is a parabola.
     """
-    if not isinstance(limit, Effort) or len(dense.time) < 3:
+    use = limit.peaked(dense)
+    if use is None or len(use) < 3:
         return found
-    use = np.abs(dense.effort) / limit.bound
     low, middle, high = use[:-2], use[1:-1], use[2:]
     reach = np.where((middle >= low) & (middle >= high), middle + (2 * middle - low - high) / 2, 0.0).max(axis=1)
     near = np.argsort(-reach)[:PEAKS]

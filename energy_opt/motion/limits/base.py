@@ -211,6 +211,13 @@ class Limit:
         """Where a sampled motion uses the limit most, by the exact laws."""
         raise NotImplementedError
 
+    def peaked(self, x: Dense) -> np.ndarray | None:
+        """What every place uses (N, m), 1 at the bound, of a limit whose peaks may be narrower than places lie apart.
+
+        It must have no memory: what is used at a time depends on that time's motion alone.
+        """
+        return None
+
     def scaled(self, share: float) -> Self:
         """The limit with `share` of its bound, where a bound can be made smaller at all."""
         return self

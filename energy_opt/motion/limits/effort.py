@@ -26,6 +26,9 @@ class Effort(JointLimit):
     def of(self, x: Dense) -> np.ndarray:
         return x.effort
 
+    def peaked(self, x: Dense) -> np.ndarray:
+        return np.asarray(np.abs(x.effort) / self.bound)
+
     def expression(self, x: State, p: ca.SX) -> ca.SX:
         return x.effort
 

@@ -46,8 +46,11 @@ class ToolBound(Limit):
         return self.tool.name
 
     def worst(self, x: Dense) -> Violation:
-        size = np.linalg.norm(x.tool_motion(self.tool)[self.derivative], axis=1)[:, None]
+        size = self.peaked(x) * self.most
         return worst_of(self, x, size, np.array([self.most]), size / self.most - 1)
+
+    def peaked(self, x: Dense) -> np.ndarray:
+        return np.asarray(np.linalg.norm(x.tool_motion(self.tool)[self.derivative], axis=1)[:, None] / self.most)
 
     def scaled(self, share: float) -> Self:
         return type(self)(self.body, self.tool, self.most * share)

@@ -18,6 +18,7 @@ from energy_opt.effects import (
     PowerEffect,
     known_effects,
     load_file,
+    loaded_sources,
     register,
     registry,
     unregister,
@@ -48,6 +49,14 @@ def test_effects_of_the_documentation_pass_the_check(own):
     assert set(own) == {"joint_brake", "fan"} and set(own) < set(known_effects())
     for kind in own.values():
         assert check_effect(kind) == []
+
+
+def test_other_processes_are_sent_what_is_registered_alone():
+    kinds = load_file(OWN)
+    assert [where for _, where in loaded_sources()] == [str(OWN)]
+    for kind in kinds:
+        unregister(kind.name)
+    assert loaded_sources() == ()
 
 
 def test_a_brake_is_paid_by_the_joint_and_by_the_second(own):

@@ -185,7 +185,7 @@ def load_file(path: str | Path) -> list[type[Effect]]:
 def load_source(text: str, where: str) -> list[type[Effect]]:
     """The same for a file's text, as another process was sent it; `where` names it in messages."""
     mark = hashlib.sha256(text.encode()).hexdigest()[:16]
-    name = f"energy_opt_effects_{mark}"
+    name = _module(mark)
     if mark in _sources:
         return [register(kind) for kind in _in(sys.modules[name])]
     module = ModuleType(name)
@@ -209,8 +209,14 @@ def load_source(text: str, where: str) -> list[type[Effect]]:
 
 
 def loaded_sources() -> tuple[tuple[str, str], ...]:
-    """Text and place of every file of effects that was loaded: what another process needs to read the same models."""
-    return tuple(_sources.values())
+    """Text and place of every file whose effects are registered: what another process needs to read the same models."""
+    kinds = {mark: _in(sys.modules[_module(mark)]) for mark in _sources}
+    return tuple(_sources[mark] for mark, own in kinds.items() if any(_added.get(kind.name) is kind for kind in own))
+
+
+def _module(mark: str) -> str:
+    """The name under which a file of effects is imported."""
+    return f"energy_opt_effects_{mark}"
 
 
 def _in(module: ModuleType) -> list[type[Effect]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.ways import Way, find_ways
-from energy_opt.motion.ways.find import Ends
+from energy_opt.motion.ways.find import Ends, Looks
 from energy_opt.motion.ways.polyline import Rounding, between
+from energy_opt.motion.ways.roadmap import cheap_ways
 
 START, GOAL = np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
 STEP = np.full(3, 0.05)
@@ -39,6 +41,17 @@ class Wall:
         s = np.linspace(0, 1, 4001)
         bad = np.flatnonzero(self.room(path(s)) <= self.margin / 2)
         return float(s[bad[0]]) if bad.size else None
+
+
+class Post(Wall):
+    """A post around the third joint's axis, thick enough to be passed on either side; before it, a dear half."""
+
+    def room(self, q: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(q[:, :2], axis=1) - 0.4
+
+    def dear(self, side: int) -> Callable[[np.ndarray], np.ndarray]:
+        """It costs ten times as much to be on one side."""
+        return lambda q: np.where(side * q[:, 1] > 0, 10.0, 1.0)
 
 
 def ways(wall: Wall, planner: str = "none", seed: int = 0, count: int = 1, half: float = 2.0) -> list[Way]:
@@ -88,14 +101,35 @@ def test_a_search_without_a_way_ends(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_several_ways_are_different_ones() -> None:
-    class Post(Wall):
-        def room(self, q: np.ndarray) -> np.ndarray:
-            return np.linalg.norm(q[:, :2], axis=1) - 0.4
-
     found = ways(Post(np.zeros(2), 0.0), count=3)
     assert len(found) >= 2 and [w.length for w in found] == sorted(w.length for w in found)
     s = np.linspace(0, 1, 21)
     assert all(np.abs(a.path(s) - b.path(s)).max() > 0.1 for a, b in zip(found, found[1:], strict=False))
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_cheap_ways_pass_where_it_is_cheap_and_then_elsewhere(side: int) -> None:
+    post, ends = Post(np.zeros(2), 0.0), Ends.of(START, GOAL, np.full(3, -2.0), np.full(3, 2.0), np.ones(3))
+    line = np.linspace(START, GOAL, 50)
+
+    def found(seed: int) -> list[np.ndarray]:
+        return list(cheap_ways(Looks(post, STEP), ends, post.dear(side), [line], seed, 2))
+
+    first, second = found(0)
+    for way in (first, second):
+        assert np.allclose(way[0], START, atol=0.01) and np.allclose(way[-1], GOAL, atol=0.01)
+        assert post.room(way).min() > -0.02  # smoothing cuts corners by little
+    assert (side * first[:, 1]).max() < 0.1 and (side * first[:, 1]).min() < -0.35
+    assert np.abs(first - second).max() > 0.1
+    assert all(np.array_equal(a, b) for a, b in zip(found(0), (first, second), strict=True))
+    assert not np.array_equal(found(1)[0], first)
+
+
+def test_what_is_dear_is_passed_fast() -> None:
+    free, ends = Wall(np.zeros(2), 9.0), Ends.of(START, GOAL, np.full(3, -2.0), np.full(3, 2.0), np.ones(3))
+    line = np.linspace(START, GOAL, 50)
+    (way,) = cheap_ways(Looks(free, STEP), ends, lambda q: np.where(q[:, 0] > 0, 10.0, 1.0), [line], 0, 1)
+    assert (way[:, 0] > 0).mean() < 0.45
 
 
 def test_rounding_leaves_a_line_only_near_its_corners_and_tightens_where_told() -> None:

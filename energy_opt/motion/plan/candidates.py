@@ -31,7 +31,10 @@ SMALL = 1e-2  # [rad, m] so small a move is not searched: inertia and gravity ar
 
 @dataclass(frozen=True)
 class Made:
-    """A candidate (None where nothing came of it), what it took, and what to say where a solver gave up."""
+    """A candidate (None where nothing came of it), what it took, and what to say where a solver gave up.
+
+    `optima`: coarse ones of other valleys, and of its own.
+    """
 
     trajectory: Trajectory | None
     iterations: int = 0
@@ -39,6 +42,7 @@ class Made:
     message: str = ""
     starts: int = 0
     outcome: Outcome | None = None
+    optima: tuple[Outcome, ...] = ()
 
 
 def stands_still(move: Move) -> bool:
@@ -258,7 +262,7 @@ def reshaped(
     if not certificate.valid:
         return Made(None, spent, False, broken("reshaped", certificate), starts)
     message = "" if best.converged else f"IPOPT stopped with {best.status}"
-    return Made(trajectory, spent, best.converged, message, starts, best)
+    return Made(trajectory, spent, best.converged, message, starts, best, answer.optima)
 
 
 def mended(

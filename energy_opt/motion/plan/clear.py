@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.motion.move import Move
-from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.candidates import MENDS, Made, reference_time, task_of
 from energy_opt.motion.plan.context import Context, path_of
-from energy_opt.motion.reshape.clear import Cleared, ClearSearch, Descent
-from energy_opt.motion.reshape.level import Curve, Outcome
+from energy_opt.motion.plan.further import further_lines, passed
+from energy_opt.motion.reshape.clear import Cleared, ClearSearch
+from energy_opt.motion.reshape.level import Curve, Outcome, between
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
@@ -27,8 +27,10 @@ LEFT = 0.12  # and nothing else is tried where no more than this one is
 TRIAL = 4  # rounds of each of several searches: they win four fifths of what all rounds do
 PROMISING, FURTHER = 0.1, 2  # of the cost: searches so near the best then go on, so many at most
 CAREFUL = 0.06  # [rad] that a round goes at most where bolder ones led to nothing
+LESSER, SAME, LOOKED = 2, 0.15, 40  # other optima that are begun from; [rad] at so many places, nearer ones are one
+TOUCHED = 0.25  # of these places: an optimum that touches at more is not begun from
+ENOUGH = 0.02  # of the cost: where the free optimum is cheaper by no more, further ways have nothing to offer
 LITTLE = 0.25  # of the loss of the first path slowed evenly: where no more is saved, another way is looked for
-PASSED = 400  # points of a path that a first curve is fitted to
 NOTHING = "reshaping found nothing that keeps clear and is better than the path as it is"
 
 
@@ -48,42 +50,29 @@ def kept_clear(
     task = task_of(context, move, reference, None if free_time else move.duration)
     search = ClearSearch(context.cell, context.robot.joints)
     level = context.reshaper(context.settings.objective).fine(task.vias)
-    best, spent = Cleared(), free.iterations
-    lines = _lines(context, move, retimed, timing, warm, task, 2 * reference)
-    curves = [task.curve(level.shape, line) for line in lines]
-    near, least, most = _towards(context, search, task, curves[-1 - len(context.ways)], free.outcome)
-    enough = least + NEARLY * (most - least)
-    for found in [] if near is None else [search.run(level, task, near, context.stopped, SHORT, enough)]:
-        spent += found.iterations
-        if found.best is not None:
-            best.take(found.best)
-    done = not context.ways and best.best is not None and task.cost(best.best) <= least + LEFT * (most - least)
-    own = len(curves) - 1 - len(context.ways)
-    for found in [] if done else _searched([search.begin(level, task, curve) for curve in curves], own, context):
-        spent += found.iterations
-        if found.best is not None:
-            best.take(found.best)
-    if best.best is None and not context.stopped():
-        found = search.run(level, task, curves[own], context.stopped, trust=CAREFUL)
-        spent += found.iterations
-        if found.best is not None:
-            best.take(found.best)
+    best = Cleared(iterations=free.iterations)
+    curves = [
+        task.curve(level.shape, line) for line in _lines(context, move, retimed, timing, warm, task, 2 * reference)
+    ]
+    near, least, most = _towards(context, search, task, curves[-1], free.outcome)
+    if near is not None:
+        best.join(search.run(level, task, near, context.stopped, SHORT, least + NEARLY * (most - least)))
+    if best.best is None or task.cost(best.best) > least + LEFT * (most - least):
+        _searched(context, search, task, best, curves, free)
     if _little(context, timing, best) and not context.stopped():
         for way in context.further():
-            found = search.run(level, task, task.curve(level.shape, _passed(way, lines[own].duration)), context.stopped)
-            spent += found.iterations
-            if found.best is not None:
-                best.take(found.best)
-    elif not done and best.best is not None and free.outcome is not None and not context.stopped():
-        spent += _again(context, search, task, best, free.outcome)
+            curve = task.curve(level.shape, passed(way, curves[-1].duration))
+            best.join(search.run(level, task, curve, context.stopped))
+    if context.settings.ways and (best.best is None or task.cost(best.best) > (1 + ENOUGH) * least):
+        _further(context, search, task, best, curves[-1], free)
     if best.best is None:
-        return Made(None, spent, True, NOTHING, free.starts)
+        return Made(None, best.iterations, True, NOTHING, free.starts)
     made = mended_clear(context, search, task, best.best)
     trajectory = made.trajectory
     if trajectory is not None and free_time and move.duration is not None and trajectory.duration <= move.duration:
         assert made.outcome is not None
         trajectory = trajectory_of(replace(made.outcome.curve, duration=move.duration), context.robot.joints)
-    return replace(made, trajectory=trajectory, iterations=spent + made.iterations, starts=free.starts)
+    return replace(made, trajectory=trajectory, iterations=best.iterations + made.iterations, starts=free.starts)
 
 
 def _little(context: Context, timing: Timing | None, best: Cleared) -> bool:
@@ -121,36 +110,95 @@ def _towards(
     return None, least, most
 
 
-def _searched(descents: Sequence[Descent], own: int, context: Context) -> list[Cleared]:
-    """What searches come to: of several, a few rounds tell which are worth going on with besides the move's own."""
+def _searched(
+    context: Context, search: ClearSearch, task: Task, best: Cleared, curves: Sequence[Curve], free: Made
+) -> None:
+    """What searches come to: from the move's own first path, the last of `curves`, from others, and from near optima.
+
+    Of several curves, a few rounds tell which are worth going on with besides the move's own.
+    """
+    level, stopped = context.reshaper(context.settings.objective).fine(task.vias), context.stopped
+    descents = [search.begin(level, task, curve) for curve in curves]
     if len(descents) > 1:
         for descent in descents:
-            descent.go(context.stopped, TRIAL)
-    least = min(descent.cost for descent in descents)
-    good = sorted((d for d in descents if d.cost <= least + PROMISING * abs(least)), key=lambda d: d.cost)
-    for descent in dict.fromkeys([descents[own], *good[:FURTHER]]):
-        descent.go(context.stopped)
-        descent.finish(context.stopped)
-    return [descent.found for descent in descents]
+            descent.go(stopped, TRIAL)
+    cheapest = min(descent.cost for descent in descents)
+    good = sorted((d for d in descents if d.cost <= cheapest + PROMISING * abs(cheapest)), key=lambda d: d.cost)
+    for descent in dict.fromkeys([descents[-1], *good[:FURTHER]]):
+        descent.go(stopped)
+        descent.finish(stopped)
+    for descent in descents:
+        best.join(descent.found)
+    if best.best is None and not stopped():
+        best.join(search.run(level, task, curves[-1], stopped, trust=CAREFUL))
+    _lesser(context, search, task, best, free)
+    if best.best is not None and free.outcome is not None and not stopped():
+        _again(context, search, task, best, free.outcome)
 
 
-def _again(context: Context, search: ClearSearch, task: Task, best: Cleared, free: Outcome) -> int:
+def _lesser(context: Context, search: ClearSearch, task: Task, best: Cleared, free: Made) -> None:
+    """Searches from the other optima without regard to anything: one may be free as it is, or touch by little only."""
+    reshaper, stopped = context.reshaper(context.settings.objective), context.stopped
+    level = reshaper.fine(task.vias)
+    wanted = search.cell.wanted(np.stack([task.ends.start, task.ends.goal]))
+    u = np.linspace(0, 1, LOOKED)
+    for optimum in free.optima[: LESSER + 1]:
+        most = np.inf if best.best is None else task.cost(best.best)
+        if stopped() or task.cost(optimum) > (1 - WORTH) * most:
+            break
+        if free.outcome is not None and np.abs(optimum.curve.position(u) - free.outcome.curve.position(u)).max() < SAME:
+            continue
+        outcome, spent = reshaper.refined(task, [optimum], stopped)
+        best.iterations += spent
+        if outcome is None:
+            continue
+        if search.proof(outcome.curve, wanted).proven:
+            best.take(outcome)
+            continue
+        if sum(search.cell.touching(q) is not None for q in outcome.curve.position(u)) > TOUCHED * LOOKED:
+            continue
+        descent = search.begin(level, task, outcome.curve)
+        descent.go(stopped, TRIAL)
+        if descent.cost <= (1 + PROMISING) * most and descent.found.best is not None:
+            descent.go(stopped)
+            descent.finish(stopped)
+        best.join(descent.found)
+
+
+def _further(context: Context, search: ClearSearch, task: Task, best: Cleared, first: Curve, free: Made) -> None:
+    """Searches from further ways, which are asked for; what is there already is gone on with, so that it only gains."""
+    level, stopped = context.reshaper(context.settings.objective).fine(task.vias), context.stopped
+    before = best.best
+    known = [first, *(outcome.curve for outcome in (free.outcome, before, *free.optima) if outcome is not None)]
+    for line in further_lines(context, search.cell, task, level, known):
+        if stopped():
+            break
+        descent = search.begin(level, task, task.curve(level.shape, line))
+        descent.go(stopped, SECOND)
+        if best.best is None or descent.cost <= (1 + PROMISING) * task.cost(best.best):
+            descent.go(stopped)
+            descent.finish(stopped)
+        best.join(descent.found)
+    if best.best is not None and best.best is not before and free.outcome is not None and not stopped():
+        _again(context, search, task, best, free.outcome)
+
+
+def _again(context: Context, search: ClearSearch, task: Task, best: Cleared, free: Outcome) -> None:
     """A search from half-way to the free optimum, where that is much cheaper; the better of both is kept in `best`.
 
-    It may be another valley that the way there leads to; the iterations spent are returned.
+    It may be another valley that the way there leads to.
     """
     assert best.best is not None
-    here, there = best.best, free.curve
+    here, there, stopped = best.best, free.curve, context.stopped
     if task.cost(here) - task.cost(free) < WORTH * task.cost(here) or here.curve.shape is not there.shape:
-        return 0
-    points = (here.curve.points + there.points) / 2
-    duration = (here.curve.duration + there.duration) / 2
+        return
     level = context.reshaper(context.settings.objective).fine(task.vias)
-    start = replace(here.curve, points=points, duration=duration)
-    found = search.run(level, task, start, context.stopped, SECOND)
-    if found.best is not None:
-        best.take(found.best)
-    return found.iterations
+    descent = search.begin(level, task, between(here.curve, there, 0.5))
+    descent.go(stopped, SECOND)
+    if descent.cost < task.cost(here):
+        descent.go(stopped)
+    descent.finish(stopped)
+    best.join(descent.found)
 
 
 def mended_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Made:
@@ -175,7 +223,7 @@ def _lines(
     context: Context, move: Move, retimed: RetimeSolution | None, timing: Timing | None,
     warm: Sequence[Trajectory], task: Task, reference: float,
 ) -> list[Line]:  # fmt: skip
-    """First curves: what was handed in where it is proven, the first path in its timing of least energy, other ways."""
+    """First curves: what was handed in where it is proven, and, last, the first path in its timing of least energy."""
     lines = [Line.of(t) for t in (*warm, *([move.input] if move.input else [])) if _proven(context, t)]
     if retimed is not None:
         lines.append(Line.of(retimed.trajectory))
@@ -183,14 +231,8 @@ def _lines(
         duration = float(np.clip(timing.duration, *task.durations))
         lines.append(Line.of(timing.slowed(duration).trajectory(context.robot.joints)))
     else:
-        lines.append(_passed(path_of(move), reference))
-    return lines + [_passed(way, lines[-1].duration) for way in context.ways]
-
-
-def _passed(path: JointPath, duration: float) -> Line:
-    """A path passed smoothly from rest to rest."""
-    u = np.linspace(0, 1, PASSED)
-    return Line(u, path(u**3 * (10 - 15 * u + 6 * u**2)), duration)
+        lines.append(passed(path_of(move), reference))
+    return lines
 
 
 def _proven(context: Context, trajectory: Trajectory) -> bool:

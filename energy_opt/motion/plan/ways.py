@@ -89,18 +89,24 @@ def _around(robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit
     """Ways to start from besides a path that is given or `free`, or in place of one that is not."""
     if settings.tube is not None or (free and (move.path is None or not settings.ways or move.mode == "retime")):
         return []
-    lower, upper = box_of(limits, robot.n)
 
     def between(start: np.ndarray, goal: np.ndarray, count: int) -> list[Way]:
-        return find_ways(
-            Room(cell, np.stack([start, goal])), Ends.of(start, goal, lower, upper, robot.limits.velocity),
-            steps(robot.body.tree()), planner=cell.request.planner, seed=settings.seed, count=count,
-        )  # fmt: skip
+        room, ends, step = room_between(robot, cell, limits, start, goal)
+        return find_ways(room, ends, step, planner=cell.request.planner, seed=settings.seed, count=count)
 
     if move.via and move.path is None:
         return _through(cell, between, [move.start, *move.via, move.goal])
     count = max(1, WAYS if settings.ways is None else settings.ways)
     return between(move.start, move.goal, count if move.mode == "reshape" else 1)
+
+
+def room_between(
+    robot: Robot, cell: Cell, limits: Sequence[Limit], start: np.ndarray, goal: np.ndarray
+) -> tuple[Room, Ends, np.ndarray]:
+    """The room that ways from start to goal (n,) have, their ends, and how far apart their poses are looked at (n,)."""
+    lower, upper = box_of(limits, robot.n)
+    ends = Ends.of(start, goal, lower, upper, robot.limits.velocity)
+    return Room(cell, np.stack([start, goal])), ends, steps(robot.body.tree())
 
 
 def _through(

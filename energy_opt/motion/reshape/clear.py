@@ -16,6 +16,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
+from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.limits.clearance import ClearanceRows
 from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome, between
 from energy_opt.motion.reshape.search import trajectory_of
@@ -52,6 +53,12 @@ class Cleared:
         """Keep an outcome if it is the cheapest."""
         if self.best is None or outcome.cost < self.best.cost:
             self.best = outcome
+
+    def join(self, other: Cleared) -> None:
+        """Count what another search took, and keep its best if it is the cheapest."""
+        self.iterations += other.iterations
+        if other.best is not None:
+            self.take(other.best)
 
 
 @dataclass
@@ -113,6 +120,7 @@ class ClearSearch:
 
     def begin(self, level: Level, task: Task, first: Curve, trust: float = TRUST) -> Descent:
         """A search from `first`; its first round goes at most `trust` [rad]."""
+        first = replace(first, points=np.clip(first.points, *box_of(task.limits, level.shape.joints)))
         return Descent(_Rounds(self, level, task), first, all_rows(level.shape, task.limits), task, trust)
 
     def run(

@@ -95,6 +95,17 @@ class Level:
                 used += limit.scale.size
         return float(w @ rate[:, 0]), shares
 
+    def standing(self, q: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit]) -> np.ndarray:
+        """What standing at each of q (M, n) costs, by the second (M,)."""
+        count, rates = len(self.shape.grid[0]), []
+        values, z = np.concatenate([parameters, values_of(limits)]), np.zeros((count, 3 * self.shape.joints + 1))
+        z[:, -1] = duration
+        for first in range(0, len(q), count):
+            block = q[first : first + count]
+            z[: len(block), : self.shape.joints] = block
+            rates.append(self._value(z, np.full((count, 1), 0.5), values)[0][: len(block), 0] / duration)
+        return np.concatenate(rates)
+
     def excess(self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit]) -> tuple[float, float]:
         """Cost, and the worst excess over a limit; planes between bodies aside, as they are no limit of their own."""
         cost, shares = self.shares(curve, parameters, limits)

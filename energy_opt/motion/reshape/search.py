@@ -42,11 +42,15 @@ Kept = dict[float, Optima]  # what starts led to, by the duration at which they 
 
 @dataclass(frozen=True)
 class Answer:
-    """The best outcome of a search (None where no start leads to a feasible curve), and what it took."""
+    """The best outcome of a search (None where no start leads to a feasible curve), and what it took.
+
+    `optima`: of different valleys, the best first, as coarse as they were compared.
+    """
 
     best: Outcome | None
     starts: int
     iterations: int
+    optima: tuple[Outcome, ...] = ()
 
 
 class Reshaper:
@@ -104,7 +108,7 @@ class Reshaper:
         """
         optima, used, spent = self.optima(task, lines, starts, seed, stopped, kept)
         best, more = self.refined(task, optima, stopped)
-        return Answer(best, used, spent + more)
+        return Answer(best, used, spent + more, tuple(optima))
 
     def optima(
         self,

@@ -73,7 +73,7 @@ class Ends:
         )  # fmt: skip
 
 
-class _Search:
+class Looks:
     """Poses looked at so far, and lines between them."""
 
     def __init__(self, free: Free, step: np.ndarray) -> None:
@@ -114,7 +114,7 @@ def find_ways(
         return [
             Way(line, "straight", time.perf_counter() - began, length(np.stack([ends.start, ends.goal]), ends.velocity))
         ]
-    search = _Search(free, step)
+    search = Looks(free, step)
     if not (search.clear(ends.start) and search.clear(ends.goal)):
         return []
     found: list[Way] = []
@@ -127,7 +127,7 @@ def find_ways(
     return sorted(found, key=lambda way: way.length)
 
 
-def _bent(search: _Search, ends: Ends, planner: str, seed: int, count: int) -> Iterator[tuple[Source, np.ndarray]]:
+def _bent(search: Looks, ends: Ends, planner: str, seed: int, count: int) -> Iterator[tuple[Source, np.ndarray]]:
     """Bent lines, free as far as poses along them tell: ours, and where these are too few, a planner's."""
     for k, points in enumerate(_own(search, ends, seed)):
         if k == OWN + count:
@@ -148,7 +148,7 @@ def _bent(search: _Search, ends: Ends, planner: str, seed: int, count: int) -> I
             yield "ompl", bent
 
 
-def _own(search: _Search, ends: Ends, seed: int) -> Iterator[np.ndarray]:
+def _own(search: Looks, ends: Ends, seed: int) -> Iterator[np.ndarray]:
     """Lines through one seeded point, or through two: one seen from the start and one seen from the goal."""
     random = np.random.default_rng(seed)
     middle, half = (ends.start + ends.goal) / 2, np.abs(ends.goal - ends.start) / 2
@@ -175,7 +175,7 @@ def _own(search: _Search, ends: Ends, seed: int) -> Iterator[np.ndarray]:
 
 
 def _way(
-    search: _Search, free: Free, ends: Ends, points: np.ndarray, source: Source, seed: int, began: float
+    search: Looks, free: Free, ends: Ends, points: np.ndarray, source: Source, seed: int, began: float
 ) -> Way | None:
     """The bent line shortened, its corners rounded as far as the proof allows; None where it cannot be proven."""
     points = without_needless(points, search.proven_line)

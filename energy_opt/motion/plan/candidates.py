@@ -20,7 +20,7 @@ from energy_opt.motion.retime.solve import RetimeSolution, retime
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-MENDS = 6  # times that limits are tightened where the judge finds them broken
+MENDS = 10  # times that limits are tightened where the judge finds them broken; peaks lose three quarters each time
 LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path
 SHORTEST = 0.2  # and begins at this one
 ROWS = 200  # of a first guess

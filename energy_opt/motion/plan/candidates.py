@@ -246,6 +246,9 @@ def reshaped(
     if best is None and not context.stopped():
         best, more = _from_the_fastest(context, move, task, lines, retimed is not None, reference)
         spent += more
+    if best is None and retimed is not None and not context.stopped():  # few control points held nothing
+        last = reshaper.from_line(Line.of(retimed.trajectory), task)
+        best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
         return Made(None, spent, False, "no start of the reshaping led to a trajectory within limits", starts)
     best, trajectory, certificate, more = mended(context, reshaper, best, task)

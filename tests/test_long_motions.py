@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from energy_opt.effects import CopperLoss, Standby
 from energy_opt.motion.judge import energy
 from energy_opt.motion.judge.certificate import certify, looked_at
 from energy_opt.motion.judge.energy import Scorer
@@ -64,6 +65,23 @@ def test_peaks_of_effort_between_the_places_are_found(panda: Robot, model: Power
         found = certify(motion, Scorer(panda, model), [Effort(places * (1 + 1e-9))]).found[0]
         assert found.excess == pytest.approx((fine / places - 1).max(), rel=1e-3, abs=1e-6)
         assert found.excess > 1e-5
+
+
+def test_peaks_of_power_between_the_places_are_found(panda: Robot) -> None:
+    """p = tau . v + r tau . tau + overhead, by Pinocchio's torque, a thousand times finer than the grid."""
+    rng, model = np.random.default_rng(4), PowerModel("panda", (Standby(power=80.0), CopperLoss(r_over_kt2=0.01)))
+    for _ in range(4):
+        t, rows = np.array([0.0, 0.02, 0.04]), rng.normal(size=(3, 3, 7))
+        q = np.array([0, 0, 0, -1.5, 0, 1.6, 0]) + 1e-3 * rows[0]
+        motion = Trajectory(panda.joints, t, q, 0.5 * rows[1], 20 * rows[2])
+        most = []
+        for count in (21, 20_001):
+            q, v, a, _ = motion.sample(np.linspace(0, 0.04, count))
+            tau = panda.body.torque(q, v, a)
+            most.append(float(np.max(np.sum(tau * v + 0.01 * tau**2, axis=1) + 80.0)))
+        found = certify(motion, Scorer(panda, model), [Power(most[0])])
+        assert found.peak_power == pytest.approx(most[1], rel=2e-5) and most[1] > most[0] * (1 + 1e-3)
+        assert found.found[0].excess == pytest.approx(most[1] / most[0] - 1, rel=1e-2)
 
 
 def test_jerk_counts_on_both_sides_of_a_row(panda: Robot, model: PowerModel) -> None:

@@ -136,23 +136,33 @@ def _pieces(
 def certificate_of(dense: Dense, limits: Sequence[Limit], scorer: Scorer) -> Certificate:
     """The certificate of a trajectory that lies on a dense grid already."""
     found = tuple(_peak(limit, limit.worst(dense), dense, scorer) for limit in limits)
-    return Certificate(len(dense.time), found, float(dense.power.max()))
+    return Certificate(len(dense.time), found, _peak_power(dense, scorer))
 
 
 def _peak(limit: Limit, found: Violation, dense: Dense, scorer: Scorer) -> Violation:
-    """What was found, or more of it between the grid's places where peaks may be narrower than these lie apart.
+    """What was found, or more of it between the grid's places where peaks may be narrower than these lie apart."""
+    use = limit.peaked(dense)
+    time = np.zeros(0) if use is None else _times_of_peaks(dense.time, use)
+    return max(found, limit.worst(scorer.between(dense, time)), key=_size) if len(time) else found
+
+
+def _peak_power(dense: Dense, scorer: Scorer) -> float:
+    """The whole arm's [W]."""
+    most = float(dense.power.max())
+    time = _times_of_peaks(dense.time, dense.power[:, None] / most) if most > 0 else np.zeros(0)
+    return max(most, float(scorer.between(dense, time).power.max())) if len(time) else most
+
+
+def _times_of_peaks(time: np.ndarray, use: np.ndarray) -> np.ndarray:
+    """Times beside the places (M,) where what is used of a limit (M, m) may reach beyond 1 between two of them.
 
     A peak of three places u- < u > u+ reaches at most (2 u - u- - u+) / 2 above u where both its sides are straight,
     and a quarter of that where it is a parabola.
     """
-    use = limit.peaked(dense)
-    if use is None or len(use) < 3:
-        return found
+    if len(use) < 3:
+        return np.zeros(0)
     low, middle, high = use[:-2], use[1:-1], use[2:]
     reach = np.where((middle >= low) & (middle >= high), middle + (2 * middle - low - high) / 2, 0.0).max(axis=1)
     near = np.argsort(-reach)[:PEAKS]
     near = np.sort(near[reach[near] > 1]) + 1
-    if not len(near):
-        return found
-    time = (np.linspace(dense.time[near - 1], dense.time[near + 1], 2 * FINER + 1)).T.ravel()
-    return max(found, limit.worst(scorer.between(dense, time)), key=_size)
+    return (np.linspace(time[near - 1], time[near + 1], 2 * FINER + 1)).T.ravel()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from energy_opt.effects.kinks import MOVING_SPEED
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.batch import Batch
@@ -69,14 +70,23 @@ class Scorer:
         Friction holds what stands still: that is in the power, not in the torque, which limits are held against.
         Instants are in order of time; each stands for half the time to both neighbours.
         """
+        return self._law(q, v, a, t, *self._past(q, v, a, t))[:3]
+
+    def _past(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What went before instants in order: time since motion ended (N,) [s], and power that a store returns (N,)."""
+        idle, back = idle_time(t, v), np.zeros(len(q))
+        if store_of(self.model) is None or len(q) < 2:
+            return idle, back
+        return idle, returned_power(self.model, np.gradient(t), self._law(q, v, a, t, idle, back)[3])
+
+    def _law(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray, idle: np.ndarray, back: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Motor torque, power, its parts, and the power (N,) at the DC link."""
         tau = rigid_torque(self.model, self.robot.body, q, v, a)
-        idle, back = idle_time(t, v)[:, None], np.zeros((len(q), 1))
         law = Batch(self._drive, len(q))
-        tau_m, power, parts, bus = law(q, v, a, tau, t[:, None], idle, back, self._values)
-        if store_of(self.model) is not None and len(q) > 1:
-            back = returned_power(self.model, np.gradient(t), bus[:, 0])[:, None]
-            tau_m, power, parts, _ = law(q, v, a, tau, t[:, None], idle, back, self._values)
-        return tau_m, power[:, 0], parts
+        tau_m, power, parts, bus = law(q, v, a, tau, t[:, None], idle[:, None], back[:, None], self._values)
+        return tau_m, power[:, 0], parts, bus[:, 0]
 
     def stored(self, trajectory: Trajectory) -> float:
         """Change of potential plus kinetic energy between the trajectory's ends, J."""
@@ -106,9 +116,14 @@ class Scorer:
         return Dense(trajectory, self.robot.body, factor, time, q, v, a, jerk, *self.drive(q, v, a, time))
 
     def between(self, dense: Dense, time: np.ndarray) -> Dense:
-        """A trajectory that lies on a dense grid at other times (M,) of it: for what has no memory."""
+        """A trajectory that lies on a dense grid at other times (M,) of it; the past is that of the places before."""
         q, v, a, jerk = dense.trajectory.sample(time + (dense.trajectory.time[0] - dense.time[0]))
-        return Dense(dense.trajectory, dense.body, 1, time, q, v, a, jerk, *self.drive(q, v, a, time))
+        idle, back = self._past(dense.q, dense.v, dense.a, dense.time)
+        before = np.searchsorted(dense.time, time, side="right") - 1
+        still = (np.abs(v).max(axis=1) <= MOVING_SPEED) & (idle[before] >= 0)
+        idle = np.where(still, idle[before] + time - dense.time[before], -1.0)
+        driven = self._law(q, v, a, time, idle, np.interp(time, dense.time, back))[:3]
+        return Dense(dense.trajectory, dense.body, 1, time, q, v, a, jerk, *driven)
 
     def energy(self, trajectory: Trajectory) -> Energy:
         """Energy of the curve that the rows stand for."""

@@ -212,10 +212,7 @@ class Limit:
         raise NotImplementedError
 
     def peaked(self, x: Dense) -> np.ndarray | None:
-        """What every place uses (N, m), 1 at the bound, of a limit whose peaks may be narrower than places lie apart.
-
-        It must have no memory: what is used at a time depends on that time's motion alone.
-        """
+        """What places (N,) use, (N, m), 1 at the bound, of a limit whose peaks may be narrower than these lie apart."""
         return None
 
     def scaled(self, share: float) -> Self:

@@ -42,6 +42,9 @@ class Power(Limit):
         value = x.power[:, None]
         return worst_of(self, x, value, self.scale, value / self.scale - 1)
 
+    def peaked(self, x: Dense) -> np.ndarray:
+        return x.power[:, None] / self.scale
+
     def scaled(self, share: float) -> Self:
         return type(self)(float(self.scale[0]) * share)
 

@@ -20,7 +20,7 @@ from energy_opt.motion.retime.solve import RetimeSolution, retime
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-MENDS = 6  # times that limits are tightened where the judge finds them broken
+MENDS = 10  # times that limits are tightened where the judge finds them broken; peaks lose three quarters each time
 LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path
 SHORTEST = 0.2  # and begins at this one
 ROWS = 200  # of a first guess
@@ -250,6 +250,9 @@ def reshaped(
     if best is None and not context.stopped():
         best, more = _from_the_fastest(context, move, task, lines, retimed is not None, reference)
         spent += more
+    if best is None and retimed is not None and not context.stopped():  # few control points held nothing
+        last = reshaper.from_line(Line.of(retimed.trajectory), task)
+        best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
         return Made(None, spent, False, "no start of the reshaping led to a trajectory within limits", starts)
     best, trajectory, certificate, more = mended(context, reshaper, best, task)

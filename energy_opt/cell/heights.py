@@ -21,6 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from energy_opt.cell.bodies import Bodies, Scenery
+from energy_opt.robot.kinematics import into
 
 ROUNDING = 1e-9  # [m] that arithmetic may have added
 
@@ -60,7 +61,7 @@ def least_heights(
     between, coupling = bodies.moves[0][pair], bodies.kinematics.coupling
     level = coupling.joined(level * between)
     lever, share = coupling.joined(np.matmul(lever, turn) * between[:, :, None], axis=1), far[:, None]
-    up_a, up_b = _into(turn, normal), _into(poses.rotation[k, jb], normal)
+    up_a, up_b = into(turn, normal), into(poses.rotation[k, jb], normal)
     out = np.sum(normal * (at - poses.origin[k, jb]), axis=1) - rest - ROUNDING
     order = np.argsort(pair, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1) if len(order) else []:
@@ -70,8 +71,3 @@ def least_heights(
         low = (up_a[rows] @ points.T - np.matmul(share[rows], slope)[:, 0]).min(axis=1)
         out[rows] += low - (up_b[rows] @ support.T).max(axis=1) - radius - more
     return np.asarray(out)
-
-
-def _into(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (M, 3) in the frames that rotations (M, 3, 3) stand for."""
-    return np.matmul(vectors[:, None], rotation)[:, 0]

@@ -23,7 +23,7 @@ import numpy as np
 
 from energy_opt.cell.bodies import Bodies, Scenery
 from energy_opt.cell.solids import Piece, Plane
-from energy_opt.robot.kinematics import Poses
+from energy_opt.robot.kinematics import Poses, into
 
 LENGTH = 0.1  # [m] that rows are divided by, so that they are of order one
 KEYS = 100_000  # names of places within a pair of pieces
@@ -121,11 +121,11 @@ class PlaneRows:
         self._joint_a, self._joint_b = bodies.joint[sides[:, 0]], bodies.joint[sides[:, 1]]
         self._moves = bodies.moves[0][pair]
         normal = np.array([one.normal for one in found]).reshape(-1, 3)
-        self._normal = _into(poses.rotation[self.place, self._joint_b], normal)  # in the frame of b's joint
+        self._normal = into(poses.rotation[self.place, self._joint_b], normal)  # in the frame of b's joint
         flat = bodies.flat[sides[:, 1]]  # a half-space is its own plane, whatever was found
         self._normal[flat] = bodies.rotation[sides[flat, 1]][:, :, 2]
         turned = np.matmul(poses.rotation[self.place, self._joint_b], self._normal[:, :, None])[..., 0]
-        inward = _into(poses.rotation[self.place, self._joint_a], turned)
+        inward = into(poses.rotation[self.place, self._joint_a], turned)
         self._point, radius = _lowest(bodies, sides[:, 0], [one.between.a for one in found], inward, -1.0)
         support, outer = _lowest(bodies, sides[:, 1], [one.between.b for one in found], self._normal, 1.0)
         support[flat] = bodies.shift[sides[flat, 1]]
@@ -184,11 +184,6 @@ def _lowest(
         points = pieces[rows[0]].points @ bodies.rotation[which].T + bodies.shift[which]
         point[rows] = points[np.argmax(sign * direction[rows] @ points.T, axis=1)]
     return point, radius
-
-
-def _into(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (R, 3) in the frames that rotations (R, 3, 3) stand for."""
-    return np.matmul(vectors[:, None], rotation)[:, 0]
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

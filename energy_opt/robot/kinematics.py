@@ -71,3 +71,8 @@ class Kinematics:
                 origin[:, j] += q[:, j, None] * (rotation[:, j] @ self._axis[j])
         axis = np.matmul(rotation[:, :-1], self._axis[:, :, None])[..., 0]
         return Poses(rotation, origin, axis)
+
+
+def into(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (M, 3) in the frames that rotations (M, 3, 3) stand for."""
+    return np.matmul(vectors[:, None], rotation)[:, 0]

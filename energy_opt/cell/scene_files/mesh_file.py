@@ -10,6 +10,7 @@ import numpy as np
 
 from energy_opt.cell.scene_files.parts import Reading
 from energy_opt.errors import BadInput
+from energy_opt.files import inside
 
 LARGEST = 100_000_000  # bytes; a binary STL of a million triangles has half of that
 SUFFIXES = (".stl", ".obj")
@@ -24,9 +25,7 @@ def read_mesh(reading: Reading, name: Any) -> tuple[np.ndarray, np.ndarray]:
     if not isinstance(name, str) or not name or not name.isprintable():
         raise BadInput("a mesh without a file of that name; expected file: NAME.stl or NAME.obj in the scene's folder")
     folder = reading.path.resolve().parent
-    path = (folder / name).resolve()
-    if not reading.allow_outside and not path.is_relative_to(folder):
-        raise BadInput(f"{name} lies outside of the scene's folder (--allow-outside takes it)")
+    path = inside(folder, name, reading.allow_outside)
     if path.suffix.lower() not in SUFFIXES:
         raise BadInput(f"{name}: expected a mesh of kind {' or '.join(SUFFIXES)}")
     if not path.is_file():

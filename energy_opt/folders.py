@@ -1,7 +1,8 @@
-"""Folders of results: tried before the work begins, and written so that new and old never stand side by side."""
+"""Folders of results: taken before the work begins, and written so that new and old never stand side by side."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import signal
@@ -19,22 +20,69 @@ ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "
 ASIDE = ".writing-"  # and the process that writes there
 
 
-def try_folder(out: Path) -> None:
-    """Make sure, before the work begins, that results can be written into `out`; it is left as it was.
+_taken: dict[Path, tuple[int, list[Path]]] = {}  # by folder: what holds its lock, and the folders made for it
+
+
+def take_folder(out: Path) -> None:
+    """Make sure, before the work begins, that results can be written into `out`, by this process alone.
+
+    Other processes are kept out by a lock on the folder itself, which ends with the process however that ends, or with
+    `leave_folders`. On file systems without such locks the last of two runs wins, whole.
 
     Raises:
-        BadInput: it is a file, not permitted, has an impossible name, or the disk is full.
+        BadInput: another run is writing there; or it is a file, not permitted, has an impossible name, or the disk is
+            full.
     """
     out = Path(out)
     try:
-        made = [folder for folder in (out, *out.parents) if not folder.exists()]
-        out.mkdir(parents=True, exist_ok=True)
+        key = out.resolve()
+        if key not in _taken:
+            _taken[key] = _locked(out)
         with tempfile.TemporaryFile(dir=out) as stream:
             stream.write(bytes(4096))
-        for folder in made:  # innermost first
-            folder.rmdir()
+    except BlockingIOError:
+        raise BadInput(f"{out}: another run is writing here; wait for its end, or choose another --out") from None
     except (OSError, ValueError) as error:  # ValueError: NUL in the name
+        leave_folder(out)
         raise BadInput(f"--out {out}: cannot be written: {_reason(error)}") from None
+
+
+def _locked(out: Path) -> tuple[int, list[Path]]:
+    """A descriptor that locks a folder, and the folders that were made for it, innermost first."""
+    while True:
+        made = [folder for folder in (out, *out.parents) if not folder.exists()]
+        out.mkdir(parents=True, exist_ok=True)
+        handle = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            raise
+        except OSError:  # not here
+            pass
+        if out.exists() and os.path.samestat(os.fstat(handle), out.stat()):
+            return handle, made
+        os.close(handle)  # another run, which wrote nothing, has just removed it
+
+
+def leave_folder(out: Path) -> None:
+    """Let others write into a folder that was taken; if it was made for that and is empty, it goes."""
+    try:
+        handle, made = _taken.pop(Path(out).resolve())
+    except (KeyError, OSError, ValueError):
+        return
+    for folder in made:
+        try:
+            folder.rmdir()
+        except OSError:  # something is in it
+            break
+    os.close(handle)
+
+
+def leave_folders() -> None:
+    """The same for all of them."""
+    for out in list(_taken):
+        leave_folder(out)
 
 
 def no_other_verb(out: Path, own: str) -> None:
@@ -56,12 +104,13 @@ def written_whole(out: Path, last: str) -> Iterator[Path]:
     Whatever happens in between (a full disk, a kill), no part of a new result stands beside the `last` of an old one.
 
     Raises:
-        BadInput: writing failed, say because the disk is full; `out` is as it was, or without `last`.
+        BadInput: another run is writing there; or writing failed, say because the disk is full: `out` is as it was, or
+            without `last`.
     """
     out = Path(out)
-    aside = None
+    aside, known = None, out.resolve() in _taken
+    take_folder(out)
     try:
-        out.mkdir(parents=True, exist_ok=True)
         _sweep(out)
         aside = Path(tempfile.mkdtemp(prefix=f"{ASIDE}{os.getpid()}-", dir=out))
         yield aside
@@ -76,6 +125,8 @@ def written_whole(out: Path, last: str) -> Iterator[Path]:
     finally:
         if aside is not None:
             shutil.rmtree(aside, ignore_errors=True)
+        if not known:
+            leave_folder(out)
 
 
 def _sweep(out: Path) -> None:

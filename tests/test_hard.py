@@ -19,7 +19,7 @@ import energy_opt as eo
 from energy_opt.bench.journal import read_journal
 from energy_opt.cli import faults
 from energy_opt.cli.main import main
-from energy_opt.folders import try_folder, written_whole
+from energy_opt.folders import leave_folder, take_folder, written_whole
 
 START, GOAL = "0,0,0,-1.5,0,1.5,0", "0.3,0.2,0.1,-1.2,0.1,1.7,0.2"
 MOVE = [
@@ -183,12 +183,37 @@ def test_results_change_place_together_and_the_last_comes_last(tmp_path: Path) -
 
 
 def test_out_is_tried_before_the_work_and_left_as_it_was(tmp_path: Path) -> None:
-    try_folder(tmp_path / "a" / "b")
+    take_folder(tmp_path / "a" / "b")
+    leave_folder(tmp_path / "a" / "b")
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").touch()
     for name in ("file", "file/below", "x" * 300, "\0"):
         with pytest.raises(eo.BadInput, match="cannot be written"):
-            try_folder(tmp_path / name)
+            take_folder(tmp_path / name)
+
+
+def test_a_folder_where_another_run_is_writing_is_left_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Told before the work, in one line; the other run's death, by SIGKILL too, frees the folder."""
+    out = tmp_path / "deep" / "out"
+    hold = f"from energy_opt.folders import take_folder as t; t({str(out)!r}); print(1, flush=True); input()"
+    other = subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert other.stdout is not None and other.stdout.readline() == b"1\n"
+    words = [*MOVE, *ENDS, "--duration", "2", "--self-collision", "off", "--out", str(out)]
+    assert main([*words, "--force"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "another run is writing here" in said
+    with pytest.raises(eo.BadInput, match="another run"), written_whole(out, "result.json"):
+        pass
+    assert not list(out.iterdir())
+    other.kill()
+    other.communicate()
+    assert main(words) == 0 and (out / "result.json").is_file()
+    take_folder(out)  # by this process, which may go on writing there
+    with written_whole(out, "result.json"):
+        pass
+    leave_folder(out)
 
 
 def _small_files() -> None:

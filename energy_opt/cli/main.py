@@ -17,6 +17,7 @@ from energy_opt.cli.faults import as_error, one_line
 from energy_opt.cli.interrupt import was_pressed
 from energy_opt.cli.usage import epilog
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
+from energy_opt.folders import leave_folders
 
 VERBS = {
     "optimize": "one move to minimum energy",
@@ -91,6 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 traceback.print_exc()
             error = as_error(fault)
             return _failed(error.document(), words, error.exit_code)
+        finally:
+            leave_folders()
 
 
 def _interrupted(words: Sequence[str]) -> int:

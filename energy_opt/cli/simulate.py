@@ -119,9 +119,9 @@ def _words(args: argparse.Namespace) -> list[str]:
 def _guard(args: argparse.Namespace, request: dict[str, list[str]]) -> None:
     """Refuse to overwrite measured data, or what other words simulated, unless forced."""
     from energy_opt.files import read_toml
-    from energy_opt.folders import try_folder
+    from energy_opt.folders import take_folder
 
-    try_folder(args.out)
+    take_folder(args.out)
     if args.force or not (args.out / "log.toml").exists():
         return
     truth = args.out / "truth.toml"

@@ -11,7 +11,7 @@ from typing import Any
 from energy_opt import __version__
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, read_json, read_toml
-from energy_opt.folders import no_other_verb, try_folder
+from energy_opt.folders import no_other_verb, take_folder
 from energy_opt.motion import Move, Settings
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -122,9 +122,9 @@ def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
 
     Raises:
         BadInput: `file` holds such an answer; says what differs. Or another verb's results lie beside it, or its folder
-            cannot be written.
+            cannot be written, or another run is writing there.
     """
-    try_folder(file.parent)
+    take_folder(file.parent)
     if force:
         return
     no_other_verb(file.parent, file.name)

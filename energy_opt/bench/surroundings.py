@@ -18,7 +18,18 @@ from energy_opt.robot import Robot
 if TYPE_CHECKING:
     from energy_opt.cell.cell import Cell
 
-KEYS = ("self_collision", "scene", "base", "floor", "clearance", "planner", "srdf", "payload_size", "package_dirs")
+KEYS = (
+    "self_collision",
+    "scene",
+    "base",
+    "floor",
+    "clearance",
+    "planner",
+    "srdf",
+    "payload_size",
+    "package_dirs",
+    "tool",
+)
 
 
 @dataclass(frozen=True)
@@ -56,6 +67,7 @@ def read_surroundings(table: Mapping[str, Any], files: Files, faults: Faults) ->
     for key, kind, expected in (
         ("self_collision", bool, "true or false"),
         ("planner", str, "a planner's name"),
+        ("tool", str, "FRAME or FRAME,X,Y,Z"),
         ("floor", float, "a height [m]"),
         ("clearance", float, "metres"),
         ("base", list, "[x, y, z, roll, pitch, yaw]"),

@@ -49,7 +49,8 @@ def _planner(task: Task) -> Planner:
 
     key, model = task.build, task.power()
     if key not in _planners:
-        settings = Settings(objective=task.objective, compile=task.compile, **dict(task.settings))
+        given = {"tool": task.surroundings.request.tool, **dict(task.settings)}
+        settings = Settings(objective=task.objective, compile=task.compile, **given)
         while len(_planners) >= KEPT:
             _planners.popitem(last=False)
         _planners[key] = Planner(task.robot.load(), model, settings)

@@ -20,6 +20,7 @@ from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.rigid_body import collision_geometry, link_parents
 from energy_opt.robot.srdf import semantics
+from energy_opt.robot.tool import tool_of
 
 PAYLOAD = "payload"
 TOUCHING = 2.5 * GJK_ERROR  # [m] an end that stands nearer than this touches, as far as can be told
@@ -125,7 +126,8 @@ class Cell:
         whole = scene or Scene()
         if request.floor is not None:
             whole = Scene(whole.objects, whole.allowed, whole.source, request.floor, whole.warnings)
-        frames = {**robot.body.link_frames(), TOOL: (robot.body.last, np.eye(4))}
+        tool = tool_of(robot.body, request.tool)
+        frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
         made: dict[int, Solid] = {}
         for placed in whole.placed(request.base_pose):
             solid = made.setdefault(id(placed.shape), _shape(placed.shape))

@@ -5,16 +5,27 @@ from __future__ import annotations
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import read_scene
+from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
+from energy_opt.robot.tool import tool_of
+
+
+def own_body(robot: Robot) -> Cell | None:
+    """The arm's own body alone, to be drawn where nothing is kept clear of; None where its meshes are not found."""
+    try:
+        return Cell(robot, CellRequest())
+    except BadInput:
+        return None
 
 
 def load_cell(robot: Robot, request: CellRequest) -> Cell | None:
     """A robot's body and cell; None where nothing is asked to be kept clear of.
 
     Raises:
-        BadInput: a file or a mesh cannot be read, or an object hangs on a link that there is not.
+        BadInput: a file or a mesh cannot be read, or the tool or an object hangs on a link that there is not.
     """
     if not request.checks:
+        tool_of(robot.body, request.tool)
         return None
     scene = None
     if request.scene is not None:

@@ -32,6 +32,7 @@ class CellRequest:
         allow_outside, allow_large: files outside of the scene's folder, and larger than usual, are read.
         payload_size: edges [m] of the payload's box; None for a point.
         payload_at: the centre of that box [m], in the last joint's frame.
+        tool: FRAME[,X,Y,Z], in whose frame what the tool holds stands; None for the last joint's frame.
     """
 
     self_collision: bool = True
@@ -46,6 +47,7 @@ class CellRequest:
     allow_large: bool = False
     payload_size: tuple[float, ...] | None = None
     payload_at: tuple[float, ...] = (0.0, 0.0, 0.0)
+    tool: str | None = None
 
     def __post_init__(self) -> None:
         if self.planner not in PLANNERS:

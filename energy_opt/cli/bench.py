@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from energy_opt.cli.common import add_cell, cell_of
+from energy_opt.cli.common import add_cell, add_lock, cell_of, locks_of
 from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput
 
@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--model", metavar="MODEL", help="power model: a file, or source-method-1, source-method-2, careful"
     )
+    add_lock(group)
     group.add_argument("--seed", type=int, metavar="N", help="seed of random moves and of the solver's starts")
     add_cell(parser)
     parser.set_defaults(self_collision=None, planner=None)  # as the suite says
@@ -108,6 +109,8 @@ def _overrides(args: argparse.Namespace) -> dict[str, Any]:
         out["models"] = [str(path.resolve()) if path.is_file() else args.model]
     if args.payload is not None:
         out["payloads"] = [args.payload]
+    if args.lock:
+        out["lock"] = locks_of(args)
     return out | _surroundings(args)
 
 

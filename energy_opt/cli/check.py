@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_cell, add_lock, add_prefix, load_robot_of, locks_of, refuse_degrees, say
+from energy_opt.cli.common import add_cell, add_lock, add_prefix, load_robot_of, locks_of, model_of, refuse_degrees, say
 from energy_opt.cli.faults import one_line
 from energy_opt.errors import BadInput, EnergyOptError
 
@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="NAME_OR_URDF", help="the robot whose joints and limits are meant")
     parser.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     parser.add_argument("--model", metavar="MODEL", help="model for the torque of a trajectory (source-method-2)")
+    parser.add_argument("--payload", metavar="MASS[,CX,CY,CZ]", help="carried along a trajectory [kg, m] (none)")
     add_lock(parser)
     add_prefix(parser)
     add_cell(parser)
@@ -159,9 +160,11 @@ def _limits(file: Path, args: argparse.Namespace) -> list[str]:
 
 def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
+    import numpy as np
+
     from energy_opt.formats import read
     from energy_opt.front.given import model_from
-    from energy_opt.motion.judge.certificate import certify
+    from energy_opt.motion.judge.certificate import ALLOWED, certify
     from energy_opt.motion.judge.energy import Scorer
     from energy_opt.motion.limits.registry import joint_limits
     from energy_opt.robot import known_robots, load_robot
@@ -183,15 +186,24 @@ def _trajectory(file: Path, args: argparse.Namespace) -> list[str]:
     if rows.time is None:
         return []
     trajectory = rows.trajectory()
-    certificate = certify(trajectory, Scorer(robot, model_from(args.model, robot)), joint_limits(robot.limits))
-    worst, faults = certificate.worst, _touches(file, args, robot, trajectory)
-    if certificate.valid:
-        return faults
+    model = model_of(model_from(args.model, robot), args, robot)
+    certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
     return [
-        *faults,
-        f"{file}: {worst['limit']} of {worst['joint']} is {worst['value']:.6g} at {worst['time']:.4g} s, beyond its "
-        f"bound {worst['bound']:.6g} by {certificate.violation:.2e}",
+        *_touches(file, args, robot, trajectory),
+        *(
+            f"{file}: {found.limit} of {found.where} is {found.value:.6g} at {found.time:.4g} s (row "
+            f"{_row(trajectory, found.time)}), beyond its bound {found.bound:.6g} by {excess:.2e} of it"
+            for found in certificate.found
+            if (excess := np.inf if found.excess is None else found.excess) > ALLOWED
+        ),
     ]
+
+
+def _row(trajectory: Trajectory, time: float) -> int:
+    """The row of data, counted from 1, that is last before `time` [s]."""
+    import numpy as np
+
+    return int(np.searchsorted(trajectory.time, time, side="right"))
 
 
 def _touches(file: Path, args: argparse.Namespace, robot: Robot, trajectory: Trajectory) -> list[str]:

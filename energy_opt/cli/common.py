@@ -32,9 +32,8 @@ def add_common(parser: argparse.ArgumentParser, out: str, default: str = "source
     """Options of every verb that plans; `default`: which model it plans under where none is given."""
     group = parser.add_argument_group("robot and model")
     group.add_argument("--robot", required=True, metavar="NAME_OR_URDF", help="a name (`energy-opt robots`) or a URDF")
-    group.add_argument(
-        "--limits", type=Path, metavar="FILE", help="MoveIt's joint_limits.yaml (default: published or the URDF's)"
-    )
+    limits = "MoveIt's joint_limits.yaml (default: published or the URDF's)"
+    group.add_argument("--limits", type=Path, metavar="FILE", help=limits)
     add_lock(group)
     group.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m] (none)"
@@ -49,12 +48,9 @@ def add_common(parser: argparse.ArgumentParser, out: str, default: str = "source
 def add_model(group: argparse._ArgumentGroup, default: str = "source-method-2") -> None:
     """The power model."""
     group.add_argument(
-        "--model",
-        action="append",
-        default=[],
-        metavar="MODEL",
+        "--model", action="append", default=[], metavar="MODEL",
         help=f"power model: a file, or source-method-1, source-method-2, careful (default: {default})",
-    )
+    )  # fmt: skip
 
 
 def add_output(parser: argparse.ArgumentParser, out: str, report: bool = True) -> None:
@@ -93,7 +89,6 @@ def add_move(parser: argparse.ArgumentParser) -> None:
         help="upright[:DEG] (5), orientation[:DEG] (2) or line[:MM] (1) of the tool (repeatable)",
     )  # fmt: skip
     group.add_argument("--tube", metavar="WIDTH", help="0.1rad (each joint) or 0.02m (tool): near the given path (no)")
-    group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group = parser.add_argument_group("solving")
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
     group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping at most (24)")
@@ -119,6 +114,7 @@ def add_cell(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--floor", type=float, metavar="Z", help="solid below this height of the scene's frame [m]")
     group.add_argument("--clearance", type=float, metavar="M", help="kept from everything [m] (0.0005)")
     group.add_argument("--planner", default="auto", metavar="NAME", help="first path: auto (default), none or ompl")
+    group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group.add_argument(
         "--payload-size", metavar="X,Y,Z", help="edges of the payload's box about its centre of mass [m]"
     )
@@ -167,10 +163,14 @@ def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
     model = model_from(args.model[0] if args.model else None, robot)
     if model.robot not in ("", robot.name):
         say(args, f"warning: {args.model[0]}: a model of {model.robot}, used for {robot.name}")
+    return model_of(model, args, robot)
+
+
+def model_of(model: PowerModel, args: argparse.Namespace, robot: Robot) -> PowerModel:
+    """The model with what --payload and --base say: gravity is the scene's -z."""
     if args.payload is not None:
         model = model.for_move(payload_from(args.payload))
-    if getattr(args, "base", None) is not None:  # gravity is the scene's -z
-        model = model.standing(*cell_of(args).base[3:5])
+    model = model if args.base is None else model.standing(*cell_of(args).base[3:5])
     model.check(robot.n)
     return model
 
@@ -181,7 +181,7 @@ def rivals_of(args: argparse.Namespace, robot: Robot) -> tuple[list[Rival], Kind
 
     payload = None if args.payload is None else payload_from(args.payload)
     rivals, kind = rivals_from(args.model, args.robust, robot, payload)
-    if getattr(args, "base", None) is not None:  # gravity is the scene's -z
+    if args.base is not None:  # gravity is the scene's -z
         rivals = [replace(rival, model=rival.model.standing(*cell_of(args).base[3:5])) for rival in rivals]
     for rival in rivals:
         if rival.model.robot not in ("", robot.name):
@@ -224,6 +224,7 @@ def cell_of(args: argparse.Namespace) -> CellRequest:
         allow_large=args.allow_large,
         payload_size=size,
         payload_at=at,
+        tool=args.tool,
     )
 
 
@@ -313,9 +314,8 @@ def move_of(
         for option in ("start", "goal"):
             if getattr(args, option) is None:
                 raise BadInput(f"--{option} is missing; give --start and --goal, or --path")
-        srdf = getattr(args, "srdf", None)
-        start = pose_from(args.start, robot, "--start", srdf)
-        goal = pose_from(args.goal, robot, "--goal", srdf)
+        start = pose_from(args.start, robot, "--start", args.srdf)
+        goal = pose_from(args.goal, robot, "--goal", args.srdf)
         refuse_degrees(robot, start, "--start")
         refuse_degrees(robot, goal, "--goal")
     via = tuple(joint_vector(word, robot.joints, "--via") for word in args.via)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from energy_opt.cli.common import add_cell, add_lock, add_output, cell_of, locks_of, payload_from, say
+from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
     from energy_opt.cell.request import CellRequest
@@ -69,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     surroundings = cell_of(args)  # of the motion to record next
     request |= {"cell": surroundings.document()} if surroundings.document() else {}
     tolerance = TOLERANCE if args.tolerance is None else args.tolerance
+    if not 0 < tolerance <= 100:
+        raise BadInput(f"--tolerance {tolerance:g}: expected per cent of the energy, above 0 and at most 100")
     request |= {} if tolerance == TOLERANCE else {"tolerance": tolerance}
     guard(args.out / "diagnosis.json", request, args.force)
     if not _has_meter(measured):

@@ -32,6 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--robot", metavar="NAME_OR_URDF", help="in place of the job's own")
     group.add_argument("--limits", type=Path, metavar="FILE", help="joint limits (MoveIt's joint_limits.yaml)")
     add_lock(group)
+    group.add_argument(
+        "--payload", metavar="MASS[,CX,CY,CZ]",
+        help="point mass [kg] in the last joint's frame [m], until a step says another (the job's, else the model's)",
+    )  # fmt: skip
     add_model(group)
     add_prefix(group)
     group = parser.add_argument_group("solving")
@@ -47,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
-    from energy_opt.files import to_json, write_json
+    from energy_opt.files import read_toml, to_json, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_job
     from energy_opt.front.rivals import judges_of, said
@@ -58,8 +62,11 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.motion import Settings
 
     job = load_job(args.job, lambda name: _robot(args, name), allow_outside=args.allow_outside)
-    args.payload = None
     model = load_model_of(args, job.robot)
+    held = model.get("payload")
+    if held is not None and (args.payload is not None or "payload" not in read_toml(args.job)):
+        mass, (x, y, z) = float(held.values["mass"][0]), held.values["com"].tolist()
+        job = load_job(args.job, lambda _: job.robot, allow_outside=args.allow_outside, payload=(mass, x, y, z))
     given = {"seed": args.seed, "compile": args.compile}
     settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}))
     cell, limits = cell_of(args), vars(job.robot.limits)

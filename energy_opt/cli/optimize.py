@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.front.answer import answer_of
     from energy_opt.front.output import table
     from energy_opt.front.request import guard, request_of_move
-    from energy_opt.front.rivals import compared
+    from energy_opt.front.rivals import compared, robust_of
     from energy_opt.motion import Planner
     from energy_opt.motion.plan.robust import RobustPlanner
 
@@ -60,7 +60,8 @@ def run(args: argparse.Namespace) -> int:
     named = {"path": args.path, "limits": args.limits, "scene": args.scene, "cell": asked.document()}
     standard = None if args.as_ is None else {"as": args.as_, "vias": args.vias or 0}
     settings = settings_of(args)
-    request = request_of_move(robot, model, move, settings, **named, standard=standard, command=args.command)
+    named |= {"standard": standard, "robust": robust_of(rivals, kind)}
+    request = request_of_move(robot, model, move, settings, **named, command=args.command)
     guard(args.out / "result.json", request, args.force)
     with stop_on_interrupt() as stopped, Progress(args):
         cell = load_cell(robot, asked)

@@ -22,6 +22,7 @@ from energy_opt.errors import BadInput
 if TYPE_CHECKING:
     from energy_opt.tradeoff import Front
 
+MOST = 1000  # durations of a front, each a solve or more: some minutes
 EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
 
 
@@ -123,4 +124,6 @@ def _durations(args: argparse.Namespace) -> list[float] | None:
         raise BadInput(
             f"--durations {args.durations}: expected FIRST:LAST:COUNT, seconds above 0 in rising order and how many"
         ) from None
+    if count > MOST and not args.allow_large:
+        raise BadInput(f"--durations {args.durations}: expected at most {MOST} durations, or --allow-large")
     return [float(d) for d in np.linspace(first, last, count)]

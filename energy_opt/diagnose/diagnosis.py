@@ -115,6 +115,7 @@ def diagnose(
         "residual_goes_with": [{k: row[k] for k in ("signal", "joint", "strength", "setting")} for row in left],
         "remainder": [{k: row[k] for k in ("signal", "joint", "watts")} for row in left],
         "error": {"before": before, "after": after, "noise_floor": samples.floor},
+        "noise_floor": samples.floor,
         "noise": {"white": found.noise.white, "wave": found.noise.wave, "memory": found.noise.memory},
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
         "declared_effects": [e.name for e in declared.effects],

@@ -69,6 +69,7 @@ def diagnose_joints(measured: MeasuredSet, declared: PowerModel) -> JointDiagnos
         "residual_goes_with": [],
         "remainder": [],
         "error": {"before": nothing, "after": nothing, "noise_floor": None},
+        "noise_floor": None,
         "split": {"train": [r.file for r in kept.runs], "holdout": []},
         "model_effects": [e.name for e in model.effects],
         "joint_side": rows,

@@ -8,7 +8,7 @@ from typing import Any
 
 from energy_opt import formats
 from energy_opt.cell.cell import Cell
-from energy_opt.cell.request import CellRequest
+from energy_opt.cell.load import own_body
 from energy_opt.files import replacing, write_json
 from energy_opt.folders import written_whole
 from energy_opt.motion import Result
@@ -28,11 +28,13 @@ def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, 
     with written_whole(out, "result.json") as aside:
         formats.table.write(result.trajectory, aside / "trajectory.csv")
         formats.messages.write_yaml(result.trajectory, aside / "trajectory.yaml")
-        _picture_and_report(result, robot, document, aside, cell or Cell(robot, CellRequest()))
+        _picture_and_report(result, robot, document, aside, cell or own_body(robot))
         write_json(aside / "result.json", document)
 
 
-def _picture_and_report(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell) -> None:
+def _picture_and_report(
+    result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None
+) -> None:
     t, scaled = result.trajectory, result.baseline("scaled")
     assert t.effort is not None and t.power is not None
     curve, names = None, {"result": result.energy.by_effect}

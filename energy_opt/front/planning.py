@@ -23,7 +23,7 @@ from energy_opt.front.given import (
     robot_from,
 )
 from energy_opt.front.request import request_of_move
-from energy_opt.front.rivals import compared, rivals_from
+from energy_opt.front.rivals import compared, rivals_from, robust_of
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.power import PowerModel
@@ -120,9 +120,12 @@ def optimize(
     asked = cell or CellRequest()
     if scene is not None:
         asked = replace(asked, scene=Path(scene))
+    if settings.tool is not None:
+        asked = replace(asked, tool=settings.tool)
     request = request_of_move(
-        arm, power, move, settings, path=path, limits=limits, scene=asked.scene, cell=asked.document()
-    )
+        arm, power, move, settings, path=path, limits=limits, scene=asked.scene, cell=asked.document(),
+        robust=robust_of(rivals, kind),
+    )  # fmt: skip
     if any(asked.base[3:5]):  # gravity is the scene's -z
         rivals = [replace(rival, model=rival.model.standing(*asked.base[3:5])) for rival in rivals]
         power = rivals[0].model

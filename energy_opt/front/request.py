@@ -42,6 +42,7 @@ def request_of_move(
     payload = model.get("payload")
     return {
         "robot": robot.name,
+        "locked": robot.locked,
         "start": move.start,
         "goal": move.goal,
         "via": list(move.via),
@@ -80,6 +81,7 @@ def request_of_set(
     return {
         "set": str(folder),
         "robot": robot.name,
+        "locked": robot.locked,
         "payload": payload,
         "model": None if model is None else model.to_document(),
         "limits": None if limits is None else str(limits),
@@ -95,6 +97,7 @@ def request_of_job(
     return {
         "job": read_toml(file),
         "robot": robot.name,
+        "locked": robot.locked,
         "model": model.to_document(),
         "seed": settings.seed,
         "settings": _unusual(settings),

@@ -22,6 +22,7 @@ CAREFUL = "careful"
 PLANNED, JUDGED = 6, 40  # draws of a model's values that a plan is made for, and that its saving is judged under
 COARSER = 2  # places between two rows: what differs between draws is smooth
 KINDS = ("mean", "worst")
+DRAW = "draw "  # before the number of one
 
 
 def rivals_from(
@@ -50,9 +51,20 @@ def rivals_from(
     return rivals, cast(Kind, robust or "mean")
 
 
+def robust_of(rivals: Sequence[Rival], kind: Kind | None) -> dict[str, Any] | None:
+    """How a plan is to hold under several models, for a result's request; None where it is made under one.
+
+    Draws are left out: they follow from their model.
+    """
+    if kind is None:
+        return None
+    models = [{"name": r.name, **r.model.to_document()} for r in rivals if not r.name.startswith(DRAW)]
+    return {"kind": kind, "models": models}
+
+
 def _drawn(rival: Rival, count: int) -> list[Rival]:
     """Models drawn from a model's covariance; none where it has none."""
-    return [Rival(f"draw {k}", model) for k, model in enumerate(draws_of(rival.model, count), start=1)]
+    return [Rival(f"{DRAW}{k}", model) for k, model in enumerate(draws_of(rival.model, count), start=1)]
 
 
 def _explaining(rival: Rival) -> list[Rival]:

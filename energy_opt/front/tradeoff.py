@@ -121,6 +121,8 @@ def tradeoff(
     asked = cell or CellRequest()
     if scene is not None:
         asked = replace(asked, scene=Path(scene))
+    if settings.tool is not None:
+        asked = replace(asked, tool=settings.tool)
     if any(asked.base[3:5]):  # gravity is the scene's -z
         power = power.standing(*asked.base[3:5])
     over = cycle_for(arm, power, move, cycle, idle_power)

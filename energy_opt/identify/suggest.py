@@ -12,6 +12,7 @@ from energy_opt.errors import BadInput
 from energy_opt.robot import PointMass, Robot
 
 DRAWN = 4000
+MOST = 1000  # poses to record: days
 MARGIN = 0.05  # of a joint's range kept from its limits
 SPAN = np.pi  # [rad] taken for joints without limits
 SHARE = 0.9  # of the effort limit that holding a pose may take
@@ -45,10 +46,12 @@ def suggest(
         free: whether the arm touches nothing at a pose (n,); None where that does not matter.
 
     Raises:
-        BadInput: fewer than 3 poses are asked for, or not so many can be held.
+        BadInput: fewer than 3 or more than `MOST` poses are asked for, or not so many can be held.
     """
     if count < 3:
         raise BadInput(f"--suggest {count}: a line with an interval needs 3 poses or more")
+    if count > MOST:
+        raise BadInput(f"--suggest {count}: expected at most {MOST} poses")
     rng = np.random.default_rng(seed)
     limits = robot.limits
     bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)

@@ -37,6 +37,7 @@ MOVING = ("name", "to", "mode", "min_duration", "max_duration", "payload", "scen
 WAITING = ("name", "wait", "brakes", "payload", "scene")
 SAME = 1e-9  # [rad] two poses nearer than this are one
 MOST_STEPS = 1000
+Load = tuple[float, float, float, float]  # mass [kg] and its centre [m] in the last joint's frame
 BRIEFEST, LONGEST = 1e-6, 1e7  # [s] of a cycle and a wait: less is none, more is a slip of units
 
 
@@ -62,7 +63,7 @@ class Step:
     mode: Literal["retime", "reshape"] = "reshape"
     least: float = 0.0
     most: float = np.inf
-    payload: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    payload: Load = (0.0, 0.0, 0.0, 0.0)
     scene: Path | None = None
     stop: bool = True
 
@@ -87,17 +88,20 @@ class Job:
         return sum(step.wait for step in self.steps if step.wait is not None)
 
 
-def load_job(path: Path, load: Callable[[str], Robot], *, allow_outside: bool = False) -> Job:
+def load_job(
+    path: Path, load: Callable[[str], Robot], *, allow_outside: bool = False, payload: Load | None = None
+) -> Job:
     """Read a job.
 
     Args:
         load: makes the robot out of its name, or of the path of its URDF.
         allow_outside: URDF and scenes may lie outside the job's folder.
+        payload: held until a step says another, in place of what the job says.
 
     Raises:
         BadInput: names every fault, one a line, with the step's name.
     """
-    job, faults = _read(Path(path), load, allow_outside)
+    job, faults = _read(Path(path), load, allow_outside, payload)
     if faults or job is None:
         raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
     return job
@@ -164,7 +168,7 @@ class _Reader:
             if key not in names:
                 self.faults.append(f"{where}: unknown key {key!r}{near(key, names)}; known: {', '.join(names)}")
 
-    def payload(self, value: Any, where: str) -> tuple[float, float, float, float]:
+    def payload(self, value: Any, where: str) -> Load:
         """MASS or [MASS, CX, CY, CZ]."""
         parts = value if isinstance(value, list) else [value]
         numbers = list(filter(is_number, parts))
@@ -187,7 +191,9 @@ class _Reader:
         return path
 
 
-def _read(path: Path, load: Callable[[str], Robot], allow_outside: bool) -> tuple[Job | None, list[str]]:
+def _read(
+    path: Path, load: Callable[[str], Robot], allow_outside: bool, payload: Load | None = None
+) -> tuple[Job | None, list[str]]:
     document = read_toml(path)
     if document.get("format") != FORMAT:
         return None, [f"format = {document.get('format')!r}; expected {FORMAT!r}"]
@@ -216,14 +222,14 @@ def _read(path: Path, load: Callable[[str], Robot], allow_outside: bool) -> tupl
         return None, [*reader.faults, "step: expected [[step]] tables, at least one"]
     if len(rows) > MOST_STEPS:
         return None, [*reader.faults, f"step: {len(rows)} steps; expected at most {MOST_STEPS}"]
-    steps = _steps(reader, rows)
+    steps = _steps(reader, rows, payload)
     brakes = reader.truth(document, "brakes", "job", False)
     if reader.faults:
         return None, reader.faults
     return Job(path.stem, reader.robot, cycle, tuple(steps), brakes), []
 
 
-def _steps(reader: _Reader, rows: list[Mapping[str, Any]]) -> list[Step]:
+def _steps(reader: _Reader, rows: list[Mapping[str, Any]], held: Load | None) -> list[Step]:
     top = reader.document
     at = reader.pose(top["home"], "home") if "home" in top else None
     if at is not None:
@@ -238,7 +244,8 @@ def _steps(reader: _Reader, rows: list[Mapping[str, Any]]) -> list[Step]:
         return []
     begin = at
     out: list[Step] = []
-    payload = reader.payload(top.get("payload", 0.0), "job")
+    said = reader.payload(top.get("payload", 0.0), "job")
+    payload = said if held is None else held
     scene = reader.scene(top["scene"], "job") if "scene" in top else None
     for k, (row, target) in enumerate(zip(rows, targets, strict=True)):
         where = _where(k, row)
@@ -286,7 +293,7 @@ def _step(
     where: str,
     at: np.ndarray,
     target: np.ndarray | None,
-    payload: tuple[float, float, float, float],
+    payload: Load,
     scene: Path | None,
 ) -> Step:
     name = row.get("name", where)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt import formats
-from energy_opt.cell.cell import Cell
-from energy_opt.cell.request import CellRequest
+from energy_opt.cell.load import own_body
 from energy_opt.files import plain, write_json
 from energy_opt.job.cycle import Piece, joined
 from energy_opt.job.run import JobResult
@@ -119,7 +118,7 @@ def write(result: JobResult, request: Mapping[str, Any], out: Path) -> dict[str,
             formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
     formats.write(joined(result.pieces), Path(out) / "cycle.csv")
     found = {**document(result), "request": plain(request)}
-    bodies, scene = drawn(result.cell or Cell(result.job.robot, CellRequest()))
+    bodies, scene = drawn(result.cell or own_body(result.job.robot))
     cycle = joined(result.pieces)
     page(found, cycle, result.job.robot, bodies, scene, power_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)

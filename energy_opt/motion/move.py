@@ -11,6 +11,7 @@ from energy_opt.errors import BadInput
 from energy_opt.motion.conditions import kept, tube_of
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.compile import POLICIES
 
 Mode = Literal["retime", "reshape"]
 SHORTEST, LONGEST = 1e-6, 1e5  # [s] of a duration asked for: less than a sample of any controller; more than a day
@@ -164,5 +165,7 @@ class Settings:
             raise BadInput(f"--objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
         if self.solver != "ipopt":
             raise BadInput(f"--solver {self.solver!r}; expected ipopt")
+        if self.compile not in POLICIES:
+            raise BadInput(f"--compile {self.compile!r}; expected one of {', '.join(POLICIES)}")
         if self.end_acceleration not in ("zero", "free"):
             raise BadInput(f"--end-acceleration {self.end_acceleration!r}; expected zero or free")

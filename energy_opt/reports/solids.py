@@ -18,10 +18,12 @@ POINTS = 200  # of which a body with a radius is drawn, shared among its corners
 LEAST_POINTS = 12  # around one corner
 
 
-def drawn(cell: Cell) -> tuple[list[Solid], list[Solid]]:
-    """The arm with what it carries, and what stands around it."""
+def drawn(cell: Cell | None) -> tuple[list[Solid], list[Solid]]:
+    """The arm with what it carries, and what stands around it; neither where no bodies are known."""
     arm: list[Solid] = []
     scene: list[Solid] = []
+    if cell is None:
+        return arm, scene
     for k, body in enumerate(cell.bodies.all):
         (arm if k < cell.links or body.joint >= 0 else scene).extend(_solids(body))
     return arm, scene

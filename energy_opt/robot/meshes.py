@@ -60,8 +60,8 @@ def collision_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> CollisionUr
                 continue
             if found.suffix.lower() not in KNOWN_FORMATS:
                 raise BadInput(f"{path}: link {link.get('name')}: {found}: expected {', '.join(KNOWN_FORMATS)}")
-            mesh.set("filename", str(found))
-            meshes.append(found)
+            mesh.set("filename", str(found.absolute()))
+            meshes.append(found.absolute())
     if missing:
         total = len(missing) + len(meshes)
         raise BadInput(

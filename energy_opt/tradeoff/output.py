@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.cell.cell import Cell
-from energy_opt.cell.request import CellRequest
+from energy_opt.cell.load import own_body
 from energy_opt.files import write_json, write_text
 from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
@@ -98,10 +98,10 @@ def write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Ce
         cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
     """
     with written_whole(out, "tradeoff.json") as aside:
-        _write(aside, front, found, robot, cell or Cell(robot, CellRequest()))
+        _write(aside, front, found, robot, cell or own_body(robot))
 
 
-def _write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Cell) -> None:
+def _write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Cell | None) -> None:
     write_text(out / "tradeoff.csv", table(front))
     for name, point in (("minimum", front.minimum), ("cycle_minimum", front.cycle_minimum)):
         if point is not None and point.trajectory is not None:

@@ -1,0 +1,159 @@
+"""Options that mean the same wherever a motion is made or judged: tool, payload, base, locks, models."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from poses import GOAL, START
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene_files import read_scene
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.files import read_json
+from energy_opt.formats import write
+from energy_opt.job.example import EXAMPLE
+from energy_opt.motion import Settings
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import Robot
+
+SMALL = START + 0.05 * (GOAL - START)
+
+
+def words_of(*more: str) -> list[str]:
+    ends = [f"--{name}={','.join(map(str, q))}" for name, q in (("start", START), ("goal", SMALL))]
+    return ["optimize", "--robot", "panda", *ends, "--mode", "retime", "--quiet", *more]
+
+
+def slow(robot: Robot, seconds: float) -> Trajectory:
+    t = np.linspace(0, seconds, 101)
+    u = t[:, None] / seconds
+    rates = 30 * u**2 * (1 - u) ** 2 / seconds, 60 * u * (1 - u) * (1 - 2 * u) / seconds**2
+    ramp = u**3 * (10 - 15 * u + 6 * u**2)
+    return Trajectory(robot.joints, t, START + ramp * (SMALL - START), *(r * (SMALL - START) for r in rates))
+
+
+def test_an_answer_under_other_models_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = ["--out", str(tmp_path)]
+    assert main(words_of(*out, "--model", "source-method-2")) == 0
+    for others in ([], ["--robust", "worst"], ["--model", "source-method-2", "--model", "careful"]):
+        assert main(words_of(*out, *others)) == 2
+        assert "another request (robust)" in capsys.readouterr().err
+    assert main(words_of(*out, "--force")) == 0
+    assert [m["name"] for m in read_json(tmp_path / "result.json")["request"]["robust"]["models"]] == [
+        "source-method-2", "careful",
+    ]  # fmt: skip
+    held = words_of(*out, "--lock", "panda_finger_joint1=0.02")
+    assert main(held) == 2 and "another request" in capsys.readouterr().err
+
+
+def test_what_the_tool_holds_stands_in_the_tools_frame(panda: Robot, tmp_path: Path) -> None:
+    file = tmp_path / "held.yaml"
+    file.write_text("objects:\n  - {name: part, type: sphere, radius: 0.02, position: [0, 0, 0.15], attach: true}\n")
+    places = []
+    for tool in (None, "panda_hand", "panda_hand,0.0,0.0,0.1"):
+        cell = Cell(panda, CellRequest(tool=tool), read_scene(file))
+        places.append(next(body.pose for body in cell.bodies.all if body.name == "part"))
+    hand = panda.body.link_frames()["panda_hand"][1]
+    assert np.allclose(places[1], hand @ places[0])
+    assert np.allclose(places[2][:3, 3], places[1][:3, 3] + 0.1 * hand[:3, 2])
+
+
+def test_a_tool_that_there_is_not_is_refused_by_every_verb(
+    panda: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(BadInput, match="no frame 'nowhere'"):
+        load_cell(panda, CellRequest(self_collision=False, tool="nowhere"))
+    write(slow(panda, 1.0), tmp_path / "t.csv")
+    (tmp_path / "job.toml").write_text(EXAMPLE)
+    (tmp_path / "suite.toml").write_text(
+        'format = "energy-opt/suite/1"\nname = "s"\nrobots = ["panda"]\nmodes = ["retime"]\nrandom = { count = 1 }\n'
+    )
+    for verb, *files in (("check", "t.csv"), ("job", "job.toml"), ("bench", "suite.toml")):
+        given = [verb, *(str(tmp_path / file) for file in files), "--tool", "nowhere"]
+        where = [] if verb == "check" else ["--out", str(tmp_path / verb)]
+        assert main([*given, *where, "--quiet"]) != 0
+        assert verb == "bench" or "no frame 'nowhere'" in capsys.readouterr().err
+
+
+def test_check_judges_with_payload_and_base(panda: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "t.csv"
+    write(slow(panda, 1.0), file)
+    assert main(["check", str(file), "--robot", "panda"]) == 0
+    assert main(["check", str(file), "--robot", "panda", "--payload", "60"]) == 2
+    assert "effort of panda_joint" in capsys.readouterr().err
+    assert main(["check", str(file), "--robot", "panda", "--payload", "14", "--base=0,0,0,0,0,0"]) == 2
+    assert main(["check", str(file), "--robot", "panda", "--payload", "14", "--base=0,0,0,3.14159,0,0"]) == 2
+    upright, hanging = capsys.readouterr().err.splitlines()
+    assert upright.split(" is ")[1].split(" at ")[0] != hanging.split(" is ")[1].split(" at ")[0]
+
+
+def test_check_names_every_limit_that_is_broken(
+    panda: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(slow(panda, 0.02), tmp_path / "t.csv")
+    assert main(["check", str(tmp_path / "t.csv"), "--robot", "panda"]) == 2
+    said = capsys.readouterr().err
+    assert all(f": {limit} of panda_joint" in said for limit in ("velocity", "acceleration", "jerk", "effort"))
+    assert "(row " in said
+
+
+def test_a_job_carries_the_payload_that_is_given(tmp_path: Path) -> None:
+    file = tmp_path / "job.toml"
+    there, back = GOAL.tolist(), START.tolist()
+    file.write_text(
+        'format = "energy-opt/job/1"\nrobot = "panda"\ncycle_time = 4.0\nmode = "retime"\n'
+        f"[[step]]\nto = {there}\n[[step]]\nto = {back}\npayload = 2.0\n"
+    )
+    (tmp_path / "held.toml").write_text(
+        'format = "energy-opt/model/1"\n[[effect]]\nname = "standby"\npower = 88\n'
+        '[[effect]]\nname = "copper_loss"\nr_over_kt2 = 0.0036\n'
+        '[[effect]]\nname = "payload"\nmass = 0.7\ncom = [0.0, 0.0, 0.1]\n'
+    )
+    held = ["--model", str(tmp_path / "held.toml")]
+    for name, option, mass in (("both", [*held, "--payload", "0.5"], 0.5), ("model", held, 0.7)):
+        assert main(["job", str(file), "--out", str(tmp_path / name), "--quiet", *option]) == 0
+        steps = read_json(tmp_path / name / "job.json")["steps"]
+        assert [step["payload"] for step in steps[:2]] == [mass, 2.0]
+
+
+def test_nonsense_is_refused_before_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(BadInput, match="compile 'maybe'"):
+        Settings(compile="maybe")
+    front = ["tradeoff", *words_of("--out", str(tmp_path))[1:], "--durations", "1:2:100000000"]
+    for words, said in (
+        (front, "at most 1000 durations"),
+        (["identify", "--robot", "panda", "--suggest", "1000000000", "--out", str(tmp_path)], "at most 1000 poses"),
+    ):
+        assert main(words) == 2
+        assert said in capsys.readouterr().err
+
+
+MESHED = """<robot name="two">
+<link name="base"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+<link name="arm"><inertial><origin xyz="0.25 0 0"/><mass value="2"/>
+<inertia ixx="0.001" iyy="0.04" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0.3 0 0"/><geometry><mesh filename="package://two/arm.stl"/></geometry></collision></link>
+<joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 -1 0"/>
+<limit lower="-2" upper="2" effort="60" velocity="3"/></joint></robot>"""
+
+
+def test_an_arm_without_its_meshes_moves_with_self_collision_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import trimesh
+
+    monkeypatch.chdir(tmp_path)
+    Path("two.urdf").write_text(MESHED)
+    move = ["--robot", "two.urdf", "--start", "0", "--goal", "1", "--mode", "retime", "--quiet"]
+    move += ["--model", "source-method-2"]
+    assert main(["optimize", *move, "--out", "a"]) == 2
+    assert "--package-dir" in capsys.readouterr().err
+    assert main(["optimize", *move, "--out", "b", "--self-collision", "off"]) == 0
+    front = ["--out", "c", "--self-collision", "off", "--durations", "1:1:1"]
+    assert main(["tradeoff", *move, *front]) == 0
+    Path("meshes/two").mkdir(parents=True)
+    trimesh.creation.box((0.4, 0.05, 0.05)).export("meshes/two/arm.stl")
+    assert main(["optimize", *move, "--out", "d", "--package-dir", "meshes"]) == 0  # a folder by its relative name

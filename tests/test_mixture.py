@@ -119,9 +119,19 @@ def test_the_worst_of_the_models_is_no_worse_than_of_the_mean(panda: Robot) -> N
     settings = Settings(starts=1, controls=16, compile="never")
     move = Move(START, GOAL, mode="retime")
     worst = {}
-    for kind in ("mean", "worst"):
+    for kind, value in (("mean", np.mean), ("worst", np.max)):
         result = RobustPlanner(panda, rivals, kind, settings).solve(move)
-        worst[kind] = max(float(row["total"]) for row in result.models)
+        totals = [float(row["total"]) for row in result.models]
+        worst[kind] = max(totals)
+        assert result.robust == {"kind": kind, "total": pytest.approx(value(totals), rel=1e-12)}
+        known = result.optimality  # each mean of the models is convex; the least of its energy bounds the largest, too
+        assert known.lower_bound is not None and known.lower_bound <= value(totals)
+        assert known.gap_percent == pytest.approx(100 * (1 - known.lower_bound / value(totals)), abs=1e-9)
+        assert known.kind == ("global" if known.gap_percent <= 0.25 else "local")
+        assert known.gap_percent < (0.01 if kind == "mean" else 5)
+        assert f"J ({kind} of the models), gap" in str(result)
+        power = result.trajectory.power
+        assert power is not None and power.max() <= result.certificate.peak_power <= power.max() * 1.01
     assert worst["worst"] <= worst["mean"] + 1e-9
 
 

@@ -99,6 +99,8 @@ class Result:
         first_path: where the path that it starts from comes from.
         moves: what is known of the standard moves that it consists of; None for a free trajectory.
         models: what each of several models makes of it: name, total and loss [J], share of the loss saved [%].
+        robust: what was minimised where that is not `energy.total` but the "mean" or "worst" (`kind`) of the models'
+            totals, and its value (`total`) [J]; `optimality` is of this.
     """
 
     status: str
@@ -116,6 +118,7 @@ class Result:
     warnings: tuple[str, ...] = field(default=())
     moves: Mapping[str, object] | None = None
     models: tuple[Mapping[str, object], ...] = ()
+    robust: Mapping[str, object] | None = None
     first_path: FirstPath | None = None
 
     def baseline(self, name: str) -> Baseline | None:
@@ -156,6 +159,11 @@ class Result:
         total, loss = ("-" if share is None else f"{share:.2f} %" for share in shares)
         return f"saved at equal duration: {saving['joules']:.3f} J, {total} of the total, {loss} of the loss"
 
+    @property
+    def bounded(self) -> str:
+        """What the lower bound is of, in words, where that is not the energy itself."""
+        return "" if self.robust is None else f" ({self.robust['kind']} of the models)"
+
     def __repr__(self) -> str:
         e = self.energy
         return (
@@ -167,7 +175,7 @@ class Result:
         e, worst, known = self.energy, self.certificate.worst, self.optimality
         proof = "a local optimum; no bound"
         if known.lower_bound is not None:
-            proof = f"lower bound {known.lower_bound:.6g} J, gap {known.gap_percent:.2g} %"
+            proof = f"lower bound {known.lower_bound:.6g} J{self.bounded}, gap {known.gap_percent:.2g} %"
         doubt = f"; {self.message}" if self.message else ""
         return "\n".join(
             [
@@ -216,6 +224,7 @@ class Result:
             },
             "chosen": self.chosen,
             "models": [dict(row) for row in self.models],
+            **({} if self.robust is None else {"robust": dict(self.robust)}),
             "message": self.message,
             "warnings": list(self.warnings),
             **({} if self.moves is None else {"moves": self.moves}),

@@ -50,6 +50,7 @@ def page(
         {
             "optimum": optimality["kind"],
             "lower bound [J]": optimality["lower_bound"],
+            **({"of the models' energies, the": document["robust"]["kind"]} if "robust" in document else {}),
             "gap to it [%]": optimality["gap_percent"],
         }
     )

@@ -16,10 +16,12 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput
+from energy_opt.motion.judge.certificate import certify
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.result import Optimality, Result
+from energy_opt.motion.retime.solve import GLOBAL_GAP
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import Mixture, PowerModel
 from energy_opt.robot import Robot
@@ -40,11 +42,15 @@ class Rival:
 
 @dataclass(frozen=True)
 class _Answer:
-    """A result with what each rival says: energies of the move, and of the evenly slowed one where that is valid."""
+    """A result with what each rival says: energies of the move, and of the evenly slowed one where that is valid.
+
+    `bound` [J]: no timing of the path has a lower mean of the rivals' energies, or largest of them; None: not known.
+    """
 
     result: Result
     energies: list[Energy]
     slowed: list[Energy] | None
+    bound: float | None = None
 
     def dearer(self) -> np.ndarray:
         """(K,) is the move dearer than the evenly slowed one?"""
@@ -91,7 +97,7 @@ class RobustPlanner:
         """The best move that is found; see `Planner.solve`. `Result.models` says what each model makes of it."""
         best = self._least(lambda planner, known: planner.solve(move, [*warm, *known]))
         if best.dearer().any():
-            best = self._answer(_slowed(best.result))
+            best = replace(self._answer(_slowed(best.result)), bound=best.bound)
         return self._stated(best)
 
     def solve_by(self, find: Callable[[Planner], Result]) -> Result:
@@ -108,17 +114,21 @@ class RobustPlanner:
     def _least(self, find: Callable[[Planner, list[Trajectory]], Result]) -> _Answer:
         weights = np.ones(len(self.rivals)) / len(self.rivals)
         best: _Answer | None = None
-        for _ in range(ROUNDS[self.kind]):
+        bounds: list[float] = []
+        for number in range(ROUNDS[self.kind]):
             self._planner.set_model(self._mixture.reweighted(weights))
             answer = self._answer(find(self._planner, [] if best is None else [best.result.trajectory]))
             if best is None or self._rank(answer) < self._rank(best):
                 best = answer
+            bound = answer.result.optimality.lower_bound
+            if bound is not None and (number == 0 or self.kind == "worst"):  # the largest is no less than any mean
+                bounds.append(bound)
             dearer = answer.dearer()
             if self._stopped() or (self.kind == "mean" and not dearer.any()):
                 break
             weights = self._moved(weights, answer, dearer)
         assert best is not None
-        return best
+        return replace(best, bound=max(bounds, default=None))
 
     def _answer(self, result: Result) -> _Answer:
         slowed = next((b for b in result.baselines if b.name == "scaled" and b.valid), None)
@@ -145,18 +155,29 @@ class RobustPlanner:
             row_of(rival.name, energy, None if answer.slowed is None else answer.slowed[k])
             for k, (rival, energy) in enumerate(zip(self.rivals, answer.energies, strict=True))
         ]
-        optimality = Optimality(result.optimality.kind, None, result.optimality.gap_percent)
+        several = len(self.rivals) > 1
         return replace(
             result,
             trajectory=scorer.filled(result.trajectory),
             energy=answer.energies[0],
+            certificate=replace(result.certificate, peak_power=certify(result.trajectory, scorer, ()).peak_power),
             baselines=tuple(
                 replace(b, trajectory=scorer.filled(b.trajectory), energy=scorer.energy(b.trajectory))
                 for b in result.baselines
             ),
-            optimality=result.optimality if len(self.rivals) == 1 else optimality,
+            optimality=self._optimality(answer) if several else result.optimality,
+            robust={"kind": self.kind, "total": answer.value(self.kind)} if several else None,
             models=tuple(rows),
         )
+
+    def _optimality(self, answer: _Answer) -> Optimality:
+        """Of what is minimised."""
+        if answer.bound is None:
+            return Optimality("local")
+        value = answer.value(self.kind)
+        bound = min(answer.bound, value)
+        gap = 100 * (value - bound) / max(abs(value), 1e-12)
+        return Optimality("global" if gap <= GLOBAL_GAP else "local", bound, gap)
 
 
 def row_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, object]:

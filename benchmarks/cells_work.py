@@ -35,7 +35,7 @@ from energy_opt.robot import Robot, load_robot
 MBM = Path(__file__).parents[2] / "shared" / "data" / "mbm"
 SUITE = Path(__file__).parent / "suites" / "cells.toml"
 SLOWER = 1.5  # durations are this multiple of the fastest on the first path
-WAYS = 3  # further paths of one's own that are started from besides a given one
+WAYS = 4  # further paths of one's own that are started from besides a given one
 PAYLOAD = (1.0, 0.0, 0.0, 0.08)  # [kg, m] of the suite's second half
 
 

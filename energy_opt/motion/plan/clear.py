@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import MENDS, Made, reference_time, task_of
 from energy_opt.motion.plan.context import Context, path_of
-from energy_opt.motion.plan.further import further_lines, passed
+from energy_opt.motion.plan.further import LOOKED, alike, further_lines, passed, wider_optima
 from energy_opt.motion.reshape.clear import Cleared, ClearSearch
 from energy_opt.motion.reshape.level import Curve, Outcome, between
 from energy_opt.motion.reshape.search import trajectory_of
@@ -27,8 +27,8 @@ LEFT = 0.12  # and nothing else is tried where no more than this one is
 TRIAL = 4  # rounds of each of several searches: they win four fifths of what all rounds do
 PROMISING, FURTHER = 0.1, 2  # of the cost: searches so near the best then go on, so many at most
 CAREFUL = 0.06  # [rad] that a round goes at most where bolder ones led to nothing
-LESSER, SAME, LOOKED = 2, 0.15, 40  # other optima that are begun from; [rad] at so many places, nearer ones are one
-TOUCHED = 0.25  # of these places: an optimum that touches at more is not begun from
+LESSER = 2  # other optima that are begun from
+TOUCHED = 0.3  # of the places looked at: an optimum that touches at more is not begun from
 ENOUGH = 0.02  # of the cost: where the free optimum is cheaper by no more, further ways have nothing to offer
 LITTLE = 0.25  # of the loss of the first path slowed evenly: where no more is saved, another way is looked for
 NOTHING = "reshaping found nothing that keeps clear and is better than the path as it is"
@@ -43,19 +43,23 @@ def kept_clear(
     Args:
         free: what reshaping found without regard to what stands around; the answer where its proof holds.
     """
-    if context.cell is None or (free.trajectory is not None and _proven(context, free.trajectory)):
+    if context.cell is None:
         return free
+    wider = wider_optima(context, move, timing, retimed, free) if context.settings.ways else free
+    if wider.trajectory is not None and _proven(context, wider.trajectory):
+        return wider
+    proven = wider is not free and free.trajectory is not None and _proven(context, free.trajectory)
     free_time = context.settings.objective == "time"
     reference = reference_time(context, move, timing)
     task = task_of(context, move, reference, None if free_time else move.duration)
     search = ClearSearch(context.cell, context.robot.joints)
     level = context.reshaper(context.settings.objective).fine(task.vias)
-    best = Cleared(iterations=free.iterations)
+    best = Cleared(free.outcome if proven else None, wider.iterations)
     curves = [
         task.curve(level.shape, line) for line in _lines(context, move, retimed, timing, warm, task, 2 * reference)
     ]
     near, least, most = _towards(context, search, task, curves[-1], free.outcome)
-    if near is not None:
+    if near is not None and not proven:
         best.join(search.run(level, task, near, context.stopped, SHORT, least + NEARLY * (most - least)))
     if best.best is None or task.cost(best.best) > least + LEFT * (most - least):
         _searched(context, search, task, best, curves, free)
@@ -63,8 +67,9 @@ def kept_clear(
         for way in context.further():
             curve = task.curve(level.shape, passed(way, curves[-1].duration))
             best.join(search.run(level, task, curve, context.stopped))
-    if context.settings.ways and (best.best is None or task.cost(best.best) > (1 + ENOUGH) * least):
-        _further(context, search, task, best, curves[-1], free)
+    bound = -np.inf if wider.outcome is None else task.cost(wider.outcome)
+    if context.settings.ways and (best.best is None or task.cost(best.best) > (1 + ENOUGH) * bound):
+        _further(context, search, task, best, curves[-1], wider)
     if best.best is None:
         return Made(None, best.iterations, True, NOTHING, free.starts)
     made = mended_clear(context, search, task, best.best)
@@ -146,7 +151,7 @@ def _lesser(context: Context, search: ClearSearch, task: Task, best: Cleared, fr
         most = np.inf if best.best is None else task.cost(best.best)
         if stopped() or task.cost(optimum) > (1 - WORTH) * most:
             break
-        if free.outcome is not None and np.abs(optimum.curve.position(u) - free.outcome.curve.position(u)).max() < SAME:
+        if free.outcome is not None and alike(optimum.curve, free.outcome.curve):
             continue
         outcome, spent = reshaper.refined(task, [optimum], stopped)
         best.iterations += spent
@@ -169,13 +174,14 @@ def _further(context: Context, search: ClearSearch, task: Task, best: Cleared, f
     """Searches from further ways, which are asked for; what is there already is gone on with, so that it only gains."""
     level, stopped = context.reshaper(context.settings.objective).fine(task.vias), context.stopped
     before = best.best
+    _lesser(context, search, task, best, free)
     known = [first, *(outcome.curve for outcome in (free.outcome, before, *free.optima) if outcome is not None)]
     for line in further_lines(context, search.cell, task, level, known):
         if stopped():
             break
         descent = search.begin(level, task, task.curve(level.shape, line))
         descent.go(stopped, SECOND)
-        if best.best is None or descent.cost <= (1 + PROMISING) * task.cost(best.best):
+        if best.best is None or descent.found.best is None or descent.cost <= (1 + PROMISING) * task.cost(best.best):
             descent.go(stopped)
             descent.finish(stopped)
         best.join(descent.found)

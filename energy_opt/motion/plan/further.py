@@ -1,20 +1,28 @@
-"""Further first curves of a move that keeps clear: ways that were looked for, and ways that are cheap."""
+"""Further starts of a move that keeps clear: ways that were looked for, ways that are cheap, and more optima."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from energy_opt.cell.cell import Cell
+from energy_opt.errors import Infeasible
+from energy_opt.motion.move import Move
 from energy_opt.motion.path import JointPath
+from energy_opt.motion.plan.candidates import Made, reshaped
 from energy_opt.motion.plan.context import Context
 from energy_opt.motion.plan.ways import room_between
-from energy_opt.motion.reshape.level import Curve, Level
+from energy_opt.motion.reshape.level import Curve, Level, Outcome
 from energy_opt.motion.reshape.task import Line, Task
+from energy_opt.motion.retime.solve import RetimeSolution
+from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.ways.find import Looks
 from energy_opt.motion.ways.roadmap import cheap_ways
 
+SAME, LOOKED = 0.15, 40  # [rad] curves that are nearer at all of so many places are one
+WIDER = 3  # further seeds by which the optimum without regard to anything is looked for, where ways are asked for
 PASSED = 400  # points of a path that a first curve is fitted to
 
 
@@ -43,3 +51,33 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
     lines, settings = [curve.position(u) for curve in known], context.settings
     for rows in cheap_ways(Looks(room, step), ends, rate, lines, settings.seed, settings.ways or 0):
         yield Line(np.linspace(0, 1, len(rows)), rows, duration)
+
+
+def wider_optima(
+    context: Context, move: Move, timing: Timing | None, retimed: RetimeSolution | None, free: Made
+) -> Made:  # fmt: skip
+    """What is found without regard to anything from other starts too, with all optima; `free` where that is no more."""
+    found, settings = [free], context.settings
+    for k in range(1, 1 + min(settings.ways or 0, WIDER)):
+        if context.stopped():
+            break
+        try:
+            other = replace(context, settings=replace(settings, seed=settings.seed + k))
+            found.append(reshaped(other, move, timing, retimed))
+        except Infeasible:
+            continue
+    good = [made for made in found if made.outcome is not None and made.trajectory is not None]
+    if not good:
+        return free
+    best = min(good, key=lambda made: made.outcome.cost if made.outcome is not None else np.inf)
+    optima: list[Outcome] = []
+    for optimum in sorted((optimum for made in found for optimum in made.optima), key=lambda optimum: optimum.cost):
+        if not any(alike(optimum.curve, other.curve) for other in optima):
+            optima.append(optimum)
+    return replace(best, optima=tuple(optima), iterations=sum(made.iterations for made in found))
+
+
+def alike(a: Curve, b: Curve) -> bool:
+    """Whether two curves are one but for details."""
+    u = np.linspace(0, 1, LOOKED)
+    return bool(np.abs(a.position(u) - b.position(u)).max() < SAME)

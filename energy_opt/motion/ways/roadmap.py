@@ -4,9 +4,9 @@ A move in a given time with a cost per second P(q) and one that grows with the s
 geodesics of Jacobi's metric, sqrt(P + E) |dq|, at a speed in proportion to sqrt(P + E): what is dear is passed fast,
 and a detour is worth its while where it is cheap to be. Inertia is left out: these ways are starts, no answers.
 
-A net's poses lie along lines that are cheap but not free (optima found without regard to what stands around), and about
-them. Its sides are looked at when a shortest way first asks for them, as in a lazy probabilistic roadmap (R. Bohlin and
-L. E. Kavraki, Path planning using lazy PRM, ICRA 2000).
+A net's poses lie along a line that is free, along one that is cheap but not free (an optimum found without regard to
+what stands around), and about both. Its sides are looked at when a shortest way first asks for them, as in a lazy
+probabilistic roadmap (R. Bohlin and L. E. Kavraki, Path planning using lazy PRM, ICRA 2000).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 
 from energy_opt.motion.ways.find import Ends, Looks
 
-ALONG, AROUND = 40, 1500  # poses along each line, and strewn about all of them
+ALONG, AROUND = 60, 1500  # poses along each line, and strewn about both
 SPREAD = (0.1, 0.25, 0.5, 0.9)  # [rad] how far from them
 NEIGHBOURS = 12  # of each pose
 EASE = (0.3, 3.0)  # E, as a share of the median of P, in turns: detours that go far for what is cheap, and short ones
 AWAY, DEARER = 0.6, 2.0  # [rad] about a way that was found, sides count so many times as much in the next net
-SEARCHES = 400  # shortest ways looked at before a net is given up
+SEARCHES = 600  # shortest ways looked at before a net is given up
 DENSE = 0.05  # [rad] between poses of a way
 RAMP = 0.25  # share of a way's time in which it comes to speed, and in which it stops
 SMOOTH = 0.02  # and of that over which corners are averaged (standard deviation)
@@ -41,12 +41,13 @@ def cheap_ways(
     Args:
         looks: what poses and lines between them are looked at by.
         rate: what it costs to be somewhere, zero or above.
-        lines: (M, n) poses each, from start to goal, about which nets are laid.
+        lines: (M, n) poses each, from start to goal; nets are laid about the first, best a free one, and each in turn.
         seed: of the nets.
     """
     found: list[np.ndarray] = []
     for k in range(count):
-        net = _Net(looks, ends, rate, lines, np.random.default_rng([seed, k]), EASE[k % len(EASE)])
+        about = lines[0], lines[k % len(lines)]
+        net = _Net(looks, ends, rate, about, np.random.default_rng([seed, k]), EASE[k % len(EASE)])
         for way in found:
             net.shun(way)
         corners = net.shortest()

@@ -35,7 +35,8 @@ SAME = 0.5  # [rad] coarse curves of one cost that differ less everywhere are on
 BENDS = ((1.0, 0.8, 16), (0.4, 1.1, 4))
 HOPELESS = 20.0  # times a bound: a bend that breaks a limit so far, as it does on a tiny move, is taken back by half
 SMALLEST = 1e-9  # [rad] of a bend
-TOLERANCE, ITERATIONS, ROUNDS = 1e-3, 60, 3  # of a coarse solve: enough to tell optima apart
+TOLERANCE, ROUNDS = 1e-3, 3  # of a coarse solve: enough to tell optima apart
+ITERATIONS = 240  # smooth models take some 20, dry friction on every joint 60 to 240
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome, fitted
 from energy_opt.motion.trajectory import Trajectory
 
+ITERATIONS = 400  # smooth models take some 30, dry friction on every joint up to 250
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 
 
@@ -67,7 +68,7 @@ class Task:
         barrier: float,
         rows: np.ndarray | None = None,
         multipliers: Multipliers | None = None,
-        iterations: int = 150,
+        iterations: int = ITERATIONS,
         rounds: int = 10,
     ) -> Outcome:
         """The program of a level solved from a guess; `barrier` is the first value of IPOPT's barrier parameter.

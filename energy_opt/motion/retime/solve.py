@@ -150,15 +150,17 @@ def _shorter(work: Retiming, shortest: Timing, wanted: float) -> Timing:
     if best.duration <= wanted:
         return best
     worst = work.limits.worst(best.control * (best.duration / wanted) ** 2)
+    line = worst.limit.linear(work.dynamics, 1.0)
+    excess = worst.excess if line is None or not line.of_speed else np.sqrt(1 + worst.excess) - 1  # a square there
     joint = worst.limit.where(work.robot.joints, worst.column)
     raise Infeasible(
-        f"{joint}: the {worst.limit.name} limit would be exceeded by {100 * worst.excess:.3g} % at path position "
+        f"{joint}: the {worst.limit.name} limit would be exceeded by {100 * excess:.3g} % at path position "
         f"{worst.position:.3f} in {wanted:.6g} s; the shortest duration that works on this path is "
         f"{best.duration:.6g} s",
         joint=joint,
         limit="duration",
         position=worst.position,
-        excess=worst.excess,
+        excess=float(excess),
         shortest_duration=best.duration,
     )
 

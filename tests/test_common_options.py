@@ -157,3 +157,13 @@ def test_an_arm_without_its_meshes_moves_with_self_collision_off(
     Path("meshes/two").mkdir(parents=True)
     trimesh.creation.box((0.4, 0.05, 0.05)).export("meshes/two/arm.stl")
     assert main(["optimize", *move, "--out", "d", "--package-dir", "meshes"]) == 0  # a folder by its relative name
+
+
+def test_standard_moves_of_free_duration_take_the_time_that_they_need(tmp_path: Path) -> None:
+    ends = ["--start", "0,-1.5,1.2,-1,0,0", "--goal", "1,-1,0.8,-0.5,0.5,0.3", "--mode", "retime", "--quiet"]
+    model = ["--model", "source-method-2", "--as", "moves", "--out", str(tmp_path)]
+    assert main(["optimize", "--robot", "ur3", *ends, *model]) == 0
+    result = read_json(tmp_path / "result.json")
+    quickest = min(b["duration"] for b in result["baselines"] if b["name"] == "toppra")
+    assert quickest < result["duration"] < 1.05 * quickest
+    assert result["request"]["duration"] is None and result["status"] == "solved"

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energy_opt.cli.common import say
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, Infeasible
 
 if TYPE_CHECKING:
     from energy_opt.motion import Move, Planner, Result, Trajectory
     from energy_opt.motion.judge.certificate import Certificate
     from energy_opt.motion.plan.robust import RobustPlanner
     from energy_opt.profiles import StandardMoves
+
+ROOM = 1.001  # of the shortest duration that standard moves were found for: what is shortest leaves nothing to choose
 
 
 def add_controllers(parser: argparse.ArgumentParser) -> None:
@@ -50,12 +53,29 @@ def moves_of(
 ) -> tuple[Result, StandardMoves | None]:
     """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none.
 
-    `robust` plans them where several models are in force.
+    `robust` plans them where several models are in force. Where the duration is free and standard moves need longer
+    than the free trajectory, all is planned anew for that.
     """
-    from energy_opt.profiles import MovesPlanner, as_result, robust_moves
-
     if args.as_ is None or result.interrupted:
         return result, None
+    try:
+        return _moves(args, planner, robust, move, result)
+    except Infeasible as error:
+        if move.duration is not None or error.shortest_duration is None:
+            raise
+        longer = ROOM * error.shortest_duration
+        if move.max_duration is not None and longer > move.max_duration:
+            raise
+    slower = replace(move, duration=longer, max_duration=None)
+    return _moves(args, planner, robust, slower, (planner if robust is None else robust).solve(slower))
+
+
+def _moves(
+    args: argparse.Namespace, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
+) -> tuple[Result, StandardMoves]:
+    """The result with the standard moves in its place, in the same time."""
+    from energy_opt.profiles import MovesPlanner, as_result, robust_moves
+
     if robust is not None:
         return robust_moves(robust, move, result, args.vias or 0)
     moves = MovesPlanner(planner).solve(move, result, args.vias or 0)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from energy_opt.bench.moves import random_moves
+from energy_opt.effects import CoulombFriction
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Curve, Multipliers, Outcome
+from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome
 from energy_opt.motion.reshape.starts import valleys
 from energy_opt.motion.reshape.task import Task
 from energy_opt.numerics.bspline import Basis
@@ -47,3 +48,21 @@ def test_the_best_optimum_is_found_where_few_control_points_rank_it_third():
     planner = Planner(robot, source_method_2("ur5"), Settings(seed=1, compile="never"))
     move = Move(named.start, named.goal, duration=3.433276775595123)
     assert planner.solve(move).energy.loss <= 7.15
+
+
+@pytest.mark.slow
+def test_searches_under_dry_friction_are_carried_to_their_ends(monkeypatch):
+    """With friction on every joint a coarse search took more steps than it was given, and optima were told apart by
+    where they had been left."""
+    robot, ends = load_robot("panda"), []
+    named = random_moves(robot, 5, 1)[4]
+    model = source_method_2("panda") + CoulombFriction(tau_c=0.02 * robot.limits.effort)
+    solve = Level.solve
+
+    def noted(self, *args, **kwargs):
+        ends.append(solve(self, *args, **kwargs))
+        return ends[-1]
+
+    monkeypatch.setattr(Level, "solve", noted)
+    Planner(robot, model, Settings(starts=2, compile="never")).solve(Move(named.start, named.goal, duration=2.0))
+    assert max(end.iterations for end in ends) > 60 and all(end.converged for end in ends)

@@ -19,6 +19,7 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+from energy_opt.power.named import named_model
 from energy_opt.robot import Robot, tool_of
 
 STANDBY, COPPER = 88.04, 0.0036  # of the source paper's model
@@ -92,6 +93,18 @@ def test_a_solved_move_holds_power_and_tool_speed(
     free = Planner(panda, model, Settings(**MOVE)).solve(move)
     assert max(peaks(panda, free.trajectory, "panda_hand_tcp", 0.02) / np.array([101.0, 0.85])) > 1.02
     assert free.energy.total < result.energy.total
+
+
+@pytest.mark.slow
+def test_a_power_limit_is_held_where_the_solver_s_law_is_smoothed(panda: Robot) -> None:
+    """What flows back is lost, and the smooth clamp lies below the sharp one: rows that hold it alone do not do."""
+    model = named_model("careful", "panda")
+    limit = {"max_power": 101.0, "compile": "never"}
+    result = Planner(panda, model, Settings(**limit)).solve(Move(START, GOAL, "retime", duration=2.0))
+    assert result.status == "solved" and result.chosen == "retime"
+    t = np.linspace(0.0, 2.0, 8001)
+    _, power, _ = Scorer(panda, model).drive(*result.trajectory.sample(t)[:3], t)
+    assert 100.9 < power.max() <= 101.0 * (1 + 1e-6)
 
 
 def test_the_fastest_under_a_power_limit_is_nearly_time_optimal(panda: Robot, model: PowerModel) -> None:

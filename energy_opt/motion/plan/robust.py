@@ -16,7 +16,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput
-from energy_opt.motion.judge.certificate import certify
+from energy_opt.motion.judge.certificate import ALLOWED, certify
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.planner import Planner
@@ -156,11 +156,12 @@ class RobustPlanner:
             for k, (rival, energy) in enumerate(zip(self.rivals, answer.energies, strict=True))
         ]
         several = len(self.rivals) > 1
+        peaks = [certify(result.trajectory, scorer, ()).peak_power for scorer in self._scorers]
         return replace(
             result,
             trajectory=scorer.filled(result.trajectory),
             energy=answer.energies[0],
-            certificate=replace(result.certificate, peak_power=certify(result.trajectory, scorer, ()).peak_power),
+            certificate=replace(result.certificate, peak_power=peaks[0]),
             baselines=tuple(
                 replace(b, trajectory=scorer.filled(b.trajectory), energy=scorer.energy(b.trajectory))
                 for b in result.baselines
@@ -168,7 +169,20 @@ class RobustPlanner:
             optimality=self._optimality(answer) if several else result.optimality,
             robust={"kind": self.kind, "total": answer.value(self.kind)} if several else None,
             models=tuple(rows),
+            warnings=(*result.warnings, *self._above(peaks)),
         )
+
+    def _above(self, peaks: Sequence[float]) -> list[str]:
+        """What to say of models under which peaks of power [W] are above the limit, which is held in their mean."""
+        limit = self._planner.settings.max_power
+        if limit is None:
+            return []
+        return [
+            f"under the model {rival.name!r} power reaches {peak:.5g} W; the limit of {limit:g} W is held in the mean "
+            "of the models: plan under that model alone, or with so much less"
+            for rival, peak in zip(self.rivals, peaks, strict=True)
+            if peak > limit * (1 + ALLOWED)
+        ]
 
     def _optimality(self, answer: _Answer) -> Optimality:
         """Of what is minimised."""

@@ -16,6 +16,7 @@ from energy_opt.motion.retime.rows import CurvedRows, LinearRows, Rows
 
 MARGIN = 5e-7  # share of every bound that is kept free, for what lies between the points
 BROKEN = 1e-7  # of a bound: more than this is a violation
+STUCK, OVER = 1e-6, 1.2  # a violation of what is held already, and how many times it is then taken off the bound
 NEAR = 0.9  # of a bound: places from here on become constraints together with the broken ones
 WIDE = 0.8  # the same for a joint's limit that is broken somewhere: mending it moves what is beside it
 PIECE_NEAR = 0.8  # the same for jerk and its like, which move farther when they are mended
@@ -36,12 +37,17 @@ class Worst:
 
 
 class AtPoints:
-    """A limit on path acceleration and squared speed, at the grid's points: where it is held, and how much tighter."""
+    """A limit on path acceleration and squared speed, at the grid's points: where it is held, and how much tighter.
+
+    Symbolic rows are tighter by `reserve`, too: their law is smoothed, and may lie below the exact one. `times` counts
+    how often they were found to: at kinks the exact law follows by a part of what is taken off, so ever more is.
+    """
 
     def __init__(self, limit: Limit, d: PathDynamics, shape: tuple[int, ...], typical: float) -> None:
         self.limit = limit
         self.held = np.zeros(shape, dtype=bool)
-        self.tight = np.ones(shape)
+        self.tight, self.reserve = np.ones(shape), np.ones(shape)
+        self.times = np.zeros(shape, dtype=int)
         line = limit.linear(d, typical)
         # the same everywhere: a speed that control values' bounds stand for, an acceleration that is linear in between
         self.bounds_speed = line is not None and line.of_speed and _same(line.rb)
@@ -132,7 +138,7 @@ class PathLimits:
     def hold(self, control: np.ndarray, *, always: bool = False) -> bool:
         """Make constraints of the limits that `control` breaks and of those near it; True where there were any.
 
-        With `always`, also where nothing is broken.
+        With `always`, also where nothing is broken; else `control` is what the constraints that are there led to.
         """
         shares = [use / held.tight for held, use in zip(self.at_points, self._uses(control), strict=True)]
         broken = [use.max(axis=0) > 1 + BROKEN for use in shares]
@@ -140,6 +146,10 @@ class PathLimits:
             for held, use, columns in zip(self.at_points, shares, broken, strict=True):
                 if held.bounds_speed:
                     continue
+                if not always:
+                    stuck = held.held & (use > 1 + STUCK)
+                    held.times[stuck] += 1
+                    held.reserve[stuck] *= 1 - OVER * held.times[stuck] * (use[stuck] - 1)
                 near = _near(use, np.where(columns, WIDE, NEAR))
                 if held.bounds_slope:
                     near &= self.at_knot[:, None] | (use > 1 + BROKEN)
@@ -236,7 +246,7 @@ class PathLimits:
         d, limit, k = self.dynamics, held.limit, np.unique(np.nonzero(held.held)[0])
         shared = np.concatenate([d.model.values(d.robot.n), [unit, WIDTHS[-1]], limit.values])
         numbers = point_numbers(d, np.zeros(len(d.s)))[:, k]
-        scale = 1 / (limit.scale * held.tight[k])
+        scale = 1 / (limit.scale * held.tight[k] * held.reserve[k])
         functions = Symbolic.of(SharedByStructure(d.model), limit, numbers, shared, scale)
         return CurvedRows(self.lift.part(k), functions, limit.scale.size, limit.one_sided)
 

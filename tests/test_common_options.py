@@ -14,6 +14,7 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json
 from energy_opt.formats import write
+from energy_opt.front.request import request_of_set
 from energy_opt.job.example import EXAMPLE
 from energy_opt.motion import Settings
 from energy_opt.motion.trajectory import Trajectory
@@ -126,6 +127,7 @@ def test_nonsense_is_refused_before_the_work(tmp_path: Path, capsys: pytest.Capt
     for words, said in (
         (front, "at most 1000 durations"),
         (["identify", "--robot", "panda", "--suggest", "1000000000", "--out", str(tmp_path)], "at most 1000 poses"),
+        (["identify", "--robot", "panda", "--suggest", "4", "--seed", "-1", "--out", str(tmp_path)], "--seed -1"),
     ):
         assert main(words) == 2
         assert said in capsys.readouterr().err
@@ -167,3 +169,8 @@ def test_standard_moves_of_free_duration_take_the_time_that_they_need(tmp_path: 
     quickest = min(b["duration"] for b in result["baselines"] if b["name"] == "toppra")
     assert quickest < result["duration"] < 1.05 * quickest
     assert result["request"]["duration"] is None and result["status"] == "solved"
+
+
+def test_a_seed_below_zero_is_refused_where_a_set_is_read(panda: Robot, tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="seed -1: expected 0"):
+        request_of_set(tmp_path, panda, -1)

@@ -77,7 +77,13 @@ def request_of_set(
     limits: object = None,
     command: list[str] | None = None,
 ) -> dict[str, Any]:
-    """The same for a verb that reads a measured set: set, robot, payload, model, limits, seed, version, command."""
+    """The same for a verb that reads a measured set: set, robot, payload, model, limits, seed, version, command.
+
+    Raises:
+        BadInput: the seed is below 0.
+    """
+    if seed < 0:
+        raise BadInput(f"--seed {seed}: expected 0 or more")
     return {
         "set": str(folder),
         "robot": robot.name,

@@ -46,12 +46,15 @@ def suggest(
         free: whether the arm touches nothing at a pose (n,); None where that does not matter.
 
     Raises:
-        BadInput: fewer than 3 or more than `MOST` poses are asked for, or not so many can be held.
+        BadInput: fewer than 3 or more than `MOST` poses are asked for, or not so many can be held;
+            the seed is below 0.
     """
     if count < 3:
         raise BadInput(f"--suggest {count}: a line with an interval needs 3 poses or more")
     if count > MOST:
         raise BadInput(f"--suggest {count}: expected at most {MOST} poses")
+    if seed < 0:
+        raise BadInput(f"--seed {seed}: expected 0 or more")
     rng = np.random.default_rng(seed)
     limits = robot.limits
     bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)

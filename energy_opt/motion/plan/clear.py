@@ -28,6 +28,7 @@ TRIAL = 4  # rounds of each of several searches: they win four fifths of what al
 PROMISING, FURTHER = 0.1, 2  # of the cost: searches so near the best then go on, so many at most
 CAREFUL = 0.06  # [rad] that a round goes at most where bolder ones led to nothing
 LESSER = 2  # other optima that are begun from
+TARGETS = 2  # optima that it is half-way gone to, one after the other
 TOUCHED = 0.3  # of the places looked at: an optimum that touches at more is not begun from
 ENOUGH = 0.02  # of the cost: where the free optimum is cheaper by no more, further ways have nothing to offer
 LITTLE = 0.25  # of the loss of the first path slowed evenly: where no more is saved, another way is looked for
@@ -136,13 +137,15 @@ def _searched(
         best.join(descent.found)
     if best.best is None and not stopped():
         best.join(search.run(level, task, curves[-1], stopped, trust=CAREFUL))
-    _lesser(context, search, task, best, free)
-    if best.best is not None and free.outcome is not None and not stopped():
-        _again(context, search, task, best, free.outcome)
+    _again(context, search, task, best, [free.outcome, *_lesser(context, search, task, best, free)])
 
 
-def _lesser(context: Context, search: ClearSearch, task: Task, best: Cleared, free: Made) -> None:
-    """Searches from the other optima without regard to anything: one may be free as it is, or touch by little only."""
+def _lesser(context: Context, search: ClearSearch, task: Task, best: Cleared, free: Made) -> list[Outcome]:
+    """Searches from the other optima without regard to anything: one may be free as it is, or touch by little only.
+
+    Those that touch by more are returned.
+    """
+    left: list[Outcome] = []
     reshaper, stopped = context.reshaper(context.settings.objective), context.stopped
     level = reshaper.fine(task.vias)
     wanted = search.cell.wanted(np.stack([task.ends.start, task.ends.goal]))
@@ -161,6 +164,7 @@ def _lesser(context: Context, search: ClearSearch, task: Task, best: Cleared, fr
             best.take(outcome)
             continue
         if sum(search.cell.touching(q) is not None for q in outcome.curve.position(u)) > TOUCHED * LOOKED:
+            left.append(outcome)
             continue
         descent = search.begin(level, task, outcome.curve)
         descent.go(stopped, TRIAL)
@@ -168,13 +172,14 @@ def _lesser(context: Context, search: ClearSearch, task: Task, best: Cleared, fr
             descent.go(stopped)
             descent.finish(stopped)
         best.join(descent.found)
+    return left
 
 
 def _further(context: Context, search: ClearSearch, task: Task, best: Cleared, first: Curve, free: Made) -> None:
     """Searches from further ways, which are asked for; what is there already is gone on with, so that it only gains."""
     level, stopped = context.reshaper(context.settings.objective).fine(task.vias), context.stopped
     before = best.best
-    _lesser(context, search, task, best, free)
+    optima = [free.outcome, *_lesser(context, search, task, best, free)]
     known = [first, *(outcome.curve for outcome in (free.outcome, before, *free.optima) if outcome is not None)]
     for line in further_lines(context, search.cell, task, level, known):
         if stopped():
@@ -185,26 +190,29 @@ def _further(context: Context, search: ClearSearch, task: Task, best: Cleared, f
             descent.go(stopped)
             descent.finish(stopped)
         best.join(descent.found)
-    if best.best is not None and best.best is not before and free.outcome is not None and not stopped():
-        _again(context, search, task, best, free.outcome)
+    if best.best is not before:
+        _again(context, search, task, best, optima)
 
 
-def _again(context: Context, search: ClearSearch, task: Task, best: Cleared, free: Outcome) -> None:
-    """A search from half-way to the free optimum, where that is much cheaper; the better of both is kept in `best`.
+def _again(
+    context: Context, search: ClearSearch, task: Task, best: Cleared, optima: Sequence[Outcome | None]
+) -> None:  # fmt: skip
+    """Searches from half-way to optima without regard to anything, where they are much cheaper, until one wins.
 
     It may be another valley that the way there leads to.
     """
-    assert best.best is not None
-    here, there, stopped = best.best, free.curve, context.stopped
-    if task.cost(here) - task.cost(free) < WORTH * task.cost(here) or here.curve.shape is not there.shape:
-        return
-    level = context.reshaper(context.settings.objective).fine(task.vias)
-    descent = search.begin(level, task, between(here.curve, there, 0.5))
-    descent.go(stopped, SECOND)
-    if descent.cost < task.cost(here):
-        descent.go(stopped)
-    descent.finish(stopped)
-    best.join(descent.found)
+    level, stopped, here = context.reshaper(context.settings.objective).fine(task.vias), context.stopped, best.best
+    for free in [optimum for optimum in optima if optimum is not None][:TARGETS]:
+        if here is None or here is not best.best or stopped() or here.curve.shape is not free.curve.shape:
+            return
+        if task.cost(here) - task.cost(free) < WORTH * task.cost(here):
+            continue
+        descent = search.begin(level, task, between(here.curve, free.curve, 0.5))
+        descent.go(stopped, SECOND)
+        if descent.cost < task.cost(here):
+            descent.go(stopped)
+        descent.finish(stopped)
+        best.join(descent.found)
 
 
 def mended_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Made:

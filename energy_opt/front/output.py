@@ -99,11 +99,11 @@ def table(result: Result, out: Path, robot: Robot) -> str:
     )
     if result.certificate.clearance is not None:
         lines.append(f"clearance: {result.certificate.clearance}")
-    if result.optimality.lower_bound is not None:
+    if result.bound:
         lines.append(
             f"{result.optimality.kind} optimum of the timing: of this path's timings on {INTERVALS} intervals, "
-            f"none within limits at its points takes less than {result.optimality.lower_bound:.6f} J"
-            f"{result.bounded} (gap {result.optimality.gap_percent:.1e} %)"
+            f"none within limits at its points takes less than {result.bound} "
+            f"(gap {result.optimality.gap_percent:.1e} %)"
         )
     lines.append(f"files: {out}/result.json, trajectory.csv, trajectory.yaml, plot.png, report.html")
     return "\n".join(lines)

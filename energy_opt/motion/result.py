@@ -100,7 +100,8 @@ class Result:
         moves: what is known of the standard moves that it consists of; None for a free trajectory.
         models: what each of several models makes of it: name, total and loss [J], share of the loss saved [%].
         robust: what was minimised where that is not `energy.total` but the "mean" or "worst" (`kind`) of the models'
-            totals, and its value (`total`) [J]; `optimality` is of this.
+            totals, its value (`total`) [J], and a bound below it (`lower_bound`) or None; the gap in `optimality` is
+            between these.
     """
 
     status: str
@@ -160,9 +161,11 @@ class Result:
         return f"saved at equal duration: {saving['joules']:.3f} J, {total} of the total, {loss} of the loss"
 
     @property
-    def bounded(self) -> str:
-        """What the lower bound is of, in words, where that is not the energy itself."""
-        return "" if self.robust is None else f" ({self.robust['kind']} of the models)"
+    def bound(self) -> str:
+        """The lower bound in J, and in words what it is of where that is not the energy itself; empty without one."""
+        known = self.optimality.lower_bound if self.robust is None else self.robust["lower_bound"]
+        of = "" if self.robust is None else f" ({self.robust['kind']} of the models)"
+        return "" if known is None else f"{known:.6f} J{of}"
 
     def __repr__(self) -> str:
         e = self.energy
@@ -174,8 +177,8 @@ class Result:
     def __str__(self) -> str:
         e, worst, known = self.energy, self.certificate.worst, self.optimality
         proof = "a local optimum; no bound"
-        if known.lower_bound is not None:
-            proof = f"lower bound {known.lower_bound:.6g} J{self.bounded}, gap {known.gap_percent:.2g} %"
+        if self.bound:
+            proof = f"lower bound {self.bound}, gap {known.gap_percent:.2g} %"
         doubt = f"; {self.message}" if self.message else ""
         return "\n".join(
             [

@@ -49,7 +49,7 @@ def page(
     report.facts(
         {
             "optimum": optimality["kind"],
-            "lower bound [J]": optimality["lower_bound"],
+            "lower bound [J]": document.get("robust", optimality)["lower_bound"],
             **({"of the models' energies, the": document["robust"]["kind"]} if "robust" in document else {}),
             "gap to it [%]": optimality["gap_percent"],
         }

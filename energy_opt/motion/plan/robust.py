@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -166,8 +166,7 @@ class RobustPlanner:
                 replace(b, trajectory=scorer.filled(b.trajectory), energy=scorer.energy(b.trajectory))
                 for b in result.baselines
             ),
-            optimality=self._optimality(answer) if several else result.optimality,
-            robust={"kind": self.kind, "total": answer.value(self.kind)} if several else None,
+            **(self._minimised(answer) if several else {}),
             models=tuple(rows),
             warnings=(*result.warnings, *self._above(peaks)),
         )
@@ -184,14 +183,14 @@ class RobustPlanner:
             if peak > limit * (1 + ALLOWED)
         ]
 
-    def _optimality(self, answer: _Answer) -> Optimality:
-        """Of what is minimised."""
-        if answer.bound is None:
-            return Optimality("local")
+    def _minimised(self, answer: _Answer) -> dict[str, Any]:
+        """What is minimised, how low it may be, and by how much it is off that: the energy itself has no bound then."""
         value = answer.value(self.kind)
-        bound = min(answer.bound, value)
-        gap = 100 * (value - bound) / max(abs(value), 1e-12)
-        return Optimality("global" if gap <= GLOBAL_GAP else "local", bound, gap)
+        bound = None if answer.bound is None else min(answer.bound, value)
+        gap = None if bound is None else 100 * (value - bound) / max(abs(value), 1e-12)
+        kind = "global" if gap is not None and gap <= GLOBAL_GAP else "local"
+        robust = {"kind": self.kind, "total": value, "lower_bound": bound}
+        return {"robust": robust, "optimality": Optimality(kind, None, gap)}
 
 
 def row_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, object]:

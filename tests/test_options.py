@@ -23,7 +23,8 @@ ENDS = ["--start", "0,1,-1,0,0,0", "--goal", "0.000001,1,-1,0,0,0"]
 MOVE = ["--robot", "z1", *ENDS, "--mode", "retime", "--model", "source-method-2", "--compile", "never"]
 VERBS = {
     "optimize": MOVE, "tradeoff": [*MOVE, "--durations", "1:2:2"], "bench": ["suite.toml", "--jobs", "1"],
-    "job": ["job.toml", "--compile", "never"], "identify": ["set"], "diagnose": ["set"], "import": ["run.csv"],
+    "job": ["job.toml", "--compile", "never"], "identify": ["set"], "diagnose": ["set"],
+    "import": ["run.csv", "--out", "made"],
     "simulate": ["run.csv", "--plant", "model.toml"], "check": ["run.csv", "--robot", "z1"], "robots": [],
     "effects": [],
 }  # fmt: skip

@@ -137,7 +137,8 @@ def _searched(
         best.join(descent.found)
     if best.best is None and not stopped():
         best.join(search.run(level, task, curves[-1], stopped, trust=CAREFUL))
-    _again(context, search, task, best, [free.outcome, *_lesser(context, search, task, best, free)])
+    others = [] if context.looked_for else _lesser(context, search, task, best, free)  # enough time was spent by then
+    _again(context, search, task, best, [free.outcome, *others])
 
 
 def _lesser(context: Context, search: ClearSearch, task: Task, best: Cleared, free: Made) -> list[Outcome]:

@@ -134,6 +134,7 @@ class Context:
         stopped: asked between solves; True ends the work with the best known so far.
         cell: what is to be kept clear of; None for nothing.
         ways: further free paths to start from, besides the move's own.
+        looked_for: whether the first path is no straight line nor given, but took a search.
         further: looks for yet another one, asked where those that are there lead to little.
     """
 
@@ -148,6 +149,7 @@ class Context:
     stopped: Callable[[], bool]
     cell: Cell | None = None
     ways: tuple[JointPath, ...] = ()
+    looked_for: bool = False
     further: Callable[[], tuple[JointPath, ...]] = tuple
 
     @cached_property

@@ -157,7 +157,8 @@ class Planner:
         """
         begun, first, ways = self.first_path(move)
         further = cache(lambda: self._further(move, first.source))  # whatever the duration, another way is one way
-        return Single(replace(self.context(begun), ways=ways, further=further), begun, first)
+        context = replace(self.context(begun), ways=ways, further=further, looked_for=first.source in ("own", "ompl"))
+        return Single(context, begun, first)
 
     def _further(self, asked: Move, source: str) -> tuple[JointPath, ...]:
         """Another way, where what a path around something leads to is so little that this is worth its time."""

@@ -26,6 +26,7 @@ from energy_opt.cell.solids import Piece, Plane
 from energy_opt.robot.kinematics import Poses, into
 
 LENGTH = 0.1  # [m] that rows are divided by, so that they are of order one
+MOST = 6  # pieces of a pair of bodies that get rows at a place, the nearest: with all, steps took ten times as long
 KEYS = 100_000  # names of places within a pair of pieces
 
 
@@ -94,9 +95,9 @@ class Near:
             is_forced = (place, pair) in must
             if len(between) > 1 and not is_forced and bodies.ruler(pair).near(at, bt) >= reach:
                 continue
-            measured = [(*one.plane(at, bt), one) for one in between]
+            measured = sorted(((*one.plane(at, bt), one) for one in between), key=lambda found: found[0])[:MOST]
             if is_forced:
-                limit = max(reach, min(distance for distance, _, _ in measured) + 1e-9)
+                limit = max(reach, measured[0][0] + 1e-9)
             found += [Found(place, one, normal) for distance, normal, one in measured if distance < limit]
         return PlaneRows(bodies, u, scene.poses, found, margin)
 

@@ -11,6 +11,7 @@ from energy_opt.motion.judge.certificate import certify, looked_at
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.effort import Effort
 from energy_opt.motion.limits.jerk import Jerk
+from energy_opt.motion.limits.position import Position
 from energy_opt.motion.limits.power import Power
 from energy_opt.motion.limits.velocity import Velocity
 from energy_opt.motion.limits.via import ViaPoints
@@ -91,3 +92,13 @@ def test_jerk_counts_on_both_sides_of_a_row(panda: Robot, model: PowerModel) -> 
     assert motion.jerk_before_rows() == pytest.approx(1e-3 * np.outer([60, 0], np.ones(7)), abs=1e-12)
     found = certify(motion, Scorer(panda, model), [Jerk(np.full(7, 0.05))]).found[0]
     assert found.excess == pytest.approx(0.2) and found.time == 1.0
+
+
+def test_more_time_does_not_ease_a_position(panda: Robot, model: PowerModel, motion: Trajectory) -> None:
+    """At rest on a limit nothing is used more than the position; what makes a move last is another limit."""
+    t = motion.time
+    q = np.outer(t / t[-1], np.ones(7)) * 0.1
+    steady = Trajectory(panda.joints, t, q, np.full_like(q, 0.1 / t[-1]), np.zeros_like(q))
+    limits = Position(np.full(7, -1.0), np.full(7, 0.1)), Velocity(np.full(7, 0.02))
+    found = certify(steady, Scorer(panda, model), limits)
+    assert found.worst["limit"] == "position" and found.binding["limit"] == "velocity"

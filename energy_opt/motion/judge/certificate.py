@@ -41,14 +41,12 @@ class Certificate:
     @property
     def worst(self) -> dict[str, object]:
         """The limit that is used most: its name, joint (or what else is limited), time [s], value and bound."""
-        found = max(self.found, key=_size)
-        return {
-            "limit": found.limit,
-            "joint": found.where,
-            "time": found.time,
-            "value": found.value,
-            "bound": found.bound,
-        }
+        return _told(max(self.found, key=_size))
+
+    @property
+    def binding(self) -> dict[str, object]:
+        """The same among the limits that more time would ease: all but the position's, if there are others."""
+        return _told(max(self.found, key=lambda found: (found.limit != "position", _size(found))))
 
     @property
     def within_limits(self) -> bool:
@@ -76,6 +74,16 @@ class Certificate:
         shares = [1 / (1 + 1.5 * size + 2 * ALLOWED) if (size := _size(found)) > 0.1 * ALLOWED else 1.0
                   for found in self.found]  # fmt: skip
         return tuple(limit.scaled(share) for limit, share in zip(limits, shares, strict=True))
+
+
+def _told(found: Violation) -> dict[str, object]:
+    return {
+        "limit": found.limit,
+        "joint": found.where,
+        "time": found.time,
+        "value": found.value,
+        "bound": found.bound,
+    }
 
 
 def _size(found: Violation) -> float:

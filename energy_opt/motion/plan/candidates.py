@@ -324,7 +324,7 @@ def _from_the_fastest(
 
 def _too_short(move: Move, shortest: float, certificate: Certificate) -> Infeasible:
     wanted = move.duration if move.duration is not None else move.max_duration
-    worst = certificate.worst
+    worst = certificate.binding
     return Infeasible(
         f"a duration of {wanted:.6g} s is too short: the shortest found is {shortest:.6g} s, where the "
         f"{worst['limit']} limit of {worst['joint']} binds at {worst['time']:.4g} s",

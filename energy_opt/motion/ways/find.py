@@ -17,8 +17,9 @@ Source = Literal["straight", "given", "own", "ompl"]
 VIAS = 150  # seeded points through which lines of our own may bend
 PAIRS = 400  # of such points that are tried two at a time
 OWN = 4  # lines of our own that may fail their proof, or be one with others, before a planner is asked
-ATTEMPTS = 6  # of a planner at a first way
-FIRST = 40_000  # poses that each of them may look at: some seconds
+ATTEMPTS = 12  # of a planner at a first way
+FIRST = 20_000  # poses that each of them may look at: a second or two
+SIDES = (1.0, 2.5)  # [rad] of its trees' sides, in turns: out of a cage the short lead ten times as fast, else the long
 FURTHER = 10_000  # and each at a further way, once there is one
 TRIES = 150  # cuts that are tried on a way
 SAME = 0.15  # ways whose middles are all nearer than this [rad] are one
@@ -141,7 +142,15 @@ def _bent(search: Looks, ends: Ends, planner: str, seed: int, count: int) -> Ite
             return
         enough = search.budget(FURTHER if found else FIRST)
         bent = ompl.rrt_connect(
-            ends.start, ends.goal, ends.lower, ends.upper, search.clear, search.line, enough, seed + k
+            ends.start,
+            ends.goal,
+            ends.lower,
+            ends.upper,
+            search.clear,
+            search.line,
+            enough,
+            seed + k,
+            SIDES[k % len(SIDES)],
         )
         if bent is not None:
             found += 1

@@ -23,6 +23,7 @@ def rrt_connect(
     line: Callable[[np.ndarray, np.ndarray], bool],
     enough: Callable[[], bool],
     seed: int,
+    side: float,
 ) -> np.ndarray | None:
     """A bent line (K, n) from start to goal whose sides are free; None where `enough` came first.
 
@@ -34,6 +35,7 @@ def rrt_connect(
         clear: whether a pose is free; line: whether the straight line between two free poses is.
         enough: when to give up.
         seed: 0 or above.
+        side: the longest that a tree's side may be, by the joints' Euclidean norm [rad].
     """
     import ompl.base as ob
     import ompl.geometric as og
@@ -67,6 +69,7 @@ def rrt_connect(
             state[j] = float(q[j])
     problem.setStartAndGoalStates(*ends)
     planner = og.RRTConnect(information)
+    planner.setRange(side)
     planner.setProblemDefinition(problem)
     planner.setup()
     planner.solve(ob.PlannerTerminationCondition(enough))

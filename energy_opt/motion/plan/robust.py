@@ -156,26 +156,26 @@ class RobustPlanner:
             for k, (rival, energy) in enumerate(zip(self.rivals, answer.energies, strict=True))
         ]
         several = len(self.rivals) > 1
-        peaks = [certify(result.trajectory, scorer, ()).peak_power for scorer in self._scorers]
         return replace(
             result,
             trajectory=scorer.filled(result.trajectory),
             energy=answer.energies[0],
-            certificate=replace(result.certificate, peak_power=peaks[0]),
+            certificate=replace(result.certificate, peak_power=certify(result.trajectory, scorer, ()).peak_power),
             baselines=tuple(
                 replace(b, trajectory=scorer.filled(b.trajectory), energy=scorer.energy(b.trajectory))
                 for b in result.baselines
             ),
             **(self._minimised(answer) if several else {}),
             models=tuple(rows),
-            warnings=(*result.warnings, *self._above(peaks)),
+            warnings=(*result.warnings, *self._above(result.trajectory)),
         )
 
-    def _above(self, peaks: Sequence[float]) -> list[str]:
+    def _above(self, trajectory: Trajectory) -> list[str]:
         """What to say of models under which peaks of power [W] are above the limit, which is held in their mean."""
         limit = self._planner.settings.max_power
         if limit is None:
             return []
+        peaks = [certify(trajectory, scorer, ()).peak_power for scorer in self._scorers]
         return [
             f"under the model {rival.name!r} power reaches {peak:.5g} W; the limit of {limit:g} W is held in the mean "
             "of the models: plan under that model alone, or with so much less"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,23 @@ def test_a_move_under_published_friction_is_planned(panda):
     result = eo.optimize(panda, "careful", **ends, duration=2.5, starts=1, controls=16, compile="never")
     assert result.status == "solved" and result.certificate.valid
     assert result.energy.by_effect["sigmoid_friction"] > 0 and result.saving["loss_percent"] > 5
+
+
+def test_a_model_file_may_say_where_its_values_come_from(tmp_path):
+    text = 'format = "energy-opt/model/1"\nrobot = "panda"\n[[effect]]\nname = "standby"\npower = 88.0\nsource = {}\n'
+    (tmp_path / "m.toml").write_text(text.format('"the data sheet"'))
+    assert model_of(tmp_path / "m.toml", "panda").get("standby").full(7) == 88.0
+    (tmp_path / "m.toml").write_text(text.format("3"))
+    with pytest.raises(eo.BadInput, match=r"\[\[effect\]\] 1: source = 3; expected words in quotes"):
+        model_of(tmp_path / "m.toml", "panda")
+
+
+@pytest.mark.parametrize(
+    ("name", "effects"),
+    [("panda", ["standby", "copper_loss", "sigmoid_friction"]), ("ur5e", ["copper_loss", "friction_curve"])],
+)
+def test_what_is_published_of_an_arm_is_a_model_file(name, effects):
+    file = Path(eo.__file__).parent / "power" / "published" / f"{name}.toml"
+    model = model_of(file, name)
+    model.check(eo.load_robot(name).n)
+    assert [e.name for e in model.effects] == effects

@@ -231,7 +231,9 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
     for number, row in enumerate(rows, start=1):
         name = row.get("name")
         try:
-            effects.append(effect_class(name)(**{k: v for k, v in row.items() if k != "name"}))
+            if not isinstance(row.get("source", ""), str):
+                raise BadInput(f"source = {row['source']!r}; expected words in quotes: where the values come from")
+            effects.append(effect_class(name)(**{k: v for k, v in row.items() if k not in ("name", "source")}))
         except BadInput as error:
             raise BadInput(f"{where}: [[effect]] {number}: {error}") from None
     try:

@@ -186,6 +186,9 @@ def test_the_files_of_the_contract(coulomb, tmp_path, capsys):
     page = (tmp_path / "report.html").read_text()
     for part in ("noise floor", "Error before and after", "Power over time", "Evidence for each candidate"):
         assert part in page
+    worth = document["worth"]  # the model that knows the friction plans no worse than the one that lacks it
+    assert worth["diagnosed_plan"] <= min(worth["declared_plan"], worth["evenly_slowed"])
+    assert "What the diagnosis is worth" in page
     # every effect of the table is judged, and the strongest is the one that was added
     judged = {row["name"]: row for row in document["candidates"]}
     assert {"payload", "armature", "meter_delay", "supply_efficiency", "standby"} <= set(judged)

@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.front.request import guard, request_of_set
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
+    from energy_opt.next_motion.worth import add_worth
     from energy_opt.robot import load_robot
 
     log = read_log(args.set, args.allow_outside)
@@ -93,7 +94,9 @@ def run(args: argparse.Namespace) -> int:
         result.document["remarks"].insert(0, said)
     with written_whole(args.out, "diagnosis.json") as aside:
         _next_motion(result, aside, args.seed, surroundings)
-        with stop_on_interrupt() as pressed:
+        with stop_on_interrupt() as pressed, Progress(args) as show:
+            show("what it is worth: two plans of the set's longest move")
+            add_worth(result, surroundings, seed=args.seed, stopped=pressed)
             write(result, aside)
     say(args, _summary(result, args.out))
     view(args, args.out)
@@ -179,6 +182,7 @@ def _summary_of_joints(d: dict[str, Any], out: Path) -> str:
 
 def _summary(result: Diagnosis, out: Path) -> str:
     from energy_opt.diagnose.sides import side_words
+    from energy_opt.next_motion.worth import worth_words
 
     d = result.document
     lines = [d["headline"], f"verdict: {d['verdict'] or 'none, interrupted'}"]
@@ -206,6 +210,7 @@ def _summary(result: Diagnosis, out: Path) -> str:
     lines.append(f"noise floor: {d['error']['noise_floor']:.2f} W; energy within {d['tolerance']:g} %: {usable}")
     lines.append(f"model.toml holds: {', '.join(d['model_effects'])}")
     lines += [f"note: {remark}" for remark in d["remarks"]]
+    lines += [worth_words(d["worth"])] if d["worth"] else []
     lines.append(d["next_step"])
     lines.append(f"written: {out / 'diagnosis.json'}, model.toml, report.html")
     return "\n".join(lines)

@@ -63,6 +63,21 @@ def page(result: Diagnosis) -> Report:
                              e["power_rmse_ci95"]])  # fmt: skip
     report.table(["", "error of energy [%]", "95 % [%]", "power RMSE [W]", "95 % [W]"], rows)
     report.facts({"noise floor [W]": d["error"]["noise_floor"]})
+    worth = d.get("worth")
+    if worth is not None:
+        report.section("What the diagnosis is worth")
+        report.text(
+            f"The longest move of the set ({worth['file']}, {worth['duration']:.3g} s), planned and evaluated anew. "
+            "All energies are under the diagnosed model."
+        )
+        report.table(
+            ["the move", "energy [J]"],
+            [
+                ["planned with the diagnosed model", worth["diagnosed_plan"]],
+                ["planned with the declared model", worth["declared_plan"]],
+                ["fastest timing, slowed evenly", worth["evenly_slowed"]],
+            ],
+        )
     report.section("What the residual goes with")
     if d["residual_goes_with"]:
         watts = [r["watts"] for r in d["remainder"]]

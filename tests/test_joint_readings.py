@@ -19,7 +19,7 @@ from energy_opt.power import load_model
 
 pytest.importorskip("mujoco")
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
-from misfit_world import World, _Law, write_world
+from misfit_world import Motors, World, write_world
 
 
 def made(folder: Path, world: World):
@@ -30,15 +30,15 @@ def made(folder: Path, world: World):
 @pytest.fixture
 def drags():
     """The worlds' true drives, by their seed."""
-    kept: dict[int, _Law] = {}
-    before = _Law.__init__
+    kept: dict[int, Motors] = {}
+    before = Motors.__init__
 
     def remember(self, world, *rest):
         before(self, world, *rest)
         kept[world.seed] = self
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_Law, "__init__", remember)
+        patch.setattr(Motors, "__init__", remember)
         yield kept
 
 

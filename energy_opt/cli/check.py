@@ -132,6 +132,10 @@ def _toml(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]:
         return []
     if kind.startswith("energy-opt/log/"):
         return _set(file, args, notes)
+    if kind == "energy-opt/job/2":
+        from energy_opt.workcell import check_workcell
+
+        return check_workcell(file)
     if kind.startswith("energy-opt/job/"):
         from energy_opt.job import check_job
         from energy_opt.robot import load_robot

@@ -24,6 +24,8 @@ from energy_opt.errors import Infeasible
 if TYPE_CHECKING:
     from energy_opt.robot import Robot
 
+WORKCELL = "energy-opt/job/2"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
@@ -61,6 +63,8 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.job.resume import Answers
     from energy_opt.motion import Settings
 
+    if read_toml(args.job).get("format") == WORKCELL:
+        return _run_workcell(args)
     job = load_job(args.job, lambda name: _robot(args, name), allow_outside=args.allow_outside)
     model = load_model_of(args, job.robot)
     held = model.get("payload")
@@ -102,6 +106,52 @@ def run(args: argparse.Namespace) -> int:
     if result.interrupted:
         return 130
     return 0 if result.solved else 4
+
+
+def _run_workcell(args: argparse.Namespace) -> int:
+    from energy_opt.cli.progress import Progress
+    from energy_opt.cli.view import view
+    from energy_opt.files import read_toml, to_json
+    from energy_opt.folders import written_whole
+    from energy_opt.front.request import guard, stamp
+    from energy_opt.workcell.file import load_workcell
+    from energy_opt.workcell.output import write
+    from energy_opt.workcell.run import run_workcell
+
+    cell = load_workcell(args.job)
+    request = {"job": read_toml(args.job), **stamp(args.command)}
+    guard(args.out / "job.json", request, args.force)
+    with Progress(args):
+        result = run_workcell(cell)
+        with written_whole(args.out, "job.json") as aside:
+            found = write(result, request, aside)
+    for warning in found["warnings"]:
+        say(args, f"warning: {warning}")
+    view(args, args.out)
+    if args.json:
+        sys.stdout.write(to_json(found))
+    elif not args.quiet:
+        print(_text_of_workcell(found, args.out))
+    return 0
+
+
+def _text_of_workcell(found: dict[str, Any], out: Path) -> str:
+    lines = [f"{'robot':<14} {'step':<28} {'begins [s]':>10} {'takes [s]':>10} {'mode':<16} {'energy [J]':>12}"]
+    for robot in found["robots"]:
+        lines += [
+            f"{robot['name'][:14]:<14} {s['name'][:28]:<28} {s['start']:>10.3f} {s['duration']:>10.3f} "
+            f"{(s['mode'] or 'moves')[:16]:<16} {s['energy_total']:>12.1f}"
+            for s in robot["steps"]
+        ]
+    lines.append(
+        f"the cycle of {found['cycle_time']:g} s takes {found['energy_total']:.1f} J; "
+        f"no schedule of these curves takes less than {found['bound']:.1f} J"
+    )
+    first = found["levers"][0]["energy_total"]
+    for lever in found["levers"]:
+        saved = 100 * (1 - lever["energy_total"] / first)
+        lines.append(f"{lever['name'].replace('_', ' '):<8} {lever['energy_total']:>12.1f} J ({saved:.1f} % saved)")
+    return "\n".join([*lines, f"files in {out}"])
 
 
 def _robot(args: argparse.Namespace, name: str) -> Robot:

@@ -1,0 +1,24 @@
+"""Schedules of cells: when every step of every robot begins, how long it takes, and in which mode a robot waits.
+
+Energy of a step over its duration is a convex curve, waits choose between modes, robots share a periodic cycle. This is
+a mixed-integer program; `solve.py` returns a schedule and a lower bound on the energy of all schedules.
+"""
+
+from energy_opt.schedule.curves import Curve, Hull, Polynomial
+from energy_opt.schedule.problem import Exclusion, Lag, Mode, Move, Problem, Ring, Wait
+from energy_opt.schedule.solve import Schedule, solve
+
+__all__ = [
+    "Curve",
+    "Exclusion",
+    "Hull",
+    "Lag",
+    "Mode",
+    "Move",
+    "Polynomial",
+    "Problem",
+    "Ring",
+    "Schedule",
+    "Wait",
+    "solve",
+]

@@ -1,0 +1,189 @@
+"""The mixed-integer linear program of a cell, with convex curves as the maximum of tangents.
+
+Variables: a start s of every step; a duration d and an energy e of every move, with e >= E(t) + E'(t) (d - t) at every
+tangent t; for every mode m of a wait a binary z_m and a duration d_m with z_m l_m <= d_m <= z_m u, and sum z_m = 1; for
+every zone and free lag an integer number of cycles h. Constraints: s_{i+1} = s_i + d_i; the first step of a ring
+follows the last one cycle later; lags; of two runs that exclude each other one ends before the other begins:
+
+    end_1 + gap <= start_2 + C h,    end_2 + gap <= start_1 + C (1 - h).
+
+Tangents lie below a convex curve, so the program's optimum is a lower bound of the schedule's energy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from energy_opt.schedule.problem import Move, Problem
+
+Terms = dict[int, float]  # coefficients by variable
+FEASIBLE = 1e-9  # tolerance of HiGHS on constraints and integers: seconds are held to a nanosecond
+
+
+@dataclass(frozen=True)
+class Found:
+    """What HiGHS found.
+
+    Attributes:
+        x: (variables,) values; None where there is no solution.
+        bound: no solution costs less [J].
+        impossible: it was shown that there is none.
+    """
+
+    x: np.ndarray | None
+    bound: float
+    impossible: bool
+
+
+@dataclass
+class Program:
+    """The program of a problem; tangents can be added between solves.
+
+    Attributes:
+        start: variable of the start of (ring, step); duration: terms whose sum is its duration.
+        choice: variables (z, d) of every mode of a wait.
+    """
+
+    problem: Problem
+    cost: list[float] = field(default_factory=list)
+    lower: list[float] = field(default_factory=list)
+    upper: list[float] = field(default_factory=list)
+    integer: list[int] = field(default_factory=list)
+    constraints: list[tuple[Terms, float, float]] = field(default_factory=list)
+    start: dict[tuple[int, int], int] = field(default_factory=dict)
+    duration: dict[tuple[int, int], Terms] = field(default_factory=dict)
+    energy: dict[tuple[int, int], int] = field(default_factory=dict)
+    choice: dict[tuple[int, int], list[tuple[int, int]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._steps()
+        self._lags()
+        self._exclusions()
+
+    def solve(self, seconds: float, gap: float) -> Found:
+        """The program as it is now, by HiGHS: within `seconds` [s], to a relative `gap`."""
+        import highspy
+
+        solver = highspy.Highs()
+        solver.setOptionValue("output_flag", False)
+        solver.setOptionValue("time_limit", max(seconds, 0.1))
+        solver.setOptionValue("mip_rel_gap", gap)
+        solver.setOptionValue("mip_feasibility_tolerance", FEASIBLE)
+        solver.setOptionValue("primal_feasibility_tolerance", FEASIBLE)
+        count = len(self.cost)
+        solver.addVars(count, np.array(self.lower), np.array(self.upper))
+        solver.changeColsCost(count, np.arange(count, dtype=np.int32), np.array(self.cost))
+        whole = np.flatnonzero(self.integer).astype(np.int32)
+        kinds = np.full(len(whole), highspy.HighsVarType.kInteger)
+        if np.any(np.array(self.lower)[whole] < np.array(self.upper)[whole]):
+            solver.changeColsIntegrality(len(whole), whole, kinds)
+        begins = np.cumsum([0] + [len(terms) for terms, _, _ in self.constraints])
+        columns = np.array([j for terms, _, _ in self.constraints for j in terms], dtype=np.int32)
+        values = np.array([c for terms, _, _ in self.constraints for c in terms.values()])
+        low, high = (np.array([c[k] for c in self.constraints], dtype=float) for k in (1, 2))
+        solver.addRows(len(low), low, high, len(columns), begins[:-1].astype(np.int32), columns, values)
+        solver.run()
+        info = solver.getInfo()
+        if info.primal_solution_status != highspy.SolutionStatus.kSolutionStatusFeasible:
+            impossible = solver.getModelStatus() in (
+                highspy.HighsModelStatus.kInfeasible,
+                highspy.HighsModelStatus.kUnboundedOrInfeasible,
+            )
+            return Found(None, np.inf, impossible)
+        mixed = bool(solver.getLp().integrality_)
+        bound = info.mip_dual_bound if mixed else info.objective_function_value
+        return Found(np.array(solver.getSolution().col_value), float(bound), False)
+
+    def add_tangent(self, at: tuple[int, int], duration: float) -> None:
+        """Bound the energy of a move from below by the tangent of its curve at `duration` [s]."""
+        move = self.problem.rings[at[0]].steps[at[1]]
+        assert isinstance(move, Move)
+        value, slope = move.curve.value(duration), move.curve.slope(duration)
+        terms = {self.energy[at]: 1.0, **{j: -slope * c for j, c in self.duration[at].items()}}
+        self.constraints.append((terms, value - slope * duration, np.inf))
+
+    def _variable(self, lower: float, upper: float, cost: float = 0.0, integer: bool = False) -> int:
+        self.cost.append(cost)
+        self.lower.append(lower)
+        self.upper.append(upper)
+        self.integer.append(int(integer))
+        return len(self.cost) - 1
+
+    def _steps(self) -> None:
+        cycle = self.problem.cycle_time
+        far = cycle * (len(self.problem.rings) + 1)
+        for r, ring in enumerate(self.problem.rings):
+            for k, step in enumerate(ring.steps):
+                at = (r, k)
+                fixed = r == 0 and k == 0  # the cycle begins with the first step of the first robot
+                self.start[at] = self._variable(0.0 if fixed else -far, 0.0 if fixed else far)
+                if isinstance(step, Move):
+                    self.duration[at] = {self._variable(step.least, min(step.most, cycle)): 1.0}
+                    self.energy[at] = self._variable(-np.inf, np.inf, cost=1.0)
+                    for duration in step.curve.breaks(step.least, min(step.most, cycle)):
+                        self.add_tangent(at, float(duration))
+                    continue
+                self.choice[at] = []
+                for mode in step.modes:
+                    least, most = max(step.least, mode.shortest), min(step.most, cycle)
+                    possible = least <= most
+                    z = self._variable(0, float(possible), mode.fixed, integer=True)
+                    d = self._variable(0, most if possible else 0.0, mode.power)
+                    self.constraints += [({d: 1.0, z: -least}, 0.0, np.inf), ({d: 1.0, z: -most}, -np.inf, 0.0)]
+                    self.choice[at].append((z, d))
+                self.constraints.append(({z: 1.0 for z, _ in self.choice[at]}, 1.0, 1.0))
+                self.duration[at] = {d: 1.0 for _, d in self.choice[at]}
+            for k in range(len(ring.steps)):
+                last = k == len(ring.steps) - 1
+                follows = self.start[r, 0 if last else k + 1]
+                length = cycle if last else 0.0  # start + duration = next start (+ one cycle)
+                terms = _sum({self.start[r, k]: 1.0}, self.duration[r, k], {follows: -1.0})
+                self.constraints.append((terms, length, length))
+
+    def _cycles(self) -> int:
+        most = 2 * (len(self.problem.rings) + 2)
+        return self._variable(-most, most, integer=True)
+
+    def _lags(self) -> None:
+        cycle = self.problem.cycle_time
+        for lag in self.problem.lags:
+            terms: Terms = _sum({self.start[lag.end]: 1.0}, {self.start[lag.begin]: -1.0})
+            height = lag.height or 0
+            if lag.height is None:
+                terms = _sum(terms, {self._cycles(): cycle})
+            if lag.within is not None:
+                self.constraints.append((terms, -np.inf, lag.within - cycle * height))
+            if lag.begin_ends:
+                terms = _sum(terms, {j: -c for j, c in self.duration[lag.begin].items()})
+            most = np.inf if lag.most is None else lag.most - cycle * height
+            self.constraints.append((terms, lag.length - cycle * height, most))
+
+    def _exclusions(self) -> None:
+        cycle = self.problem.cycle_time
+        for pair in self.problem.exclusions:
+            cycles = self._cycles()
+            one, two = (self._run(run) for run in (pair.first, pair.second))
+            for (_, end), sign, length in (one, 1.0, 0.0), (two, -1.0, cycle):
+                other = two[0] if sign > 0 else one[0]
+                # end + gap <= begin of the other + C h, or + C (1 - h)
+                terms = _sum(other, {j: -c for j, c in end.items()}, {cycles: sign * cycle})
+                self.constraints.append((terms, pair.gap - length, np.inf))
+
+    def _run(self, run: tuple[int, int, int]) -> tuple[Terms, Terms]:
+        """Start and end of a run of steps, as terms (the end in the cycle that its start is in)."""
+        ring, first, last = run
+        count = len(self.problem.rings[ring].steps)
+        end: Terms = {self.start[ring, first]: 1.0}
+        for k in range((last - first) % count + 1):
+            end = _sum(end, self.duration[ring, (first + k) % count])
+        return {self.start[ring, first]: 1.0}, end
+
+
+def _sum(*parts: Terms) -> Terms:
+    out: Terms = {}
+    for part in parts:
+        for j, c in part.items():
+            out[j] = out.get(j, 0.0) + c
+    return out

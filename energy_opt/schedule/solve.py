@@ -1,0 +1,198 @@
+"""A schedule of least energy, with a lower bound: outer approximation of convex curves by tangents.
+
+The program with tangents is solved to a bound; its modes and cycle counts are then held, tangents are added at the
+durations that it chose until the program without integers agrees with the curves; both repeat until bound and schedule
+meet (Duran and Grossmann, Mathematical Programming 36, 1986).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from time import monotonic
+
+import numpy as np
+
+from energy_opt.errors import Infeasible
+from energy_opt.schedule.problem import Move, Problem, Ring, Wait
+from energy_opt.schedule.program import Program
+
+SMALL = 1e-9  # of a curve's energy: a tangent nearer than this to the curve adds nothing
+EARLIEST = 5.0  # [s] for moving starts forward, which changes no energy
+ROUNDED = 1e-7  # [s] by which a wait may differ there: durations add up to the cycle in floating-point numbers only
+ROUNDS = 100  # of added tangents; each halves the remaining error at least
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When every step begins, how long it takes, in which mode a robot waits.
+
+    Attributes:
+        starts, durations: (steps,) [s] for every ring; starts count from the first step of the first ring.
+        modes: for every ring the name of the mode of each step; "" for a move.
+        energies: (steps,) [J] for every ring.
+        bound: J that no schedule of these curves goes below.
+        seconds: that solving took.
+    """
+
+    problem: Problem
+    starts: tuple[np.ndarray, ...]
+    durations: tuple[np.ndarray, ...]
+    modes: tuple[tuple[str, ...], ...]
+    energies: tuple[np.ndarray, ...]
+    bound: float
+    seconds: float
+
+    @property
+    def energy(self) -> float:
+        """Energy of the whole cycle [J]."""
+        return float(sum(e.sum() for e in self.energies))
+
+    @property
+    def gap(self) -> float:
+        """(energy - bound) / energy."""
+        return max(0.0, self.energy - self.bound) / max(abs(self.energy), 1e-12)
+
+
+def solve(problem: Problem, *, seconds: float = 60.0, gap: float = 1e-6) -> Schedule:
+    """The schedule of least energy.
+
+    Args:
+        seconds: when to stop at the latest [s]; the gap that is left is then in the result.
+        gap: relative distance of energy and bound at which to stop.
+
+    Raises:
+        Infeasible: no schedule keeps the cycle time, the lags and the zones; or none was found in `seconds`.
+    """
+    begin = monotonic()
+    program = Program(problem)
+    best: Schedule | None = None
+    bound = -np.inf
+    for _ in range(ROUNDS):
+        left = seconds - (monotonic() - begin)
+        if best is not None and left <= 0:
+            break
+        found = program.solve(left, gap / 2)
+        if found.x is None:
+            if best is not None:
+                break
+            raise _why(found.impossible, problem, seconds)
+        bound = max(bound, found.bound)
+        now = _polished(program, found.x, begin + seconds)
+        if best is None or now.energy < best.energy:
+            best = now
+        if best.energy - bound <= gap * abs(best.energy):
+            break
+        if not _refine(program, found.x):
+            break
+    assert best is not None
+    return replace(_earliest(best), bound=min(bound, best.energy), seconds=monotonic() - begin)
+
+
+def _polished(program: Program, x: np.ndarray, deadline: float) -> Schedule:
+    """The best schedule with the modes and cycle counts of `x`."""
+    lower, upper, integer = program.lower, program.upper, program.integer
+    held = [round(v) if i else 0 for v, i in zip(x, integer, strict=True)]
+    program.lower = [float(h) if i else lo for h, i, lo in zip(held, integer, lower, strict=True)]
+    program.upper = [float(h) if i else up for h, i, up in zip(held, integer, upper, strict=True)]
+    try:
+        for _ in range(ROUNDS):
+            if not _refine(program, x) or monotonic() > deadline:
+                break
+            found = program.solve(deadline - monotonic(), 0.0)
+            if found.x is None:
+                break
+            x = found.x
+    finally:
+        program.lower, program.upper = lower, upper
+    return _schedule(program, x)
+
+
+def _refine(program: Program, x: np.ndarray) -> bool:
+    """Add a tangent wherever a curve lies above the energy in `x`; was any added?"""
+    added = False
+    for at, e in program.energy.items():
+        move = program.problem.rings[at[0]].steps[at[1]]
+        assert isinstance(move, Move)
+        d = float(np.clip(sum(c * x[j] for j, c in program.duration[at].items()), move.least, move.most))
+        value = move.curve.value(d)
+        if value - x[e] > SMALL * max(1.0, abs(value)):
+            program.add_tangent(at, d)
+            added = True
+    return added
+
+
+def _schedule(program: Program, x: np.ndarray) -> Schedule:
+    problem = program.problem
+    starts, durations, modes, energies = [], [], [], []
+    for r, ring in enumerate(problem.rings):
+        # Starts follow from the durations exactly; a wait takes what rounding leaves over.
+        length = np.array([sum(c * x[j] for j, c in program.duration[r, k].items()) for k in range(len(ring.steps))])
+        named, energy = [], np.zeros(len(ring.steps))
+        for k, step in enumerate(ring.steps):
+            if isinstance(step, Wait):
+                chosen = step.modes[int(np.argmax([x[z] for z, _ in program.choice[r, k]]))]
+                length[k] = np.clip(length[k], max(step.least, chosen.shortest), step.most)
+                named.append(chosen.name)
+                energy[k] = chosen.energy(length[k])
+            else:
+                length[k] = np.clip(length[k], step.least, step.most)
+                named.append("")
+                energy[k] = step.curve.value(float(length[k]))
+        starts.append(x[program.start[r, 0]] + np.concatenate([[0.0], np.cumsum(length)[:-1]]))
+        durations.append(length)
+        modes.append(tuple(named))
+        energies.append(energy)
+    return Schedule(problem, tuple(starts), tuple(durations), tuple(modes), tuple(energies), -np.inf, 0.0)
+
+
+def _earliest(schedule: Schedule) -> Schedule:
+    """The same durations and modes with every robot as early as it can be, from 0 on."""
+    program = Program(held(schedule))
+    program.cost = [0.0] * len(program.cost)
+    for (_, step), variable in program.start.items():
+        if step == 0:
+            program.cost[variable] = 1.0
+            program.lower[variable] = 0.0
+    found = program.solve(EARLIEST, 0.0)
+    if found.x is None:
+        return schedule
+    first = [found.x[program.start[r, 0]] for r in range(len(schedule.starts))]
+    return replace(schedule, starts=tuple(s - s[0] + f for s, f in zip(schedule.starts, first, strict=True)))
+
+
+def held(schedule: Schedule) -> Problem:
+    """The problem with the durations and modes of a schedule; only starts are free."""
+    rings = []
+    for ring, lengths, modes in zip(schedule.problem.rings, schedule.durations, schedule.modes, strict=True):
+        steps: list[Move | Wait] = []
+        for step, length, mode in zip(ring.steps, lengths.tolist(), modes, strict=True):
+            if isinstance(step, Move):
+                steps.append(replace(step, least=length, most=length))
+                continue
+            span = {"least": max(0.0, length - ROUNDED), "most": length + ROUNDED}
+            steps.append(replace(step, **span, modes=tuple(m for m in step.modes if m.name == mode)))
+        rings.append(Ring(ring.name, tuple(steps)))
+    return replace(schedule.problem, rings=tuple(rings))
+
+
+def _why(impossible: bool, problem: Problem, seconds: float) -> Infeasible:
+    for ring in problem.rings:
+        least = sum(
+            max(s.least, min(m.shortest for m in s.modes)) if isinstance(s, Wait) else s.least for s in ring.steps
+        )
+        if least > problem.cycle_time:
+            return Infeasible(
+                f"{ring.name}: its steps take {least:.6g} s at least, the cycle has {problem.cycle_time:.6g} s",
+                limit="duration",
+                shortest_duration=least,
+            )
+        most = sum(s.most for s in ring.steps)
+        if most < problem.cycle_time:
+            return Infeasible(
+                f"{ring.name}: its steps take {most:.6g} s at most, the cycle has {problem.cycle_time:.6g} s; "
+                "give a wait a longer bound",
+                limit="duration",
+            )
+    if impossible:
+        return Infeasible("no schedule keeps all lags and zones within the cycle time", limit="duration")
+    return Infeasible(f"no schedule was found in {seconds:g} s", limit="duration")

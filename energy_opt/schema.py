@@ -1,0 +1,123 @@
+"""Files with a schema: a pydantic model says what may be in a file, and every fault of a file becomes one line.
+
+A fault says what is wrong, where (tables of a list by number and by their `name`), and what would be right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError
+
+from energy_opt.errors import BadInput, near
+
+
+def _number(value: object) -> object:
+    """Numbers alone: text and truth values are no numbers, though pydantic could convert them."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError("expected a number")
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError("expected a number below 1e300") from None
+
+
+Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
+Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128, pattern=r"^[^\x00-\x1f\x7f]+$")]
+
+
+class Table(BaseModel):
+    """A table of a file: unknown keys are faults, values do not change once they are read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+
+Read = TypeVar("Read", bound=Table)
+
+
+def faults_of(model: type[Read], document: Mapping[str, Any]) -> tuple[Read | None, list[str]]:
+    """A document as `model`, or None and every fault in it, one line each."""
+    try:
+        return model.model_validate(dict(document)), []
+    except ValidationError as error:
+        lines = dict.fromkeys(_line(model, document, fault) for fault in error.errors(include_url=False))
+        return None, list(lines)
+
+
+def parse(model: type[Read], document: Mapping[str, Any], where: str) -> Read:
+    """A document as `model`.
+
+    Args:
+        where: put before every fault: the file's name.
+
+    Raises:
+        BadInput: every fault of the document, one line each.
+    """
+    found, faults = faults_of(model, document)
+    if found is None:
+        raise BadInput("\n".join(f"{where}: {fault}" for fault in faults))
+    return found
+
+
+def _line(model: type[Table], document: Mapping[str, Any], fault: Any) -> str:
+    place = _place(document, fault["loc"])
+    key = str(fault["loc"][-1]) if fault["loc"] else ""
+    if fault["type"] == "extra_forbidden":
+        known = _keys(model, fault["loc"][:-1])
+        return f"{_joined(place[:-1])}unknown key {key!r}{near(key, known)}; known: {', '.join(known)}"
+    if fault["type"] == "missing":
+        return f"{_joined(place[:-1])}{key} is missing"
+    text = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    if fault["type"] not in ("value_error", "string_pattern_mismatch"):
+        text = f"expected {text}" if not text.startswith("expected") else text
+    if fault["type"] == "string_pattern_mismatch":
+        text = "expected text in one line"
+    shown = fault.get("input")
+    value = "" if isinstance(shown, (Mapping, list)) or not place else f" = {shown!r:.60}"
+    head = ": ".join(place)
+    return f"{head}{value}{'; ' if value else ': '}{text}" if head else text
+
+
+def _joined(place: list[str]) -> str:
+    return "".join(f"{part}: " for part in place)
+
+
+def _place(document: Any, loc: tuple[Any, ...]) -> list[str]:
+    """Where a fault is: keys of tables, and of tables in a list `step 2 (weld)`."""
+    out: list[str] = []
+    at = document
+    for part in loc:
+        if isinstance(part, int):
+            at = at[part] if isinstance(at, list) and part < len(at) else None
+            named = at.get("name") if isinstance(at, Mapping) else None
+            out[-1] = f"{out[-1]} {part + 1}" + (f" ({named})" if isinstance(named, str) else "")
+        elif not isinstance(at, Mapping) or part in at or part == loc[-1]:
+            if isinstance(at, Mapping) or not out:  # else: the name of a type in a union
+                out.append(str(part))
+            at = at.get(part) if isinstance(at, Mapping) else at
+    return out
+
+
+def _keys(model: Any, loc: tuple[Any, ...]) -> list[str]:
+    """The keys that a table at `loc` of a model knows."""
+    for part in loc:
+        if isinstance(part, int):
+            continue
+        fields = getattr(model, "model_fields", {})
+        found = [f.annotation for name, f in fields.items() if part in (name, f.alias)]
+        if not found:
+            continue
+        model = _model_in(found[0]) or model
+    return [f.alias or name for name, f in getattr(model, "model_fields", {}).items()]
+
+
+def _model_in(annotation: Any) -> Any:
+    """The table class in an annotation such as `tuple[Step, ...] | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for part in getattr(annotation, "__args__", ()):
+        found = _model_in(part)
+        if found is not None:
+            return found
+    return None

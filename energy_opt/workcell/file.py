@@ -1,0 +1,208 @@
+"""JOB.toml of format 2: several robots, waits with modes, time lags and zones, in one periodic cycle.
+
+`energy-opt --example job` prints a file of one robot; docs/verbs/job.md shows one of several.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from energy_opt.errors import BadInput, near
+from energy_opt.files import read_toml
+from energy_opt.schema import Name, Number, Table, faults_of
+
+FORMAT = "energy-opt/job/2"
+LONGEST = 1e7  # [s] of a cycle and a wait: more is a slip of units
+
+Seconds = Annotated[Number, Field(ge=0, le=LONGEST)]
+Span = tuple[Seconds, Seconds]
+Positions = list[Number] | dict[str, Number] | Name
+
+
+class ModeTable(Table):
+    """A mode in which a robot waits: power [W], shortest duration [s], seconds [s] and energy [J] of entry and exit."""
+
+    name: Name
+    power: Number
+    least: Seconds = 0.0
+    enter: tuple[Seconds, Number] = (0.0, 0.0)
+    leave: tuple[Seconds, Number] = (0.0, 0.0)
+    posture: Literal["any"] | list[Name] = "any"
+
+
+class StepTable(Table):
+    """One step of a robot: a move of a known arm (`to`), one known by its curve (`duration`, `curve`), or a `wait`."""
+
+    name: Name | None = None
+    to: Positions | None = None
+    wait: Seconds | Span | None = None
+    duration: Seconds | Span | None = None
+    curve: list[tuple[int, Number]] | None = None
+    power: dict[Name, Number] = {}
+    modes: list[Name] | None = None
+    mode: Literal["retime", "reshape"] | None = None
+    min_duration: Seconds = 0.0
+    max_duration: Seconds | None = None
+    payload: Number | tuple[Number, Number, Number, Number] | None = None
+    stop: bool = True
+    zone: Name | None = None
+    after: Name | None = None
+    lag: Annotated[tuple[Number, Number], Field()] | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> StepTable:
+        kinds = [k for k in ("to", "wait", "curve") if getattr(self, k) is not None]
+        if len(kinds) != 1:
+            raise ValueError(
+                "expected one of `to`, `wait` or `curve`" + (f"; found {', '.join(kinds)}" if kinds else "")
+            )
+        if self.curve is not None and self.duration is None:
+            raise ValueError("a curve needs `duration = [least, most]` [s]")
+        if self.lag is not None and self.after is None:
+            raise ValueError("`lag` belongs to `after`")
+        for key in ("wait", "duration", "lag"):
+            span = getattr(self, key)
+            if isinstance(span, tuple) and span[0] > span[1]:
+                raise ValueError(f"{key} = [{span[0]:g}, {span[1]:g}]: expected the smaller first")
+        if self.max_duration is not None and self.min_duration > self.max_duration:
+            raise ValueError(f"min_duration = {self.min_duration:g} is above max_duration = {self.max_duration:g}")
+        return self
+
+    @property
+    def span(self) -> Span:
+        """Shortest and longest duration of a wait or a curve [s]."""
+        given = self.wait if self.wait is not None else self.duration
+        assert given is not None
+        return given if isinstance(given, tuple) else (given, given)
+
+
+class RobotTable(Table):
+    """A robot of the cell: its arm and where it stands, or only curves; its own modes; its steps, which form a ring."""
+
+    name: Name
+    robot: Name | None = None
+    base: tuple[Number, Number, Number, Number, Number, Number] = (0.0,) * 6
+    model: Name | None = None
+    tool: Name | None = None
+    payload: Number | tuple[Number, Number, Number, Number] = 0.0
+    home: Positions | None = None
+    poses: dict[Name, list[Number] | dict[str, Number]] = {}
+    mode: list[ModeTable] = []
+    step: Annotated[list[StepTable], Field(min_length=1, max_length=1000)]
+
+
+class LagTable(Table):
+    """start(to) - start(from) >= length - cycle_time * height; steps are named `robot.step`."""
+
+    begin: Annotated[Name, Field(alias="from")]
+    end: Annotated[Name, Field(alias="to")]
+    length: Number
+    height: Annotated[int, Field(strict=True, ge=-100, le=100)] = 0
+
+
+class SupplyTable(Table):
+    """The supply that the robots share: link capacity [J], a braking resistor, bound of the sum of powers [W]."""
+
+    shared: bool = True
+    capacity: Annotated[Number, Field(ge=0)] = 0.0
+    resistor: bool = True
+    max_power: Annotated[Number, Field(gt=0)] | None = None
+
+
+class WorkCell(Table):
+    """A job file of format 2."""
+
+    format: Literal["energy-opt/job/2"]
+    cycle_time: Annotated[Number, Field(gt=0, le=LONGEST)]
+    jitter: Seconds = 0.02
+    scene: Name | None = None
+    poses: dict[Name, list[Number] | dict[str, Number]] = {}
+    supply: SupplyTable | None = None
+    mode: list[ModeTable] = []
+    robot: Annotated[list[RobotTable], Field(min_length=1, max_length=100)]
+    lag: list[LagTable] = []
+
+    def step_at(self, name: str) -> tuple[int, int]:
+        """Indices of `robot.step`.
+
+        Raises:
+            BadInput: there is none.
+        """
+        known = self.step_names
+        if name not in known:
+            raise BadInput(f"no step {name!r}{near(name, known)}; steps are named `robot.step`")
+        return known[name]
+
+    @property
+    def step_names(self) -> dict[str, tuple[int, int]]:
+        """Indices (robot, step) of every step by `robot.step`."""
+        return {
+            f"{robot.name}.{step_name(k, step)}": (r, k)
+            for r, robot in enumerate(self.robot)
+            for k, step in enumerate(robot.step)
+        }
+
+
+def step_name(number: int, step: StepTable) -> str:
+    """The name of a step; `step 3` where it has none."""
+    return step.name or f"step {number + 1}"
+
+
+def load_workcell(path: Path) -> WorkCell:
+    """Read a job file of format 2.
+
+    Raises:
+        BadInput: names every fault, one a line, with robot and step.
+    """
+    cell, faults = _read(Path(path))
+    if cell is None or faults:
+        raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
+    return cell
+
+
+def check_workcell(path: Path) -> list[str]:
+    """Every fault of a job file of format 2, one line each; empty where it is usable."""
+    return [f"{path}: {fault}" for fault in _read(Path(path))[1]]
+
+
+def _read(path: Path) -> tuple[WorkCell | None, list[str]]:
+    document: dict[str, Any] = read_toml(path)
+    if document.get("format") != FORMAT:
+        return None, [f"format = {document.get('format')!r}; expected {FORMAT!r}"]
+    cell, faults = faults_of(WorkCell, document)
+    return cell, faults or _wrong_names(cell)
+
+
+def _wrong_names(cell: WorkCell | None) -> list[str]:
+    """Names that two have, or that nothing has."""
+    assert cell is not None
+    faults = []
+    names = [robot.name for robot in cell.robot]
+    faults += [f"robot: two robots are named {name!r}" for name in sorted({n for n in names if names.count(n) > 1})]
+    for robot in cell.robot:
+        where = f"robot {robot.name}"
+        steps = [step_name(k, step) for k, step in enumerate(robot.step)]
+        faults += [f"{where}: two steps are named {n!r}" for n in sorted({n for n in steps if steps.count(n) > 1})]
+        modes = {mode.name for mode in (*cell.mode, *robot.mode)}
+        for k, step in enumerate(robot.step):
+            known = modes | set(step.power)
+            for mode in step.modes or ():
+                if mode not in known:
+                    faults.append(f"{where}: step {steps[k]}: no mode {mode!r}{near(mode, known)}")
+            if step.wait is not None and robot.robot is None and not known:
+                faults.append(f"{where}: step {steps[k]}: a wait needs a [[mode]], or power = {{ NAME = W }}")
+            if step.to is not None and robot.robot is None:
+                faults.append(f"{where}: step {steps[k]}: `to` needs the arm: robot = NAME_OR_URDF in [[robot]]")
+            if step.after is not None:
+                faults += _unknown(cell, step.after, f"{where}: step {steps[k]}: after")
+    for lag in cell.lag:
+        faults += _unknown(cell, lag.begin, "lag: from") + _unknown(cell, lag.end, "lag: to")
+    return faults
+
+
+def _unknown(cell: WorkCell, name: str, where: str) -> list[str]:
+    known = cell.step_names
+    return [] if name in known else [f"{where} = {name!r}: no such step{near(name, known)}; named `robot.step`"]

@@ -37,7 +37,7 @@ def works(built):
 
 
 def libraries(cache):
-    return list(cache.glob("*.so"))
+    return list((cache / library.OWN).glob("*.so"))
 
 
 def test_always_builds_once(cache, functions, monkeypatch):
@@ -150,6 +150,25 @@ def test_a_dead_build_does_not_stand_in_the_way(cache):
     (cache / "precious").write_text("kept")
     (cache / "y.seen").symlink_to(cache / "precious")
     assert not library.mark(cache, "y.seen") and (cache / "precious").read_text() == "kept"
+
+
+def test_files_of_others_in_the_folder_named_are_left_alone(cache, functions):
+    """Also a folder that has the cache's own name, without its mark."""
+    for name in ("build-release/kept.o", "source-main.c", "compiled/build-debug/kept.o", "compiled/source-x.c"):
+        (cache / name).parent.mkdir(parents=True, exist_ok=True)
+        (cache / name).write_text("kept")
+        os.utime(cache / name, (0, 0))
+        os.utime((cache / name).parent, (0, 0))
+    before = sorted(cache.rglob("*"))
+    assert compiled(functions, "auto", batch=True)[1] is False and sorted(cache.rglob("*")) == before
+    (cache / "compiled").rename(cache / "other")
+    before = sorted(cache.rglob("*"))
+    assert compiled(functions, "auto", batch=True)[1] is True
+    for name in ("build-old", "source-old.c"):
+        (cache / "compiled" / name).mkdir()
+        os.utime(cache / "compiled" / name, (0, 0))
+    library.sweep(library.folder())
+    assert set(before) < set(cache.rglob("*")) and not (cache / "compiled" / "build-old").exists()
 
 
 def test_workers_run_no_local_code(tmp_path):

@@ -24,6 +24,7 @@ from functools import lru_cache
 from pathlib import Path
 
 FLAGS = ("-O1", "-march=native", "-fPIC", "-shared")
+OWN, TAG = "compiled", ".energy_opt_cache"  # the cache's folder below the one named, and the file that marks it
 PATIENCE = 600.0  # [s] after so long a build that has left nothing is taken for dead, and begun again
 CPU_LINES = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features", "isa")
 
@@ -44,7 +45,10 @@ def cpu() -> str:
 
 
 def folder() -> Path:
-    """Where compiled functions are kept: $ENERGY_OPT_CACHE, else energy_opt in the user's cache folder.
+    """Where compiled functions are kept: a folder of its own in $ENERGY_OPT_CACHE, else in the user's cache folder.
+
+    It carries a tag. What lies beside it in the folder named, and a folder of that name without the tag, is not ours:
+    it is never changed.
 
     Raises:
         Unusable: it cannot be made or written to, is a link, belongs to somebody else, or others may write to it.
@@ -52,11 +56,23 @@ def folder() -> Path:
     try:
         named = os.environ.get("ENERGY_OPT_CACHE")
         root = os.environ.get("XDG_CACHE_HOME")
-        out = (Path(named) if named else (Path(root) if root else Path.home() / ".cache") / "energy_opt").absolute()
-        out.mkdir(parents=True, exist_ok=True, mode=0o700)
-        found = os.lstat(out)
+        above = (Path(named) if named else (Path(root) if root else Path.home() / ".cache") / "energy_opt").absolute()
+        for out in (above, above / OWN):
+            out.mkdir(parents=True, exist_ok=True, mode=0o700)
+            _private(out)
+        tag = above / OWN / TAG
+        if not tag.is_file():
+            if any(path.name != TAG for path in (above / OWN).iterdir()):
+                raise Unusable(f"{above / OWN}: not a cache of this program: it holds files and no {TAG}")
+            tag.touch(mode=0o600)
     except (OSError, RuntimeError) as error:  # RuntimeError: there is no home
         raise Unusable(f"no cache folder: {error}") from None
+    return above / OWN
+
+
+def _private(out: Path) -> None:
+    """Raises Unusable where a folder is not one that the user alone may write to."""
+    found = os.lstat(out)
     if not stat.S_ISDIR(found.st_mode):
         raise Unusable(f"{out}: a link or file where the cache folder should be")
     if hasattr(os, "geteuid") and found.st_uid != os.geteuid():
@@ -65,7 +81,6 @@ def folder() -> Path:
         raise Unusable(f"{out}: others may write to the cache folder; chmod 700 makes it private")
     if not os.access(out, os.W_OK | os.X_OK):
         raise Unusable(f"{out}: the cache folder cannot be written to")
-    return out
 
 
 def key_of(*parts: str) -> str:

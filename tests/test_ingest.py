@@ -137,6 +137,19 @@ def test_files_stay_in_the_set(plain, tmp_path, capsys):
     capsys.readouterr()
 
 
+def test_a_robot_outside_of_the_set_has_to_be_allowed(plain, tmp_path, monkeypatch, capsys):
+    """By an absolute path, by one that climbs, and by one that is found from the current folder only."""
+    urdf = put(tmp_path.parent / f"{tmp_path.name}_z1.urdf", Z1.urdf.read_text())
+    monkeypatch.chdir(urdf.parent)
+    for name in (str(urdf), f"../{urdf.name}", urdf.name):
+        log(plain, name, '[[run]]\nfile = "a.csv"\n')
+        assert main(["check", str(plain), "--quiet"]) == 2
+        assert urdf.name in (said := capsys.readouterr().err) and "jointGripper" not in said
+        assert "jointGripper" in inspect_set(plain, allow_outside=True)[0][0]  # it was read: the set lacks that joint
+    put(plain / urdf.name, Z1.urdf.read_text())
+    assert "jointGripper" in inspect_set(plain)[0][0]
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

@@ -70,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import to_json
     from energy_opt.folders import written_whole
     from energy_opt.power.named import model_of
+    from energy_opt.robot import robot_named
     from energy_opt.virtual_arm import Instruments, load_plant, simulate
 
     if not 1 <= args.repeat <= MOST_REPEATS:
@@ -79,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     plant = load_plant(args.plant)
     if args.payload is not None:
         plant = dataclasses.replace(plant, model=plant.model.replaced(payload_from(args.payload)))
-    robot = load_robot_of(args, plant.model.robot)
+    robot = load_robot_of(args, args.robot or robot_named(plant.model.robot, args.plant.parent, args.allow_outside))
     declared = model_of(args.model, robot.name) if args.model is not None else None
     instruments = Instruments(
         rate=args.rate,

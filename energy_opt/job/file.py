@@ -29,7 +29,7 @@ from energy_opt.bench.faults import is_number
 from energy_opt.bench.moves import joint_values
 from energy_opt.errors import BadInput, near
 from energy_opt.files import inside, read_toml
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, robot_named
 
 FORMAT = "energy-opt/job/1"
 TOP = ("format", "robot", "cycle_time", "home", "mode", "brakes", "payload", "scene", "poses", "step")
@@ -201,10 +201,10 @@ def _read(
     if not isinstance(name, str):
         return None, [f"robot = {name!r}; expected a name or a URDF file in quotes"]
     try:
-        beside = inside(path.parent, name, allow_outside)
+        name = robot_named(name, path.parent, allow_outside)
     except BadInput as error:
         return None, [f"robot: {error}"]
-    reader = _Reader(document, path, load(str(beside) if beside.is_file() else name), allow_outside)
+    reader = _Reader(document, path, load(name), allow_outside)
     reader.known(document, TOP, "job")
     poses = document.get("poses", {})
     if not isinstance(poses, Mapping):

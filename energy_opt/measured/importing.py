@@ -73,9 +73,9 @@ def import_files(files: Sequence[Path], out: Path, robot: Robot | None = None, r
     if not known & {"power", "energy", "current", "effort"} and first_joint.preset is None:
         raise BadInput(f"{tables[0].path}: no column of power, energy, currents or torques in any file")
     pairs = _pairs(joints, meters, words)
-    document = _document(robot.address, first_joint, first_meter, joints, pairs)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
+        document = _document(robot.named_in(folder), first_joint, first_meter, joints, pairs)
         for table in tables:
             shutil.copyfile(table.path, folder / table.path.name)
         write_toml(folder / NAME, document)
@@ -87,7 +87,7 @@ def import_files(files: Sequence[Path], out: Path, robot: Robot | None = None, r
         runs, faults, remarks = collect(read_log(folder), robot)
         if faults:
             raise BadInput("\n".join(_at_home(fault, folder, tables) for fault in faults))
-        _place(folder, out, [table.path.name for table in tables])
+        _place(folder, out, [path.name for path in folder.iterdir() if path.name != NAME])
     return Imported(out, robot, document, tuple(words), tuple(remarks), tuple(runs))
 
 

@@ -16,7 +16,7 @@ from energy_opt.measured.presets import PAYLOAD
 from energy_opt.measured.recording import Recording, read_recording
 from energy_opt.measured.run import MeasuredSet, Run
 from energy_opt.measured.table import Table
-from energy_opt.robot import PointMass, Robot, load_robot
+from energy_opt.robot import PointMass, Robot, load_robot, robot_named
 
 MANY = 3  # remarks of the same words, beyond which they are said once
 
@@ -74,9 +74,15 @@ def _clock(log: LogFile) -> bool:
 
 
 def robot_of(log: LogFile, limits: Path | None = None, lock: Mapping[str, float] | None = None) -> Robot:
-    """The robot that a log names, with a joint_limits.yaml and joints that stay; a URDF lies by the set's folder."""
-    beside = log.path.parent / log.robot
-    name = str(beside) if beside.suffix in (".urdf", ".xml") and beside.is_file() else log.robot
+    """The robot that a log names, with a joint_limits.yaml and joints that stay; a URDF lies in the set's folder.
+
+    Raises:
+        BadInput: no such robot; or its URDF lies outside of the set's folder, and the log may not name such files.
+    """
+    try:
+        name = robot_named(log.robot, log.path.parent, log.allow_outside)
+    except BadInput as error:
+        raise BadInput(f"{log.path}: robot {error}, or say which with --robot") from None
     return load_robot(name, limits=limits, lock=lock)
 
 

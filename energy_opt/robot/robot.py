@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput, near
+from energy_opt.files import inside, read_text, write_text
 from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
 from energy_opt.robot.limits import Limits, with_assumptions
 from energy_opt.robot.limits_file import overlay
@@ -41,12 +42,19 @@ class Robot:
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, {self.n} joints)"
 
-    @property
-    def address(self) -> str:
-        """What `load_robot` finds it by on this machine: its name in the catalogue, else its URDF's absolute path."""
+    def named_in(self, folder: Path) -> str:
+        """What a document in `folder` names it by: its name in the catalogue, else a URDF that is copied beside it.
+
+        A URDF that names meshes stays where they are, and is named by its absolute path.
+        """
         entry = CATALOG.get(self.name)
-        known = entry is not None and self.urdf == urdf_of(entry)
-        return self.name if known else str(self.urdf.resolve())
+        if entry is not None and self.urdf == urdf_of(entry):
+            return self.name
+        text = read_text(self.urdf)
+        if "<mesh" in text:
+            return str(self.urdf.resolve())
+        write_text(folder / self.urdf.name, text)
+        return self.urdf.name
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -78,6 +86,18 @@ class Robot:
     def n(self) -> int:
         """Number of joints that move by themselves."""
         return self.body.n
+
+
+def robot_named(name: str, folder: Path, allow_outside: bool = False) -> str:
+    """What a document in `folder` means by a robot's name: one of the catalogue, or the path of a URDF.
+
+    Raises:
+        BadInput: a URDF outside of the folder, which has to be allowed.
+    """
+    if not name or name in CATALOG:
+        return name
+    path = inside(folder, name, allow_outside)
+    return name if allow_outside and not path.is_file() else str(path)
 
 
 def load_robot(

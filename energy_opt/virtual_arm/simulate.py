@@ -148,7 +148,7 @@ def simulate(
         entry: dict[str, Any] = {"file": run.file, "kind": "static" if reference.static else "motion", "start": start}
         entry |= _write_run(folder, run, plant, arm.joints, seen, rng)
         entries.append(entry)
-    write_toml(folder / "log.toml", {"format": LOG_FORMAT, "robot": robot.address, "run": entries})
+    write_toml(folder / "log.toml", {"format": LOG_FORMAT, "robot": robot.named_in(folder), "run": entries})
     document = {
         "noise_rms": seen.noise,
         "resolution": seen.power_resolution,

@@ -145,7 +145,8 @@ def test_a_set_of_an_arm_from_a_file_can_be_read(move: Path, tmp_path: Path) -> 
     assert cli.run(_arguments(*words, "--robot", str(urdf), "--lock", "jointGripper=0")) == 0
     log = read_log(tmp_path / "set")
     seen = read_set(tmp_path / "set", robot_of(log, None, {"jointGripper": 0.0}))
-    assert seen.robot.urdf == urdf and np.ptp(seen.runs[0].position, axis=0).min() > 0.05
+    assert seen.robot.urdf == tmp_path / "set" / "mine.urdf" and seen.robot.joints == arm("z1").joints[:6]
+    assert np.ptp(seen.runs[0].position, axis=0).min() > 0.05
 
 
 def test_simulate_command_names_faults(move: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
 from energy_opt.robot.limits import Limits, with_assumptions
 from energy_opt.robot.limits_file import overlay
 from energy_opt.robot.links import Link
+from energy_opt.robot.meshes import collision_urdf
 from energy_opt.robot.mimic import followers, leaders_limits
 from energy_opt.robot.rigid_body import RigidBody
 from energy_opt.robot.units import unit_of
@@ -43,16 +44,17 @@ class Robot:
         return f"Robot({self.name!r}, {self.n} joints)"
 
     def named_in(self, folder: Path) -> str:
-        """What a document in `folder` names it by: its name in the catalogue, else a URDF that is copied beside it.
+        """What a document in `folder` names it by: its name in the catalogue, else a copy of its URDF there.
 
-        A URDF that names meshes stays where they are, and is named by its absolute path.
+        The copy names its collision meshes by absolute paths.
         """
         entry = CATALOG.get(self.name)
         if entry is not None and self.urdf == urdf_of(entry):
             return self.name
-        text = read_text(self.urdf)
-        if "<mesh" in text:
-            return str(self.urdf.resolve())
+        try:
+            text = collision_urdf(self.urdf).text
+        except BadInput:  # meshes are missing: here as there
+            text = read_text(self.urdf)
         write_text(folder / self.urdf.name, text)
         return self.urdf.name
 

@@ -2,6 +2,8 @@
 
 import json
 import shlex
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -185,3 +187,14 @@ def test_suggested_poses_are_not_overwritten_by_others(tmp_path, capsys):
     assert main([*words, "4"]) == 2
     assert "other poses" in capsys.readouterr().err
     assert main([*words, "4", "--force"]) == 0 and len(read_table(tmp_path / "suggested_poses.csv")) == 7
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [("effects --json >&-", 2), ("effects --json >/dev/full", 2), ("--version >/dev/full", 0),
+     ("optimize --robot none --start 0 --goal 0 --json >/dev/full", 2), ("effects --json >/dev/null 2>&-", 0)],
+)  # fmt: skip
+def test_a_standard_output_that_takes_nothing_is_one_line(words: str, code: int) -> None:
+    done = subprocess.run(f"exec {sys.executable} -m energy_opt {words}", shell=True, capture_output=True, text=True)
+    assert done.returncode == code and len(done.stderr.splitlines()) == (code != 0), done.stderr
+    assert "fault of the program" not in done.stderr

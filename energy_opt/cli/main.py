@@ -8,6 +8,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from types import ModuleType
 from typing import Any, NoReturn
 
@@ -15,6 +16,7 @@ from energy_opt import __version__
 from energy_opt.cli.examples import EXAMPLES, example
 from energy_opt.cli.faults import as_error, one_line
 from energy_opt.cli.interrupt import was_pressed
+from energy_opt.cli.streams import flushed, of_output, opened
 from energy_opt.cli.usage import epilog
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
 from energy_opt.folders import leave_folders
@@ -79,9 +81,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = joined_vectors(sys.argv[1:] if arguments is None else arguments)
     with speaking_of_options():
         try:
+            opened(words)
             return _run(words)
         except KeyboardInterrupt:
             return _interrupted(words)
+        except SystemExit:  # --help and --version have been printed
+            with suppress(OSError):
+                flushed()
+            raise
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
@@ -90,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return _interrupted(words)  # which a library that was being imported took for a fault of its own
             if "-v" in words:
                 traceback.print_exc()
-            error = as_error(fault)
+            error = of_output(fault) or as_error(fault)
             return _failed(error.document(), words, error.exit_code)
         finally:
             leave_folders()
@@ -105,9 +112,12 @@ def _failed(document: dict[str, Any], words: Sequence[str], code: int) -> int:
     if "--json" in words:
         from energy_opt.files import to_json
 
-        sys.stdout.write(to_json(document))
-    for line in one_line(document["message"]).splitlines():
-        print(f"energy-opt: {line}", file=sys.stderr)
+        with suppress(OSError):
+            sys.stdout.write(to_json(document))
+            flushed()
+    with suppress(OSError):
+        for line in one_line(document["message"]).splitlines():
+            print(f"energy-opt: {line}", file=sys.stderr)
     return code
 
 
@@ -148,9 +158,7 @@ def _run(words: list[str]) -> int:
 
         for file in args.effects:
             load_file(file)
-    code = _module(args.verb).run(args)
-    sys.stdout.flush()
-    return int(code)
+    return int(_module(args.verb).run(args)) or flushed()
 
 
 def _print(args: argparse.Namespace) -> int:
@@ -159,13 +167,13 @@ def _print(args: argparse.Namespace) -> int:
             kinds = ", ".join(EXAMPLES)
             raise BadInput(f"--example {args.example}{near(args.example, EXAMPLES)}; expected one of {kinds}")
         sys.stdout.write(example(args.example))
-        return 0
+        return flushed()
     if args.print_completion not in SHELLS:
         raise BadInput(f"--print-completion {args.print_completion}; expected one of {', '.join(SHELLS)}")
     import shtab
 
     sys.stdout.write(shtab.complete(parsers(list(VERBS))[0], shell=args.print_completion) + "\n")
-    return 0
+    return flushed()
 
 
 def parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:

@@ -1,0 +1,54 @@
+"""The command's standard streams: closed, full or without a reader, each is told in one line."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+from energy_opt.errors import BadInput
+
+SAY = ("robots", "effects", "--example", "--print-completion")  # all that they do is to print
+
+
+def opened(words: Sequence[str]) -> None:
+    """Streams that are closed lead to nowhere from here on, so that no file that is opened later takes their number.
+
+    Raises:
+        BadInput: standard output is closed, and what was asked for is to be printed there.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    closed = [name for name in ("stderr", "stdout") if getattr(sys, name) is None]
+    for name in closed:
+        setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    if "stdout" in closed and ("--json" in words or (words and words[0].partition("=")[0] in SAY)):
+        raise BadInput("standard output is closed; what was asked for is printed there")
+
+
+def of_output(fault: Exception) -> BadInput | None:
+    """What to say where a fault comes from printing: files are written by other rooms than this one."""
+    if not isinstance(fault, OSError) or fault.filename is not None or fault.__traceback__ is None:
+        return None
+    if Path(traceback.extract_tb(fault.__traceback__)[-1].filename).parent != Path(__file__).parent:
+        return None
+    return BadInput(f"standard output cannot be written: {fault.strerror}; files in --out are whole")
+
+
+def flushed() -> int:
+    """0 when standard output has taken all that was printed.
+
+    Raises:
+        OSError: it has not; what it refused is dropped.
+    """
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise
+    return 0

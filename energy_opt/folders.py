@@ -8,15 +8,14 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from energy_opt.errors import BadInput
+from energy_opt.files import read_json, write_json
+from energy_opt.results import ANSWERS, digest_of, earlier
 
-# What says that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
-ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "job", "results.jsonl": "bench",
-           "identify.json": "identify", "diagnosis.json": "diagnose"}  # fmt: skip
 ASIDE = ".writing-"  # and the process that writes there
 
 
@@ -85,23 +84,13 @@ def leave_folders() -> None:
         leave_folder(out)
 
 
-def no_other_verb(out: Path, own: str) -> None:
-    """Refuse a folder with the results of another verb than that which writes `own`.
-
-    Raises:
-        BadInput: there are such results.
-    """
-    for name, verb in ANSWERS.items():
-        if name != own and (Path(out) / name).is_file():
-            raise BadInput(f"{out} holds the results of {verb} ({name}); choose another --out, or add --force")
-
-
 @contextmanager
 def written_whole(out: Path, last: str) -> Iterator[Path]:
     """A folder aside, whose files take their places in `out` together when the block ends without an error.
 
     The file `last` says that a result is whole: an old one goes before anything else changes, the new one comes last.
-    Whatever happens in between (a full disk, a kill), no part of a new result stands beside the `last` of an old one.
+    Whatever happens in between (a full disk, a kill), no part of a new result stands beside the `last` of an old one,
+    and what earlier runs have left goes with it. A JSON `last` lists the other files: `files: [{name, sha256}]`.
 
     Raises:
         BadInput: another run is writing there; or writing failed, say because the disk is full: `out` is as it was, or
@@ -115,8 +104,15 @@ def written_whole(out: Path, last: str) -> Iterator[Path]:
         aside = Path(tempfile.mkdtemp(prefix=f"{ASIDE}{os.getpid()}-", dir=out))
         yield aside
         names = sorted((p.relative_to(aside) for p in aside.rglob("*") if p.is_file()), key=lambda p: str(p) == last)
+        _list_files(aside, last, names)
+        for name in names:
+            if (out / name).is_dir():
+                raise BadInput(f"{out / name}: a folder where a file is to be written; nothing in {out} was changed")
+        left = earlier(out, last) - {out / name for name in names}
         with _undisturbed():
             (out / last).unlink(missing_ok=True)
+            for path in sorted(left, key=lambda path: path.name not in ANSWERS):
+                path.unlink(missing_ok=True)
             for name in names:
                 (out / name).parent.mkdir(parents=True, exist_ok=True)
                 os.replace(aside / name, out / name)
@@ -127,6 +123,14 @@ def written_whole(out: Path, last: str) -> Iterator[Path]:
             shutil.rmtree(aside, ignore_errors=True)
         if not known:
             leave_folder(out)
+
+
+def _list_files(aside: Path, last: str, names: Sequence[Path]) -> None:
+    """Put the names and digests of the other files into the document that comes last."""
+    if not last.endswith(".json") or not (aside / last).is_file():
+        return
+    rows = [{"name": str(name), "sha256": digest_of(aside / name)} for name in names if str(name) != last]
+    write_json(aside / last, {**read_json(aside / last), "files": rows})
 
 
 def _sweep(out: Path) -> None:

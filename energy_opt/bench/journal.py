@@ -13,7 +13,7 @@ from typing import IO, Any
 from energy_opt.bench.rows import Record
 from energy_opt.errors import BadInput
 from energy_opt.files import plain
-from energy_opt.folders import no_other_verb
+from energy_opt.results import earlier, no_folder_in_the_way, no_other_verb
 
 FORMAT = "energy-opt/results/1"
 NAME = "results.jsonl"
@@ -64,6 +64,7 @@ class Journal:
                 results of another suite, of an earlier version of this one, or of another verb, and `force` is False.
         """
         self.path = Path(folder) / NAME
+        no_folder_in_the_way(self.path.parent, NAME)
         if not force:
             no_other_verb(self.path.parent, NAME)
         try:
@@ -102,6 +103,8 @@ class Journal:
         if resume and old:
             os.ftruncate(self._stream.fileno(), whole)
             return records
+        for path in earlier(self.path.parent, NAME) - {self.path}:
+            path.unlink(missing_ok=True)
         os.ftruncate(self._stream.fileno(), 0)
         self._write({"format": FORMAT, **header})
         return []

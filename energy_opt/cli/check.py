@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from energy_opt.cli.common import add_cell, add_lock, add_prefix, load_robot_of, locks_of, model_of, refuse_degrees, say
 from energy_opt.cli.faults import one_line
 from energy_opt.errors import BadInput, EnergyOptError
+from energy_opt.results import faults_of_results
 
 if TYPE_CHECKING:
     from energy_opt.motion.trajectory import Trajectory
@@ -68,6 +69,9 @@ def _faults(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]
     """Faults of a file or folder; what else its reader should know goes to `notes`."""
     if file.is_dir() and (file / "metadata.yaml").is_file():
         return _trajectory(file, args)
+    held = faults_of_results(file) if file.is_dir() else None
+    if held is not None and not (file / "log.toml").is_file():
+        return held
     if file.is_dir() or file.name == "log.toml":
         return _set(file, args, notes)
     if not file.is_file():

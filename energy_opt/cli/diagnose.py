@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.view import view
     from energy_opt.diagnose import diagnose, diagnose_joints, write, write_joints
     from energy_opt.diagnose.diagnosis import TOLERANCE
-    from energy_opt.files import to_json
+    from energy_opt.files import read_text
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_set
     from energy_opt.measured import read_log, read_set
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         say(args, _summary_of_joints(alone.document, args.out))
         view(args, args.out)
         if args.json:
-            sys.stdout.write(to_json(alone.document))
+            sys.stdout.write(read_text(args.out / "diagnosis.json"))
         return 0
     with stop_on_interrupt() as stopped, Progress(args) as show:
         show.stage("searching", 0.0, 1.0)
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     say(args, _summary(result, args.out))
     view(args, args.out)
     if args.json:
-        sys.stdout.write(to_json(result.document))
+        sys.stdout.write(read_text(args.out / "diagnosis.json"))
     return 130 if result.document["interrupted"] or pressed() else 0
 
 

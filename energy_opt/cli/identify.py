@@ -54,7 +54,7 @@ def _mass(text: str | None) -> PointMass | None:
 def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | None) -> int:
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
-    from energy_opt.files import to_json, write_json
+    from energy_opt.files import read_text, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_set
     from energy_opt.identify import identify, poses_of
@@ -85,7 +85,7 @@ def _identify(args: argparse.Namespace, robot: Robot | None, mass: PointMass | N
     say(args, _summary(result, args.out))
     view(args, args.out)
     if args.json:
-        sys.stdout.write(to_json(document))
+        sys.stdout.write(read_text(args.out / "identify.json"))
     return 0
 
 

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
-    from energy_opt.files import read_toml, to_json, write_json
+    from energy_opt.files import read_text, read_toml, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_job
     from energy_opt.front.rivals import judges_of, said
@@ -88,7 +88,8 @@ def run(args: argparse.Namespace) -> int:
             )  # fmt: skip
         except Infeasible as error:
             error.about = {"robot": job.robot.name, "cycle_time": job.cycle_time, "request": request}
-            write_json(args.out / "job.json", error.document())
+            with written_whole(args.out, "job.json") as aside:
+                write_json(aside / "job.json", error.document())
             raise
         result = compared(result, judges_of(args.model[0] if args.model else None, model, job.robot))
         result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
@@ -100,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
         say(args, f"warning: {warning}")
     view(args, args.out)
     if args.json:
-        sys.stdout.write(to_json(found))
+        sys.stdout.write(read_text(args.out / "job.json"))
     elif not args.quiet:
         print(_text(found, args.out))
     if result.interrupted:

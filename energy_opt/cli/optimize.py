@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
     from energy_opt.errors import Infeasible
-    from energy_opt.files import to_json, write_json
+    from energy_opt.files import read_text, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.answer import answer_of
     from energy_opt.front.output import table
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
         say(args, f"{result.status}: {result.message}")
     view(args, args.out)
     if args.json:
-        sys.stdout.write(to_json(result.document()))
+        sys.stdout.write(read_text(args.out / "result.json"))
     elif not args.quiet:
         print(table(result, args.out, robot))
     if result.interrupted:

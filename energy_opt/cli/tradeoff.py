@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
-    from energy_opt.files import to_json
+    from energy_opt.files import read_text
     from energy_opt.front.request import guard, request_of_move
     from energy_opt.front.tradeoff import cycle_for, document_of
     from energy_opt.motion import Planner
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         say(args, f"warning: {warning}")
     view(args, args.out)
     if args.json:
-        sys.stdout.write(to_json(found))
+        sys.stdout.write(read_text(args.out / "tradeoff.json"))
     elif not args.quiet:
         sys.stdout.write(text(front, found, args.out))
     if "message" in found:

@@ -11,9 +11,10 @@ from typing import Any
 from energy_opt import __version__
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, read_json, read_toml
-from energy_opt.folders import no_other_verb, take_folder
+from energy_opt.folders import take_folder
 from energy_opt.motion import Move, Settings
 from energy_opt.power import PowerModel
+from energy_opt.results import no_folder_in_the_way, no_other_verb
 from energy_opt.robot import Robot
 
 SAME_ANSWER = ("version", "command")  # what may differ between two requests for the same thing
@@ -134,6 +135,7 @@ def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
             cannot be written, or another run is writing there.
     """
     take_folder(file.parent)
+    no_folder_in_the_way(file.parent, file.name)
     if force:
         return
     no_other_verb(file.parent, file.name)

@@ -1,0 +1,100 @@
+"""Which files of a folder are whose: what each verb's runs leave there, and whether it is of one motion."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from energy_opt.errors import BadInput
+from energy_opt.files import read_json
+
+# What says that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
+ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "job", "results.jsonl": "bench",
+           "identify.json": "identify", "diagnosis.json": "diagnose"}  # fmt: skip
+SUFFIXES = (".csv", ".yaml", ".json", ".mcap", ".goal.yaml", ".script", ".franka.csv")  # of every format written
+# All that each verb may write beside it: what is there of an earlier run goes when a new one is written.
+BESIDE = {
+    "result.json": (*(f"trajectory{s}" for s in SUFFIXES), "trajectory_*hz.csv", "moves.yaml", "moves.script",
+                    "plot.png", "report.html"),
+    "tradeoff.json": ("tradeoff.csv", "trajectory_minimum.csv", "trajectory_cycle_minimum.csv", "plot.png",
+                      "report.html"),
+    "job.json": ("step_[0-9]*.csv", *(f"cycle{s}" for s in SUFFIXES), "report.html"),
+    "results.jsonl": ("results.parquet", "summary.json", "report.html"),
+    "identify.json": ("model_method1.toml", "model_method2.toml", "plot.png", "report.html"),
+    "diagnosis.json": ("model.toml", "next_motion.csv", "report.html"),
+}  # fmt: skip
+
+
+def no_folder_in_the_way(out: Path, own: str) -> None:
+    """Refuse, before the work begins, an `out` with a folder where the verb that writes `own` puts a file.
+
+    Raises:
+        BadInput: names it.
+    """
+    for name in (own, *BESIDE.get(own, ())):
+        for path in Path(out).glob(name):
+            if path.is_dir():
+                raise BadInput(f"{path}: a folder where a file is to be written; move it, or choose another --out")
+
+
+def earlier(out: Path, own: str) -> set[Path]:
+    """Files in `out` that earlier runs of the verb that writes `own`, or of others with an answer there, have left.
+
+    These are all that such a verb may write, and what an answer lists with its digest while that is still so.
+    """
+    out, found = Path(out), set()
+    for answer in {own, *(name for name in ANSWERS if (out / name).is_file())}:
+        found |= {path for name in (answer, *BESIDE.get(answer, ())) for path in out.glob(name) if not path.is_dir()}
+        found |= {out / name for name, digest in listed(out / answer).items() if digest == digest_of(out / name)}
+    return found
+
+
+def listed(answer: Path) -> dict[str, str]:
+    """The files that an answer lists, and their digests; none where it is no such document."""
+    if answer.suffix != ".json" or not answer.is_file():
+        return {}
+    try:
+        document = read_json(answer)
+    except BadInput:
+        return {}
+    rows = document.get("files") if isinstance(document, dict) else None
+    rows = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
+    own = {str(row.get("name")): str(row.get("sha256")) for row in rows}
+    return {name: digest for name, digest in own.items() if Path(name).name == name}
+
+
+def digest_of(path: Path) -> str | None:
+    """SHA-256 of a file's content; None where there is no file to be read."""
+    try:
+        with Path(path).open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return None
+
+
+def faults_of_results(out: Path) -> list[str] | None:
+    """What differs between a folder and the files that its answers list; None where it holds no such answer."""
+    answers = [Path(out) / name for name in ANSWERS if (Path(out) / name).is_file()]
+    faults = []
+    for answer in answers:
+        files = listed(answer)
+        for name, digest in files.items():
+            found = digest_of(answer.parent / name)
+            if found != digest:
+                what = "is missing" if found is None else "is not the file that was written"
+                faults.append(f"{answer.parent / name}: {what} with {answer.name} (by its SHA-256)")
+        foreign = earlier(out, answer.name) - {answer.parent / name for name in (*files, *ANSWERS)}
+        if files and len(answers) == 1:
+            faults += [f"{path}: not of the motion that {answer.name} describes" for path in sorted(foreign)]
+    return faults if answers else None
+
+
+def no_other_verb(out: Path, own: str) -> None:
+    """Refuse a folder with the results of another verb than that which writes `own`.
+
+    Raises:
+        BadInput: there are such results.
+    """
+    for name, verb in ANSWERS.items():
+        if name != own and (Path(out) / name).is_file():
+            raise BadInput(f"{out} holds the results of {verb} ({name}); choose another --out, or add --force")

@@ -1,0 +1,102 @@
+"""A folder of results holds the files of one motion, whatever lay there before."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.folders import written_whole
+from energy_opt.formats import FORMATS
+from energy_opt.results import ANSWERS, BESIDE, faults_of_results
+
+READY, NEAR = "0,-0.785,0,-2.356,0,1.571,0.785", "0.2,-0.685,0.1,-2.256,0.1,1.471,0.885"
+MOVE = ("optimize", "--robot", "panda", "--start", READY, "--goal", NEAR, "--mode", "retime", "--quiet",
+        "--self-collision", "off", "--model", "source-method-2", "--duration")  # fmt: skip
+
+
+def run(out: Path, *words: str) -> int:
+    return main([*MOVE, *words, "--out", str(out)])
+
+
+def listed(out: Path) -> set[str]:
+    """Names that result.json lists, each with the digest that the file has."""
+    rows = json.loads((out / "result.json").read_text())["files"]
+    for row in rows:
+        assert hashlib.sha256((out / row["name"]).read_bytes()).hexdigest() == row["sha256"]
+    return {row["name"] for row in rows}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("results") / "out"
+    assert run(out, "2.5", "--write", "yaml", "--write", "mcap", "--write", "follow-joint-trajectory") == 0
+    return out
+
+
+def copied(folder: Path, out: Path) -> Path:
+    out.mkdir()
+    for path in folder.iterdir():
+        (out / path.name).write_bytes(path.read_bytes())
+    return out
+
+
+def test_every_format_that_is_written_is_known_to_be_ours() -> None:
+    assert {f"trajectory{f.suffix}" for f in FORMATS.values() if f.write} <= set(BESIDE["result.json"])
+
+
+def test_a_result_lists_its_files(written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert listed(written) == {path.name for path in written.iterdir()} - {"result.json"}
+    assert main(["check", str(written), "--quiet"]) == 0
+    out = copied(written, tmp_path / "other")
+    (out / "trajectory.yaml").write_text("another motion")
+    (out / "plot.png").unlink()
+    (out / "trajectory.script").write_text("another motion")
+    assert main(["check", str(out), "--quiet"]) == 2
+    said = capsys.readouterr().err
+    assert "trajectory.yaml: is not the file" in said and "plot.png: is missing" in said and ".script: not of" in said
+
+
+@pytest.mark.parametrize("state", ["tradeoff.json", "results.jsonl", "unlisted", "broken"])
+def test_a_second_run_leaves_files_of_one_motion_only(written: Path, tmp_path: Path, state: str) -> None:
+    """Over the results of other verbs, over files without a document, and over a document that is none."""
+    out = copied(written, tmp_path / "out")
+    (out / "mine.txt").write_text("foreign")
+    answer = state if state in ANSWERS else "result.json"
+    for pattern in BESIDE[answer]:
+        (out / pattern.replace("[0-9]*", "01").replace("*", "7")).write_text("old")
+    (out / "result.json").unlink()
+    if state != "unlisted":
+        (out / answer).write_text("{" if state == "broken" else '{"request": {}}')
+    assert run(out, "2", "--force") == 0
+    assert {path.name for path in out.iterdir()} == listed(out) | {"result.json", "mine.txt"}
+    assert "trajectory.mcap" not in listed(out) and faults_of_results(out) == []
+
+
+def test_an_infeasible_move_leaves_nothing_of_another(written: Path, tmp_path: Path) -> None:
+    out = copied(written, tmp_path / "out")
+    assert run(out, "0.01", "--force") == 3
+    assert {path.name for path in out.iterdir()} == {"result.json"} and listed(out) == set()
+
+
+@pytest.mark.parametrize("name", ["trajectory.csv", "result.json"])
+def test_a_folder_in_the_way_is_refused_before_anything_is_touched(written: Path, tmp_path: Path, name: str) -> None:
+    out = copied(written, tmp_path / "out")
+    (out / name).unlink(missing_ok=True)
+    (out / name / "kept").mkdir(parents=True)
+    before = sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*"))
+    assert run(out, "2", "--force") == 2
+    assert sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*")) == before
+
+
+def test_a_folder_in_the_way_of_a_file_that_no_table_lists(tmp_path: Path) -> None:
+    (tmp_path / "of_tomorrow.bin").mkdir()
+    (tmp_path / "result.json").write_text("{}")
+    with pytest.raises(BadInput, match="of_tomorrow"), written_whole(tmp_path, "result.json") as aside:
+        (aside / "of_tomorrow.bin").write_text("x")
+        (aside / "result.json").write_text('{"new": 1}')
+    assert (tmp_path / "result.json").read_text() == "{}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,6 +24,10 @@ from energy_opt.robot.srdf import semantics
 from energy_opt.robot.tool import tool_of
 
 PAYLOAD = "payload"
+ALONG, NEARLY = (
+    300,
+    1.2,
+)  # instants at which a given motion's own distances are measured, and up to which share of asked
 TOUCHING = 2.5 * GJK_ERROR  # [m] an end that stands nearer than this touches, as far as can be told
 
 
@@ -137,6 +142,7 @@ class Cell:
             things.append(Kept(Body(PAYLOAD, robot.body.last, at, solids.box(request.payload_size)), False))
         self.has_body, self.links = bool(links), len(links)
         self.bodies = Bodies(kinematics, [thing.body for thing in things], kept_apart(things, self.own, whole.allowed))
+        self._allowed = np.full(len(self.bodies.pairs), np.inf)  # (P,) [m] less than `asked` beside a given path
 
     @property
     def checks(self) -> bool:
@@ -178,6 +184,27 @@ class Cell:
         """Whether every pair keeps the clearance that is asked for at q (n,)."""
         return not self.distances(q, self.asked)
 
+    def beside(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cell:
+        """The cell for a motion that is given, by its rows (N,) and (N, n).
+
+        Where no clearance was asked for and the given motion comes nearer than the default without touching anything,
+        each such pair keeps half of the motion's own distance. Else it is this cell.
+        """
+        if self.request.clearance is not None or not self.checks:
+            return self
+        found = self.prove(time, position, velocity, acceleration)
+        if found.proven:
+            return self
+        curve, allowed = MotionCurve(time, position, velocity, acceleration), self._allowed.copy()
+        for instant in [*np.linspace(time[0], time[-1], ALONG), *(touch.time for touch in found.touches)]:
+            for p, distance in self.distances(curve.sample(instant), NEARLY * self.asked):
+                if distance <= TOUCHING:
+                    return self
+                allowed[p] = min(allowed[p], distance / 2)
+        out = copy(self)
+        out._allowed = allowed
+        return out
+
     def _contact(self, q: np.ndarray, pair: int, distance: float) -> Contact:
         scene = Scenery(self.bodies, q[None])
         a, b = self.bodies.pairs[pair].tolist()
@@ -191,7 +218,7 @@ class Cell:
             clearance: where another is meant than was asked for.
         """
         asked = self.asked if clearance is None else clearance
-        out = np.full(len(self.bodies.pairs), asked)
+        out = np.minimum(asked, self._allowed)
         for q in ends:
             for p, distance in self.distances(q, 2 * asked):
                 out[p] = min(out[p], max(distance / 2, 0.0))

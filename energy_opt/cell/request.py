@@ -12,7 +12,7 @@ from energy_opt.errors import BadInput
 
 PlannerName = Literal["auto", "none", "ompl"]
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
-CLEARANCE = 0.0005  # [m] kept by default; where an end stands nearer, half of that end's
+CLEARANCE = 0.002  # [m] kept by default; where an end is nearer, half of that end's distance
 FAR = 100.0  # [m] no arm's cell is larger; beyond it a length is a slip of the unit
 
 

@@ -225,5 +225,6 @@ def _touches(file: Path, args: argparse.Namespace, robot: Robot, trajectory: Tra
         say(args, f"{file}: {warning}")
     if cell is None or not cell.checks:
         return []
-    found = clearance_of(cell, trajectory)
+    t = trajectory
+    found = clearance_of(cell.beside(t.time, t.position, t.velocity, t.acceleration), t)
     return [] if found.proven else [f"{file}: {found}"]

@@ -19,3 +19,9 @@ def clearance_along(cell: Cell, path: JointPath, wanted: np.ndarray | None = Non
     """The proof for a path; its `time` is the path's parameter. Cubic pieces are quintic ones between their knots."""
     s = path.knots
     return cell.prove(s, path(s), path(s, 1), path(s, 2), wanted)
+
+
+def cell_beside(cell: Cell, path: JointPath) -> Cell:
+    """The cell for a path that is given: see `Cell.beside`."""
+    s = path.knots
+    return cell.beside(s, path(s), path(s, 1), path(s, 2))

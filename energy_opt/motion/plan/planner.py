@@ -14,6 +14,7 @@ from energy_opt.dynamics import torque_function
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.judge.clearance import cell_beside
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.check import check_pose
@@ -89,6 +90,7 @@ class Planner:
         """Another body and cell to keep clear of; nothing is built again."""
         self.cell = cell if cell is not None and cell.checks else None
         self._cell_warnings = [] if cell is None else cell.warnings
+        self._beside: tuple[JointPath, Cell] | None = None  # the last given path, and the cell for it
 
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""
@@ -100,7 +102,17 @@ class Planner:
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """How far any trajectory stays inside the limits, those of the move it is for among them."""
-        return Judge(self.scorer, self.limits(move), self.settings.verify_samples, self.cell)(trajectory).certificate
+        return Judge(self.scorer, self.limits(move), self.settings.verify_samples, self._cell_of(move))(
+            trajectory
+        ).certificate
+
+    def _cell_of(self, move: Move | None) -> Cell | None:
+        """What a move is kept clear of: beside a given path, which may come nearer than the default, see `Cell.beside`."""
+        if self.cell is None or move is None or move.path is None:
+            return self.cell
+        if self._beside is None or self._beside[0] is not move.path:
+            self._beside = move.path, cell_beside(self.cell, move.path)
+        return self._beside[1]
 
     def minimum_time(self, move: Move) -> float:
         """The shortest duration of the move's first path within all limits, by TOPP-RA, s."""
@@ -128,7 +140,8 @@ class Planner:
         timeless = replace(move, duration=None, max_duration=None)
         found = next((b for cell, asked, b in self._begun if cell is self.cell and asked == timeless), None)
         if found is None:
-            found = first_path(self.robot, self.model, self.cell, self.settings, self.limits(timeless), timeless)
+            cell = self._cell_of(move)
+            found = first_path(self.robot, self.model, cell, self.settings, self.limits(timeless), timeless)
             self._begun = [*self._begun[1 - REMEMBERED :], (self.cell, timeless, found)]
         begun, first, ways = found
         return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways
@@ -167,14 +180,16 @@ class Planner:
             return ()
         other = replace(settings, ways=1, seed=settings.seed + OTHER)
         try:
-            move, first, ways = first_path(self.robot, self.model, self.cell, other, self.limits(asked), asked)
+            move, first, ways = first_path(
+                self.robot, self.model, self._cell_of(asked), other, self.limits(asked), asked
+            )
         except Infeasible:
             return ()
         return (path_of(move),) if first.source in ("own", "ompl") else ways
 
     def context(self, move: Move) -> Context:
         """What the parts of a solve are given: the planner as it is now, with a judge for this move."""
-        limits = self.limits(move)
+        limits, cell = self.limits(move), self._cell_of(move)
         return Context(
             robot=self.robot,
             model=self.model,
@@ -182,10 +197,10 @@ class Planner:
             scorer=self.scorer,
             limits=limits,
             standing=self.limits(),
-            judge=Judge(self.scorer, limits, self.settings.verify_samples, self.cell),
+            judge=Judge(self.scorer, limits, self.settings.verify_samples, cell),
             workshop=self._workshop,
             stopped=self._stopped,
-            cell=self.cell,
+            cell=cell,
         )
 
     def _check_objective(self, move: Move) -> None:

@@ -107,7 +107,7 @@ class Planner:
         ).certificate
 
     def _cell_of(self, move: Move | None) -> Cell | None:
-        """What a move is kept clear of: beside a given path, which may come nearer than the default, see `Cell.beside`."""
+        """What a move is kept clear of; a given path may come nearer than the default (`Cell.beside`)."""
         if self.cell is None or move is None or move.path is None:
             return self.cell
         if self._beside is None or self._beside[0] is not move.path:

@@ -112,12 +112,7 @@ def add_cell(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--scene", type=Path, metavar="FILE", help="MoveIt PlanningScene, .scene text, or short YAML")
     group.add_argument("--base", metavar="X,Y,Z,R,P,Y", help="robot's base in the scene's frame [m, rad] (the same)")
     group.add_argument("--floor", type=float, metavar="Z", help="solid below this height of the scene's frame [m]")
-    group.add_argument(
-        "--clearance",
-        type=float,
-        metavar="M",
-        help="kept from everything [m] (0.002; where an end is nearer, half of its distance)",
-    )
+    group.add_argument("--clearance", type=float, metavar="M", help="kept from everything [m] (0.002)")
     group.add_argument("--planner", default="auto", metavar="NAME", help="first path: auto (default), none or ompl")
     group.add_argument("--tool", metavar="FRAME[,X,Y,Z]", help="the tool's frame and origin [m] (the last joint's)")
     group.add_argument(

@@ -38,6 +38,9 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
     from energy_opt.motion import Result as Result
     from energy_opt.motion import Settings as Settings
     from energy_opt.motion import Trajectory as Trajectory
+    from energy_opt.passport import Passport as Passport
+    from energy_opt.passport import PassportRequest as PassportRequest
+    from energy_opt.passport import passport as passport
     from energy_opt.power import PowerModel as PowerModel
     from energy_opt.power import load_model as load_model
     from energy_opt.robot import Robot as Robot
@@ -49,6 +52,7 @@ _PLACES = {
     "energy_opt.robot": ("Robot", "known_robots", "load_robot"),
     "energy_opt.power": ("PowerModel", "load_model"),
     "energy_opt.motion": ("Move", "Planner", "Result", "Settings", "Trajectory"),
+    "energy_opt.passport": ("Passport", "PassportRequest", "passport"),
     "energy_opt.front.given": ("source_model",),
     "energy_opt.front.answer": ("Answer",),
     "energy_opt.front.planning": ("bench", "optimize"),

@@ -55,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
     from energy_opt.next_motion.worth import add_worth
+    from energy_opt.passport import changes_since
     from energy_opt.robot import load_robot
 
     log = read_log(args.set, args.allow_outside)
@@ -90,6 +91,8 @@ def run(args: argparse.Namespace) -> int:
         show.stage("searching", 0.0, 1.0)
         result = diagnose(measured, declared, args.seed, tolerance, given, stopped)
     result.document["request"] = request
+    since = changes_since(declared, result.model, measured.robot) if declared.doubt is not None else []
+    result.document["changes"] = [change.document() for change in since]
     if said:
         result.document["remarks"].insert(0, said)
     with written_whole(args.out, "diagnosis.json") as aside:
@@ -99,6 +102,8 @@ def run(args: argparse.Namespace) -> int:
             add_worth(result, surroundings, seed=args.seed, stopped=pressed)
             write(result, aside)
     say(args, _summary(result, args.out))
+    for change in (x for x in since if x.real):
+        say(args, f"changed since {args.model}: {change}")
     view(args, args.out)
     if args.json:
         sys.stdout.write(read_text(args.out / "diagnosis.json"))

@@ -29,6 +29,7 @@ VERBS = {
     "identify": "the source paper's two methods from static poses",
     "diagnose": "which effect a power model lacks, from measured data",
     "import": "logs as labs have them to a measured set; guesses columns and units",
+    "passport": "an arm's electrical passport from its models; several side by side",
     "simulate": "play trajectories on a virtual arm and write a measured set",
     "check": "is this log, trajectory, model or suite usable",
     "robots": "the robots known by name, with joints and limits",

@@ -50,6 +50,11 @@ USAGE: dict[str, tuple[tuple[str, ...], str, str]] = {
         "tables of any dialect with a header, recordings of UR and Franka arms, bags (extra [ros])",
         "log.toml and its tables",
     ),
+    "passport": (
+        ("energy-opt passport panda --out passport", "energy-opt passport march.toml november.toml --out compared"),
+        "model files (TOML), such as the model.toml of `diagnose`; or names of robots",
+        "passport.json, report.html",
+    ),
     "simulate": (
         (
             f"energy-opt optimize {MOVE} --mode retime --duration 2 --out out",
@@ -73,6 +78,6 @@ def epilog(verb: str) -> str:
     """The text below a verb's options."""
     commands, read, written = USAGE[verb]
     title = "example:" if len(commands) == 1 else "example, in this order:"
-    if verb == "identify":
+    if verb in ("identify", "passport"):
         title = "examples:"
     return "\n".join([title, *(f"  {line}" for line in commands), "", f"reads: {read}", f"writes: {written}", UNITS])

@@ -102,6 +102,19 @@ def bars(axes: Axes, groups: Mapping[str, Mapping[str, float]]) -> None:
         legend_beside(axes, 7)
 
 
+def heat_maps(maps: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]], x: str, y: str, z: str) -> Figure:
+    """Colour over two axes, by the map's name: x (S,), y (T,) and the value (T, S); each has its own scale."""
+    columns = min(len(maps), 4)
+    rows = -(-len(maps) // columns)
+    figure, grid = new_figure(rows, columns, width=3.6 * columns, height=2.8)
+    for axes in grid.ravel()[len(maps) :]:
+        axes.set_visible(False)
+    for axes, (name, (across, up, value)) in zip(grid.ravel(), maps.items(), strict=False):
+        labelled(axes, x, y, name)
+        figure.colorbar(axes.contourf(across, up, value, 16, cmap="viridis"), ax=axes, label=z)
+    return figure
+
+
 def _fractions(
     axes: Axes, time: np.ndarray, values: np.ndarray, bounds: np.ndarray, joints: Sequence[str], legend: bool = True
 ) -> None:

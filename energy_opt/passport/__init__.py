@@ -1,0 +1,21 @@
+"""An arm's electrical passport: standby, copper loss and friction with intervals and sources."""
+
+from energy_opt.passport.changes import Change, changes, changes_since
+from energy_opt.passport.drives import friction, loss
+from energy_opt.passport.sheet import Passport, PassportRequest, passport
+from energy_opt.passport.sources import Arm, Number, arm_of, read_arm
+
+__all__ = [
+    "Arm",
+    "Change",
+    "Number",
+    "Passport",
+    "PassportRequest",
+    "arm_of",
+    "changes",
+    "changes_since",
+    "friction",
+    "loss",
+    "passport",
+    "read_arm",
+]

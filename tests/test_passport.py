@@ -110,7 +110,8 @@ def test_the_verb_writes_a_sheet(tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["passport", *words, "--out", str(out), "--json", "--quiet"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document == json.loads((out / "passport.json").read_text())
+    written = json.loads((out / "passport.json").read_text())
+    assert [row["name"] for row in written.pop("files")] == ["report.html"] and document == written
     assert [arm["label"] for arm in document["arms"]] == ["march", "november"]
     assert document["arms"][0]["standby"]["value"] == 70.0
     friction_row = document["arms"][0]["joints"][0]["friction"][-1]

@@ -206,7 +206,7 @@ def main() -> int:
     kept = json.loads(args.out.read_text())["rows"] if args.out.is_file() else []
     rows = [row for row in kept if row["seed"] in wanted]
     done = {row["seed"] for row in rows}
-    with ProcessPoolExecutor(args.jobs, max_tasks_per_child=20) as pool:
+    with ProcessPoolExecutor(args.jobs) as pool:
         for row in pool.map(run, [job for job in asked if job[1].seed not in done]):
             rows.append(row)
             what = " ".join(filter(None, (row["category"], row["arm"], row["noise"], row["unlisted"], row["cause"])))

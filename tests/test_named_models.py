@@ -11,8 +11,11 @@ import energy_opt as eo
 from energy_opt.bench import load_suite
 from energy_opt.cli.bench import _overrides
 from energy_opt.cli.main import main, parsers
+from energy_opt.front.given import model_from
+from energy_opt.front.rivals import rivals_from
 from energy_opt.power import drive_function
-from energy_opt.power.named import careful, model_of
+from energy_opt.power.named import careful, model_of, named_model
+from energy_opt.robot import load_robot
 
 # Gaz et al. 2019: delta_1 [N m], delta_2 [s/rad], delta_3 [rad/s]
 A = np.array([5.4615e-1, 8.7224e-1, 6.4068e-1, 1.2794, 8.3904e-1, 3.0301e-1, 5.6489e-1])
@@ -77,3 +80,22 @@ def test_what_is_published_of_an_arm_is_a_model_file(name, effects):
     model = model_of(file, name)
     model.check(eo.load_robot(name).n)
     assert [e.name for e in model.effects] == effects
+
+
+def test_a_locked_joint_leaves_the_lists_of_every_model(tmp_path: Path) -> None:
+    """Of the careful model, of a file for the whole arm with its covariance, and of one for the arm as it is locked."""
+    robot = load_robot("panda", lock={"panda_joint3": 0.1})
+    whole = named_model("careful", "panda")
+    rivals, _ = rivals_from([], None, robot)
+    values = rivals[1].model.get("sigmoid_friction").values
+    assert values["a"].tolist() == np.delete(whole.get("sigmoid_friction").values["a"], 2).tolist()
+    text = (
+        'format = "energy-opt/model/1"\nrobot = "panda"\n[[effect]]\nname = "viscous_friction"\n'
+        "b = [1, 2, 3, 4, 5, 6, 7]\n"
+        '[covariance]\nnames = ["viscous_friction.b.2", "viscous_friction.b.3"]\nmatrix = [[1.0, 0.5], [0.5, 4.0]]\n'
+    )
+    (tmp_path / "m.toml").write_text(text)
+    model = model_from(str(tmp_path / "m.toml"), robot)
+    assert model.get("viscous_friction").values["b"].tolist() == [1, 2, 4, 5, 6, 7]
+    assert model.doubt.names == ("viscous_friction.b.2",) and model.doubt.matrix.tolist() == [[4.0]]
+    assert model_from(model, robot) == model  # one entry for each joint that moves is taken as it is

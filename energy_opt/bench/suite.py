@@ -39,6 +39,7 @@ from energy_opt.bench.task import Duration, Task
 from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml, to_json
+from energy_opt.power.locked import of_joints
 from energy_opt.power.named import is_named, named_model
 from energy_opt.robot import Robot
 
@@ -155,12 +156,14 @@ def _product(suite: str, group: Group, at: int, files: Files, faults: Faults) ->
     """All rows of a group, in the order robot, move, mode, duration, payload, model, objective."""
     for source, robot in group.robots:
         named = [(name, named_model(name, robot.name) if is_named(name) else model) for name, model in group.models]
+        models = []
         for name, effects in named:
             try:
+                effects = of_joints(effects, robot)
                 effects.check(robot.n)
             except BadInput as error:
                 faults.add(f"models {name} on {robot.name}", str(error))
-        models = [(name, to_json(model.to_document())) for name, model in named]
+            models.append((name, to_json(effects.to_document())))
         for move, timings in _moves(group, robot, files, faults):
             for mode in group.modes:
                 for timing in timings:

@@ -115,14 +115,15 @@ def _declared(args: argparse.Namespace, measured: MeasuredSet) -> tuple[PowerMod
     import numpy as np
 
     from energy_opt.effects import CopperLoss, Standby
+    from energy_opt.front.given import model_from
     from energy_opt.power import PowerModel, load_model, source_method_2
-    from energy_opt.power.named import model_of
+    from energy_opt.power.locked import of_joints
 
     if args.model is not None:
-        return model_of(args.model, measured.robot.name), (), ""
+        return model_from(args.model, measured.robot), (), ""
     own = measured.path / "declared.toml"
     if own.is_file():
-        return load_model(own), (), f"No --model: starting from the set's own {own.name}."
+        return of_joints(load_model(own), measured.robot), (), f"No --model: starting from the set's own {own.name}."
     if not _has_meter(measured):
         return source_method_2(measured.robot.name), (), "No --model: standby and copper loss are source-method-2's."
     level = float(np.quantile(np.concatenate([run.power for run in measured.runs]), 0.2))

@@ -69,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.progress import Progress
     from energy_opt.files import to_json
     from energy_opt.folders import written_whole
-    from energy_opt.power.named import model_of
+    from energy_opt.front.given import model_from
+    from energy_opt.power.locked import of_joints
     from energy_opt.robot import robot_named
     from energy_opt.virtual_arm import Instruments, load_plant, simulate
 
@@ -81,7 +82,8 @@ def run(args: argparse.Namespace) -> int:
     if args.payload is not None:
         plant = dataclasses.replace(plant, model=plant.model.replaced(payload_from(args.payload)))
     robot = load_robot_of(args, args.robot or robot_named(plant.model.robot, args.plant.parent, args.allow_outside))
-    declared = model_of(args.model, robot.name) if args.model is not None else None
+    plant = dataclasses.replace(plant, model=of_joints(plant.model, robot))
+    declared = model_from(args.model, robot) if args.model is not None else None
     instruments = Instruments(
         rate=args.rate,
         meter_rate=args.meter_rate,

@@ -13,6 +13,7 @@ from energy_opt.errors import BadInput, near
 from energy_opt.motion.path import Curve, JointPath, of_trajectory, through
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+from energy_opt.power.locked import of_joints
 from energy_opt.power.named import is_named, model_of, named_model
 from energy_opt.robot import Robot, load_robot
 
@@ -42,10 +43,8 @@ def model_from(given: AnyModel, robot: Robot) -> PowerModel:
     Raises:
         BadInput: no such name or file, or a model of another number of joints.
     """
-    if isinstance(given, PowerModel):
-        model = given
-    else:
-        model = model_of(DEFAULT if given is None else given, robot.name)
+    model = given if isinstance(given, PowerModel) else model_of(DEFAULT if given is None else given, robot.name)
+    model = of_joints(model, robot)
     model.check(robot.n)
     return model
 

@@ -15,7 +15,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Kind, Rival, row_of
 from energy_opt.power import PowerModel
 from energy_opt.power.draws import draws_of
-from energy_opt.power.named import is_named, named_model
+from energy_opt.power.named import is_named
 from energy_opt.robot import Robot
 
 CAREFUL = "careful"
@@ -109,7 +109,7 @@ def _with_careful(rivals: Sequence[Rival], robot: Robot) -> list[Rival]:
     """The models, and the careful one where the first is one of the source paper's, which knows no friction."""
     if not rivals[0].name.startswith("source-method"):
         return list(rivals)
-    careful = named_model(CAREFUL, robot.name)
+    careful = model_from(CAREFUL, robot)
     for name in ("payload", "base_tilt"):  # of the move, not of the model
         effect = rivals[0].model.get(name)
         careful = careful if effect is None else careful.replaced(effect)

@@ -28,6 +28,7 @@ class Robot:
     Attributes:
         name: its name in the catalogue, or the URDF file's stem.
         limits: after all overlays and assumptions.
+        unlocked: the joints that would move by themselves if none were locked that is not locked by default.
         warnings: one line for each limit or inertia that is missing, zero or a placeholder, with what is assumed.
         urdf: the file it was read from.
         locked: joints that stay where they are, with their positions; those that follow one of them too.
@@ -39,6 +40,7 @@ class Robot:
     urdf: Path
     locked: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    unlocked: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, {self.n} joints)"
@@ -126,12 +128,12 @@ def load_robot(
         if not path.is_file():
             hint = near(name_or_urdf, CATALOG)
             raise BadInput(f"{name_or_urdf!r} is neither a URDF file nor a robot by name{hint}: {', '.join(CATALOG)}")
-        name, published, locked = path.stem, None, dict(lock or {})
+        name, published, usual = path.stem, None, {}
     else:
         path, name = urdf_of(entry), name_or_urdf
-        published, locked = published_limits(name), {**entry.lock, **(lock or {})}
-    locked, following = followers(path, locked) if path.is_file() else (locked, {})
-    body = RigidBody.from_urdf(path, locked, following)
+        published, usual = published_limits(name), dict(entry.lock)
+    body, locked = _body(path, {**usual, **(lock or {})})
+    unlocked = _body(path, usual)[0].joints if lock else body.joints
     links, stated = body.tree(), body.urdf_limits()
     free = np.full(len(links), np.inf)
     merged = Limits(stated.lower, stated.upper, stated.velocity, free, free.copy(), stated.effort)
@@ -142,7 +144,13 @@ def load_robot(
             scaled += said
     merged, led = leaders_limits(merged, links)
     merged, warnings = with_assumptions(merged, body.joints, _holding(links), body.slides)
-    return Robot(name, merged, body, path, locked, (*scaled, *led, *warnings, *_doubtful_inertias(links)))
+    return Robot(name, merged, body, path, locked, (*scaled, *led, *warnings, *_doubtful_inertias(links)), unlocked)
+
+
+def _body(path: Path, lock: Mapping[str, float]) -> tuple[RigidBody, dict[str, float]]:
+    """The rigid body of a URDF, and all joints of it that stay, with those that follow one of `lock`."""
+    locked, following = followers(path, lock) if path.is_file() else (dict(lock), {})
+    return RigidBody.from_urdf(path, locked, following), locked
 
 
 def _holding(links: Sequence[Link]) -> float:

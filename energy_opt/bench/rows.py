@@ -12,6 +12,7 @@ from energy_opt.files import replacing
 
 # Column: type. Energies in J, durations and seconds in s, savings in percent against "scaled" (the same duration);
 # energy_<baseline> is the total of a baseline, loss_<baseline> its loss; max_violation a fraction of the bound.
+MOST_ROWS, MOST_BYTES = 10**6, 2 * 10**8  # of a results.parquet that is read
 COLUMNS: dict[str, str] = {
     "suite": "string",
     "robot": "string",
@@ -133,7 +134,11 @@ def read_parquet(path: Path) -> list[Row]:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(path)
+        about = pq.read_metadata(path)
+        groups = range(about.num_row_groups)
+        if about.num_rows > MOST_ROWS or sum(about.row_group(k).total_byte_size for k in groups) > MOST_BYTES:
+            raise BadInput(f"{path}: unpacks to more than {MOST_ROWS:,} rows or {MOST_BYTES / 1e6:g} MB")
+        table = pq.read_table(path, columns=[name for name in about.schema.to_arrow_schema().names if name in COLUMNS])
     except (OSError, pa.ArrowException) as error:
         raise BadInput(f"{path}: cannot be read as Parquet: {str(error).splitlines()[0]}") from None
     missing = [name for name in COLUMNS if name not in table.column_names]

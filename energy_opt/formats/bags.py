@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_yaml, replacing
+from energy_opt.files import inside, read_yaml, replacing
 from energy_opt.formats.messages import FIELDS, message, planned, trajectories
 from energy_opt.formats.rows import Rows
+from energy_opt.formats.unpacking import bounded
 from energy_opt.motion.trajectory import Trajectory
 
 LARGEST = 4 * 10**9  # bytes of a bag
-LARGEST_CHUNK = 10**9  # bytes of a part of a bag once it is unpacked
 MOST_MESSAGES = 2 * 10**6  # of those that are asked for: half an hour at 1 kHz
 SUFFIXES = (".mcap", ".db3", ".bag", ".zstd")  # the last: a file of a compressed bag
 METADATA = "metadata.yaml"
@@ -125,7 +125,7 @@ def opened(path: Path) -> Iterator[Bag]:
     Raises:
         BadInput: rosbags is not installed, or the bag is missing, too large or faulty, now or while it is read.
     """
-    highlevel, path = _library().highlevel, _whole(path)
+    library, path = _library(), _whole(path)
     files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
     try:
         size = sum(file.stat().st_size for file in files)
@@ -134,22 +134,26 @@ def opened(path: Path) -> Iterator[Bag]:
     if size > LARGEST:
         raise BadInput(f"{path}: larger than {LARGEST / 1e9:g} GB; cut out the part that matters")
     if path.is_dir():
-        read_yaml(path / METADATA)  # within bounds
+        _check_files(path)
     elif path.suffix.lower() == ".zstd":
         raise BadInput(f"{path}: part of a compressed bag; expected beside it the bag's {METADATA}, which names it")
     try:
-        with highlevel.AnyReader([path], default_typestore=_types()) as reader:
-            storages = [getattr(part, "storage", part) for part in reader.readers]
-            inner = [file for storage in storages for file in getattr(storage, "storages", [storage])]
-            chunks = [chunk for file in inner for chunk in getattr(file, "chunks", [])]
-            if any(getattr(chunk, "uncompressed_size", 0) > LARGEST_CHUNK for chunk in chunks):
-                raise BadInput(f"{path}: a part of it is larger than {LARGEST_CHUNK / 1e9:g} GB unpacked")
+        readers = library.first, library.second, library.mcap
+        with bounded(path, size, *readers), library.highlevel.AnyReader([path], default_typestore=_types()) as reader:
             yield Bag(path, reader)
     except BadInput:
         raise
     except Exception as error:  # a faulty bag makes the library raise nearly anything
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BadInput(f"{path}: not a bag that can be read: {reason[:300]}") from None
+
+
+def _check_files(folder: Path) -> None:
+    """The files that a bag's metadata name lie in its folder; the document is read within bounds."""
+    document = read_yaml(folder / METADATA)
+    about = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
+    for name in about.get("relative_file_paths") or [] if isinstance(about, dict) else []:
+        inside(folder, str(name))
 
 
 def _whole(path: Path) -> Path:
@@ -216,6 +220,9 @@ def _library() -> SimpleNamespace:
     """The parts of rosbags that are used."""
     try:
         from rosbags import highlevel, rosbag2, typesys
+        from rosbags.rosbag1 import reader as first
+        from rosbags.rosbag2 import reader as second
+        from rosbags.rosbag2 import storage_mcap as mcap
     except ImportError:
         raise BadInput("bags need rosbags: pip install 'energy-opt[ros]'") from None
-    return SimpleNamespace(highlevel=highlevel, rosbag2=rosbag2, typesys=typesys)
+    return SimpleNamespace(highlevel=highlevel, rosbag2=rosbag2, typesys=typesys, first=first, second=second, mcap=mcap)

@@ -13,13 +13,17 @@ from energy_opt.motion.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Baseline:
-    """Another trajectory of the same move, judged in the same way; `valid` where it is inside all limits."""
+    """Another trajectory of the same move, judged in the same way; `valid` where it is inside all limits.
+
+    `peak_power` is the whole arm's [W].
+    """
 
     name: str
     trajectory: Trajectory
     energy: Energy
     max_violation: float
     valid: bool
+    peak_power: float | None = None
 
     @property
     def duration(self) -> float:
@@ -34,6 +38,7 @@ class Baseline:
             "energy": self.energy.document(),
             "max_violation": self.max_violation,
             "valid": self.valid,
+            "peak_power": self.peak_power,
         }
 
 

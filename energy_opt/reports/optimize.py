@@ -9,7 +9,8 @@ import numpy as np
 
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
-from energy_opt.reports.page import Report, shown
+from energy_opt.reports.page import Report
+from energy_opt.reports.words import clearance_words, limits_words, same
 from energy_opt.robot import Robot
 
 BESIDE = "scaled"  # the baseline that savings are stated against
@@ -22,6 +23,7 @@ def page(
     robot: Robot,
     bodies: Sequence[Solid] = (),
     scene: Sequence[Solid] = (),
+    lost: Mapping[str, Mapping[str, np.ndarray]] | None = None,
 ) -> Report:
     """The report of a result.json and the trajectories that belong to it.
 
@@ -29,6 +31,7 @@ def page(
         document: the content of result.json.
         baselines: trajectories by name; "scaled" is drawn beside the result.
         bodies, scene: what the moving arm is drawn with.
+        lost: what each effect takes at each joint (n,) [J], by motion.
     """
     report = Report(f"{document['robot']}: {document['mode']} in {document['duration']:.4g} s")
     report.headline(headline(document)).numbers(_numbers(document))
@@ -41,6 +44,8 @@ def page(
     report.player(player(robot, motions, bodies, scene, _closest(document)))
     report.section("Motion").charts(*motion_charts(result, beside, robot))
     _energy(report, document)
+    standby = document["energy"]["standby"] / document["duration"]
+    report.charts(_cumulative(result, beside, standby), *_by_joint(lost or {}, robot))
     _models(report, document)
     _certificate(report, document, robot)
     report.section("How it was found")
@@ -67,9 +72,8 @@ def headline(document: Mapping[str, Any]) -> str:
     clearance = document["certificate"].get("clearance")
     if clearance is None:
         return f"{text}. Collisions were not checked."
-    if clearance["verdict"] == "proven":
-        return f"{text}. Proven to stay {1000 * clearance['lower_bound']:.3g} mm clear over the whole motion."
-    return f"{text}. Clearance: {clearance['verdict']}."
+    words = clearance_words(clearance)
+    return f"{text}. {words[0].upper()}{words[1:]}."
 
 
 def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
@@ -80,11 +84,22 @@ def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
     out["energy"] = f"{document['energy']['total']:.4g} J"
     out["duration"] = f"{document['duration']:.4g} s"
     if document.get("peak_power") is not None:
-        out["peak power"] = f"{document['peak_power']:.4g} W"
+        out[_beside_peak(document)] = f"{document['peak_power']:.4g} W"
     clearance = document["certificate"].get("clearance")
-    if clearance and clearance.get("min_distance") is not None:
-        out["nearest: " + " and ".join(clearance["pair"] or ())] = f"{1000 * clearance['min_distance']:.3g} mm"
+    if clearance and clearance["verdict"] == "proven":
+        before, _, near = clearance_words(clearance).rstrip(")").partition(" (")
+        what, _, bound = before.partition(" ≥ ")
+        out[f"{what}; {near}"] = f"≥ {bound}" if bound else "yes"
+    elif clearance:
+        what, _, near = clearance_words(clearance).partition(": ")
+        out[near or "of the arm and its cell"] = what
     return out
+
+
+def _beside_peak(document: Mapping[str, Any]) -> str:
+    """The name of the peak power's figure, with that of the evenly slowed move."""
+    peaks = [b.get("peak_power") for b in document["baselines"] if b["name"] == BESIDE]
+    return f"peak power; slowed evenly {peaks[0]:.4g} W" if peaks and peaks[0] is not None else "peak power"
 
 
 def _closest(document: Mapping[str, Any]) -> Closest | None:
@@ -129,6 +144,27 @@ def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) ->
     return charts
 
 
+def _cumulative(result: Motion, beside: Mapping[str, Motion], standby: float) -> Chart:
+    """Energy from the begin on, of both motions, above `standby` [W]: that would hide all else."""
+    lines = []
+    for name, m in {**beside, "result": result}.items():
+        if m.power is not None:
+            t, above = m.time - m.time[0], m.power - standby
+            steps = np.diff(t) * (above[1:] + above[:-1]) / 2
+            lines.append(Line(name, t, np.concatenate([[0.0], np.cumsum(steps)])))
+    return Chart("Energy used so far, standby left out", "time [s]", "energy [J]", lines, timed=True)
+
+
+def _by_joint(lost: Mapping[str, Mapping[str, np.ndarray]], robot: Robot) -> list[Chart]:
+    """A joint's losses by all effects together, of both motions."""
+    bars = {}
+    for name, by_effect in lost.items():
+        if by_effect:
+            total = np.sum(list(by_effect.values()), axis=0).tolist()
+            bars[name] = dict(zip(robot.joints, total, strict=True))
+    return [Chart("Loss by joint", "energy [J]", "", bars=bars)] if bars else []
+
+
 def _title(name: str, slides: np.ndarray) -> str:
     if name == "torque" and slides.any():
         return "Force" if slides.all() else "Torque and force"
@@ -150,7 +186,9 @@ def _energy(report: Report, document: Mapping[str, Any]) -> None:
     rows: list[list[object]] = [["duration [s]", *(duration for _, duration, _, _ in columns)]]
     rows += [[f"{part} [J]", *(e[part] for _, _, e, _ in columns)] for part in ("total", "standby", "stored", "loss")]
     for effect in document["energy"]["by_effect"]:
-        rows.append([f"of the total: {effect} [J]", *(e["by_effect"].get(effect) for _, _, e, _ in columns)])
+        values = [e["by_effect"].get(effect) for _, _, e, _ in columns]
+        if not any(same(values, row[1:]) for row in rows[1:]):  # what repeats a line above says nothing
+            rows.append([f"of the total: {effect} [J]", *values])
     rows.append(["valid: within all that was checked", *(valid for _, _, _, valid in columns)])
     report.table(["", *(name for name, _, _, _ in columns)], rows)
 
@@ -176,12 +214,9 @@ def _certificate(report: Report, document: Mapping[str, Any], robot: Robot) -> N
     report.table(
         ["limit", "largest violation [share of the bound]"], list(map(list, certificate["max_violation"].items()))
     )
-    worst = certificate["worst"]
-    if worst:
-        report.text(
-            f"Nearest to its bound: {worst['limit']} of {worst['joint']} at {shown(worst['time'])} s, "
-            f"{shown(worst['value'], 6)} of {shown(worst['bound'], 6)} {robot.unit(worst['limit'], worst['joint'])}."
-        )
+    if certificate["worst"]:
+        words = limits_words(certificate, robot.unit)
+        report.text(f"{words[0].upper()}{words[1:]}.")
     if certificate.get("clearance"):
         c = certificate["clearance"]
         report.facts(

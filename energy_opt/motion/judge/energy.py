@@ -88,6 +88,14 @@ class Scorer:
         tau_m, power, parts, bus = law(q, v, a, tau, t[:, None], idle[:, None], back[:, None], self._values)
         return tau_m, power[:, 0], parts, bus[:, 0]
 
+    def alone(self, dense: Dense, joint: int) -> np.ndarray:
+        """Parts of the power (N, len(self.parts)) [W] on a dense grid as if only one joint moved and had a torque."""
+        own = np.arange(self.robot.n) == joint
+        tau = rigid_torque(self.model, self.robot.body, dense.q, dense.v, dense.a)
+        law, still = Batch(self._drive, len(dense.q)), np.zeros((len(dense.q), 1))
+        past = idle_time(dense.time, dense.v)[:, None], still
+        return law(dense.q, own * dense.v, own * dense.a, own * tau, dense.time[:, None], *past, self._values)[2]
+
     def stored(self, trajectory: Trajectory) -> float:
         """Change of potential plus kinetic energy between the trajectory's ends, J."""
         body = body_of(self.model, self.robot.body)

@@ -167,7 +167,8 @@ def _held(context: Context, move: Move, timing: Timing) -> Trajectory:
 
 def _baseline(name: str, judged: Judged) -> Baseline:
     certificate = judged.certificate
-    return Baseline(name, judged.filled, judged.energy, certificate.violation, certificate.valid)
+    holds = certificate.violation, certificate.valid
+    return Baseline(name, judged.filled, judged.energy, *holds, certificate.peak_power)
 
 
 def _optimality(move: Move, name: str, best: Judged, solution: RetimeSolution | None) -> Optimality:

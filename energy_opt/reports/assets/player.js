@@ -92,7 +92,10 @@ class Player {
     this.slider.oninput = () => { this.playing = false; this.seek(Number(this.slider.value)); };
     this.label = document.createElement("span");
     this.label.className = "time";
-    bar.append(this.button, this.slider, this.label);
+    this.speed = document.createElement("select");
+    this.speed.setAttribute("aria-label", "playback speed");
+    for (const factor of [0.1, 0.25, 0.5, 1, 2, 5]) this.speed.append(new Option(`${factor}×`, factor, factor === 1, factor === 1));
+    bar.append(this.button, this.slider, this.label, this.speed);
     if (this.data.closest) {
       const jump = document.createElement("button");
       jump.className = "closest";
@@ -150,7 +153,7 @@ class Player {
     let before = performance.now();
     const step = (now) => {
       if (!this.playing) { this.button.textContent = "play"; return; }
-      this.seek(Math.min(this.longest, this.time + (now - before) / 1000));
+      this.seek(Math.min(this.longest, this.time + Number(this.speed.value) * (now - before) / 1000));
       before = now;
       if (this.time >= this.longest) this.playing = false;
       requestAnimationFrame(step);

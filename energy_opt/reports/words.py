@@ -1,0 +1,76 @@
+"""What a certificate says, in the same plain sentences on the console and in reports."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+ALLOWED = 1e-6  # of a bound, as the certificate counts it
+
+
+def clearance_words(found: Mapping[str, Any]) -> str:
+    """A certificate's clearance: what is proven, and beside it what was measured.
+
+    >>> clearance_words({"verdict": "proven", "lower_bound": 0.0022, "min_distance": 0.056, "pair": ["A", "B"]})
+    'clearance proven ≥ 2.2 mm (nearest measured 56 mm: A–B)'
+    """
+    pair = "–".join(found.get("pair") or ())
+    measured = found.get("min_distance")
+    if found["verdict"] == "proven":
+        near = "no pair comes near" if measured is None else f"nearest measured {1e3 * measured:.3g} mm: {pair}"
+        bound = found.get("lower_bound")
+        return f"clearance proven{'' if bound is None else f' ≥ {floored(1e3 * bound)} mm'} ({near})"
+    if found["verdict"] == "colliding":
+        depth = found.get("depth")
+        deep = "" if depth is None else f", {1e3 * depth:.3g} mm deep"
+        return f"collision: {pair} at {found['time']:.4g} s{deep}"
+    near = "" if measured is None else f": {pair} as near as {1e3 * measured:.3g} mm at {found['time']:.4g} s"
+    return f"clearance not proven{near}"
+
+
+def limits_words(certificate: Mapping[str, Any], unit: Callable[[str, str], str]) -> str:
+    """A certificate's limits: whether all are kept, and the one that is used most.
+
+    Args:
+        unit: of a limit and a joint.
+    """
+    worst = certificate["worst"]
+    sizes = list(certificate["max_violation"].values())
+    place = f"{worst['joint']} {worst['limit']}".strip()
+    if any(size is None for size in sizes):
+        return f"limits not kept: {place} cannot be told at {worst['time']:.4g} s"
+    excess = max(sizes)
+    if excess > ALLOWED:
+        return (
+            f"limits not kept: {place} is {worst['value']:.6g} {unit(worst['limit'], worst['joint'])} at "
+            f"{worst['time']:.4g} s, {worst['bound']:.6g} is allowed ({100 * excess:.2g} % over)"
+        )
+    if excess <= -1:
+        return "all limits kept"
+    if worst["limit"] == "position":
+        used = f"{-100 * min(excess, 0.0):.2g} % of its range left"
+    else:
+        used = f"{floored(100 * (1 + excess), 4)} % used"
+    return f"all limits kept; tightest: {place}, {used} at {worst['time']:.4g} s"
+
+
+def floored(value: float, digits: int = 2) -> str:
+    """Rounded down to significant digits: 99.996 is not 100, and a proven bound is not more than it is.
+
+    >>> floored(99.996, 4), floored(2.28)
+    ('99.99', '2.2')
+    """
+    if value <= 0:
+        return f"{value:.{digits}g}"
+    step = 10.0 ** (digits - 1 - math.floor(math.log10(value)))
+    return f"{math.floor(value * step * (1 + 1e-12)) / step:.{digits}g}"
+
+
+def same(values: Sequence[Any], others: Sequence[Any]) -> bool:
+    """Whether two lines of a table of energies say the same: numbers equal but for rounding."""
+    alike = [
+        a is b or (a is not None and b is not None and math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6))
+        for a, b in zip(values, others, strict=True)
+    ]
+    return all(alike)

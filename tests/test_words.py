@@ -1,0 +1,75 @@
+"""What the console and reports say of a result, and where its losses come from."""
+
+import numpy as np
+import pytest
+
+from energy_opt.effects import ViscousFriction
+from energy_opt.front.answer import answer_of
+from energy_opt.front.output import table
+from energy_opt.motion import Move, Planner
+from energy_opt.motion.judge.by_joint import loss_by_joint
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import source_method_2
+from energy_opt.reports.optimize import headline
+from energy_opt.reports.words import clearance_words, limits_words
+from energy_opt.robot import load_robot
+
+
+def test_one_clearance_is_said_everywhere():
+    found = {"verdict": "proven", "lower_bound": 0.00229, "min_distance": 0.0561, "pair": ["A", "B"]}
+    document = {
+        "energy": {"total": 10.0},
+        "duration": 2.0,
+        "saving": None,
+        "certificate": {"clearance": found},
+    }
+    words = "clearance proven ≥ 2.2 mm (nearest measured 56.1 mm: A–B)"  # a bound is never rounded up
+    assert clearance_words(found) == words and headline(document) == f"10 J in 2 s. C{words[1:]}."
+    touching = {"verdict": "colliding", "depth": 0.003, "pair": ["A", "B"], "time": 1.0, "min_distance": -0.003}
+    assert clearance_words(touching) == "collision: A–B at 1 s, 3 mm deep"
+
+
+@pytest.mark.parametrize(
+    ("excess", "text"),
+    [
+        (-2e-4, "all limits kept; tightest: j2 acceleration, 99.98 % used at 1.954 s"),
+        (-1e-7, "all limits kept; tightest: j2 acceleration, 99.99 % used at 1.954 s"),
+        (0.0, "all limits kept; tightest: j2 acceleration, 100 % used at 1.954 s"),
+        (0.009, "limits not kept: j2 acceleration is 7.57 rad/s^2 at 1.954 s, 7.5 is allowed (0.9 % over)"),
+        (None, "limits not kept: j2 acceleration cannot be told at 1.954 s"),
+    ],
+)
+def test_limits_in_one_sentence(excess, text):
+    worst = {"limit": "acceleration", "joint": "j2", "time": 1.954, "value": 7.57, "bound": 7.5}
+    certificate = {"worst": worst, "max_violation": {"velocity": -0.5, "acceleration": excess}}
+    assert limits_words(certificate, lambda limit, joint: "rad/s^2") == text
+
+
+def test_no_line_of_the_table_repeats_another(tmp_path):
+    robot, model = load_robot("z1"), source_method_2("z1")
+    move = Move(np.zeros(6) + [0, 1, -1, 0, 0, 0], np.array([0.8, 1.5, -1.3, 0.3, 0.2, 0.1]), "retime", 2.0)
+    result = Planner(robot, model).solve(move)
+    lines = table(answer_of(result, robot, {}), tmp_path, robot).splitlines()
+    values = [line.split(maxsplit=1)[1] for line in lines[1 : lines.index(next(x for x in lines if "toppra is" in x))]]
+    assert len(set(values)) == len(values)  # mechanical work is what is stored, copper loss the whole loss
+    fastest = result.baseline("toppra").duration
+    reason = next(line for line in lines if line.startswith("toppra is the fastest timing"))
+    assert f"{88.04 * (2 - fastest):.4g} J of the difference" in reason
+    assert any(line.startswith("all limits kept; tightest: ") for line in lines)
+
+
+def test_losses_by_joint_are_those_of_the_formula():
+    robot, n = load_robot("z1"), 6
+    b, r = np.linspace(0.1, 1.0, n), 0.0036
+    time = np.linspace(0.0, 2.0, 401)
+    s, v, a = time**2 * (3 - time) / 4, 3 * time * (2 - time) / 4, 3 * (1 - time) / 2
+    way = np.array([0.5, 0.6, -0.4, 0.3, 0.2, -0.3])
+    q = np.array([0.0, 1.0, -1.0, 0.0, 0.0, 0.0]) + s[:, None] * way
+    motion = Trajectory(robot.joints, time, q, v[:, None] * way, a[:, None] * way)
+    model = source_method_2("z1").replaced(ViscousFriction(b=b))
+    lost = loss_by_joint(Scorer(robot, model), motion)
+    tau = robot.body.torque(motion.position, motion.velocity, motion.acceleration) + b * motion.velocity
+    assert set(lost) == {"viscous_friction", "copper_loss"}
+    assert lost["viscous_friction"] == pytest.approx(np.trapezoid(b * motion.velocity**2, time, axis=0), rel=1e-4)
+    assert lost["copper_loss"] == pytest.approx(np.trapezoid(r * tau**2, time, axis=0), rel=1e-4)

@@ -19,7 +19,8 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.robot.catalog import srdf_beside
 from energy_opt.robot.kinematics import Kinematics
-from energy_opt.robot.meshes import collision_urdf
+from energy_opt.robot.meshes import mesh_files
+from energy_opt.robot.plain_urdf import plain_urdf
 
 PROBLEMS = Path(__file__).parents[2] / "shared/data/mbm"
 
@@ -40,7 +41,9 @@ def post(panda: Robot, share: float) -> Scene:
 def touches(robot: Robot, t: Trajectory, ball: np.ndarray | None = None, samples: int = 500) -> int:
     """Poses of a dense sampling in which Pinocchio finds a contact of links, or with a ball of 5 cm."""
     model = pin.buildModelFromUrdf(str(robot.urdf))
-    geometry = pin.buildGeomFromUrdfString(model, collision_urdf(robot.urdf).text, pin.GeometryType.COLLISION)
+    geometry = pin.buildGeomFromUrdfString(
+        model, plain_urdf(robot.description, mesh_files(robot.description)), pin.GeometryType.COLLISION
+    )
     locked = [model.getJointId(name) for name in robot.locked]
     model, geometry = pin.buildReducedModel(model, geometry, locked, pin.neutral(model))
     own = geometry.ngeoms

@@ -23,7 +23,8 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot.catalog import srdf_beside
 from energy_opt.robot.kinematics import Kinematics
-from energy_opt.robot.meshes import collision_urdf
+from energy_opt.robot.meshes import mesh_files
+from energy_opt.robot.plain_urdf import plain_urdf
 
 PROBLEMS = Path(__file__).parents[2] / "shared/data/mbm"
 
@@ -139,7 +140,7 @@ def test_a_mesh_is_not_its_hull_and_has_an_inside(ball: Robot) -> None:
 def dense(robot: Robot, t: Trajectory, samples: int = 400) -> float:
     """The share of samples in contact by Pinocchio's own loop on meshes, all pairs but those that the SRDF disables."""
     model = pin.buildModelFromUrdf(str(robot.urdf))
-    text = collision_urdf(robot.urdf).text
+    text = plain_urdf(robot.description, mesh_files(robot.description))
     geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
     full = pin.neutral(model)
     locked = [model.getJointId(name) for name in robot.locked]

@@ -10,7 +10,8 @@ import pytest
 from energy_opt.cli.common import pose_from
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, known_robots, load_robot
-from energy_opt.robot.meshes import collision_urdf
+from energy_opt.robot.description import read_description
+from energy_opt.robot.meshes import mesh_files
 from energy_opt.robot.srdf import read_srdf, semantics
 
 SRDF = """<robot name="r">
@@ -70,8 +71,8 @@ def test_known_robots_bring_pairs_and_poses(panda: Robot, ur5: Robot) -> None:
 
 @pytest.mark.parametrize("name", [n for n in known_robots() if not n.endswith("e")])
 def test_meshes_of_known_robots_are_found(name: str) -> None:
-    urdf = collision_urdf(load_robot(name).urdf)
-    assert urdf.meshes and all(path.is_file() for path in urdf.meshes) and "package://" not in urdf.text
+    meshes = mesh_files(load_robot(name).description)
+    assert meshes and all(path.is_file() for path in meshes.values())
 
 
 @pytest.mark.parametrize("where", ["pkg/meshes/a.stl", "elsewhere/pkg/meshes/a.stl"])
@@ -80,9 +81,10 @@ def test_package_paths_are_looked_for_above_the_file_and_where_told(tmp_path: Pa
     urdf = written(tmp_path, "pkg/urdf/r.urdf", URDF.format("package://pkg/meshes/a.stl"))
     if where.startswith("elsewhere"):
         with pytest.raises(BadInput, match=r"1 of 1 collision meshes not found.*\(link a\).*package_dir") as caught:
-            collision_urdf(urdf)
+            mesh_files(read_description(urdf))
         assert "\n" not in str(caught.value)
-    found = collision_urdf(urdf, [tmp_path / "elsewhere"] if where.startswith("elsewhere") else [])
-    assert found.meshes == (mesh,) and found.links == ("a",)
+    said = read_description(urdf)
+    found = mesh_files(said, [tmp_path / "elsewhere"] if where.startswith("elsewhere") else [])
+    assert found == {"package://pkg/meshes/a.stl": mesh}
     if where.startswith("elsewhere"):  # a folder that is the package itself
-        assert collision_urdf(urdf, [mesh.parents[1]]).meshes == (mesh,)
+        assert list(mesh_files(said, [mesh.parents[1]]).values()) == [mesh]

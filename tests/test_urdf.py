@@ -9,7 +9,7 @@ import pytest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.robot import known_robots, load_robot
-from energy_opt.robot.urdf import check_urdf
+from energy_opt.robot.description import read_description
 
 GOOD = """<?xml version="1.0"?>
 <robot name="one">
@@ -60,10 +60,10 @@ DAMAGES = [
 
 def test_the_undamaged_one_and_every_known_robot_pass(tmp_path: Path) -> None:
     (tmp_path / "good.urdf").write_text(GOOD)
-    check_urdf(tmp_path / "good.urdf")
+    read_description(tmp_path / "good.urdf")
     assert load_robot(str(tmp_path / "good.urdf")).n == 1
     for name in known_robots():
-        check_urdf(load_robot(name).urdf)
+        read_description(load_robot(name).urdf)
 
 
 @pytest.mark.parametrize(("before", "after", "said"), DAMAGES)

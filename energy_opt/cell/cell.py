@@ -9,17 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.cell import solids
+from energy_opt.cell.arm import arm_bodies, neighbours
 from energy_opt.cell.bodies import Bodies, Body, Scenery
 from energy_opt.cell.curve import MotionCurve
-from energy_opt.cell.pairs import Kept, OwnPairs, kept_apart, own_pairs
+from energy_opt.cell.pairs import POSES, Kept, OwnPairs, kept_apart, own_pairs
 from energy_opt.cell.proof import Proof, Touch, inside_at, prove
-from energy_opt.cell.request import CLEARANCE, CellRequest, pose_of
+from energy_opt.cell.request import CLEARANCE, CellRequest
 from energy_opt.cell.scene import TOOL, PlacedShape, Scene, Shape
 from energy_opt.cell.solids import GJK_ERROR, Solid
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics
-from energy_opt.robot.rigid_body import collision_geometry, link_parents
+from energy_opt.robot.links import pose_of
 from energy_opt.robot.srdf import semantics
 from energy_opt.robot.tool import tool_of
 
@@ -119,14 +120,11 @@ class Cell:
         self.robot, self.request, self.scene = robot, request, scene
         self.asked = CLEARANCE if request.clearance is None else request.clearance
         kinematics = Kinematics(robot.body.tree())
-        links = [
-            Body(thing.link, thing.joint, thing.pose, _solid(thing.geometry, thing.link))
-            for thing in collision_geometry(robot.urdf, robot.locked, request.package_dirs)
-        ]
+        links = arm_bodies(robot, request.package_dirs, request.allow_large)
         self.own: OwnPairs | None = None
         if request.self_collision and links:
-            parents = link_parents(robot.urdf)
-            self.own = own_pairs(links, kinematics, parents, robot.limits, semantics(robot, request.srdf))
+            adjacent = neighbours(robot.description, robot.locked)
+            self.own = own_pairs(links, kinematics, adjacent, robot.limits, semantics(robot, request.srdf))
         things = [Kept(body, True) for body in links]
         whole = scene or Scene()
         if request.floor is not None:
@@ -141,7 +139,9 @@ class Cell:
             at = pose_of(request.payload_at)
             things.append(Kept(Body(PAYLOAD, robot.body.last, at, solids.box(request.payload_size)), False))
         self.has_body, self.links = bool(links), len(links)
-        self.bodies = Bodies(kinematics, [thing.body for thing in things], kept_apart(things, self.own, whole.allowed))
+        pairs = kept_apart(things, self.own, whole.allowed)
+        self.own_checks = bool(len(pairs)) and bool((pairs < len(links)).all(axis=1).any())
+        self.bodies = Bodies(kinematics, [thing.body for thing in things], pairs)
         self._allowed = np.full(len(self.bodies.pairs), np.inf)  # (P,) [m] less than `asked` beside a given path
 
     @property
@@ -155,6 +155,14 @@ class Cell:
         out = list(self.scene.warnings) if self.scene is not None else []
         if not self.has_body:
             out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is checked against nothing")
+        elif self.own is not None and not self.own_checks:
+            out.append(
+                f"{self.robot.name}: no pair of its links is left to keep apart ({len(self.own.disabled)} may touch by "
+                f"{Path(self.own.source).name}); the arm is not checked against itself"
+            )
+        if self.own is not None and self.own.sampled:
+            pairs = ", ".join(f"{a} and {b}" for a, b in self.own.sampled)
+            out.append(f"{self.robot.name}: not kept apart, for they touch in each of {POSES} random poses: {pairs}")
         return out
 
     def distances(self, q: np.ndarray, reach: float) -> list[tuple[int, float]]:
@@ -255,13 +263,6 @@ class Cell:
             source="off" if self.own is None else Path(self.own.source).name,
             touches=tuple(proof.touches),
         )
-
-
-def _solid(geometry: object, link: str) -> Solid:
-    try:
-        return solids.solid_of(geometry)
-    except BadInput as error:
-        raise BadInput(f"link {link}: {error}") from None
 
 
 def _shape(shape: Shape) -> Solid:

@@ -1,13 +1,13 @@
 """Which pairs of bodies are kept apart, and why the others are not.
 
-Links: what an SRDF disables may touch. Without one, links that hang on each other may, and links that touch in every
-one of many seeded poses: these overlap by construction. A pair that merely was never seen near is kept:
-it costs little, and samples are no proof.
+Links: what an SRDF disables may touch. Without one, links that one moving joint connects may, and links that touch in
+every one of many seeded poses: these overlap by construction, and a warning names them. A pair that merely was never
+seen near is kept: it costs little, and samples are no proof.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,37 +24,35 @@ TURN = np.pi  # [rad] where a joint has no limits
 
 @dataclass(frozen=True)
 class OwnPairs:
-    """Pairs of links that may touch, with the reason, and where this comes from."""
+    """Pairs of links that may touch, with the reason, where this comes from, and those that samples alone excuse."""
 
     disabled: dict[tuple[str, str], str]
     source: str
+    sampled: tuple[tuple[str, str], ...] = ()
 
 
 def own_pairs(
-    bodies: Sequence[Body], kinematics: Kinematics, parents: Mapping[str, str], limits: Limits, srdf: Srdf
+    bodies: Sequence[Body],
+    kinematics: Kinematics,
+    adjacent: Sequence[tuple[str, str]],
+    limits: Limits,
+    srdf: Srdf,
 ) -> OwnPairs:
     """Which links of an arm may touch each other.
 
     Args:
         bodies: of the arm alone.
-        parents: the link that each link hangs on.
+        adjacent: pairs of links that one moving joint connects.
         srdf: where it disables no pair, adjacency and sampling do.
     """
+    names = sorted({body.name for body in bodies})
     if srdf.disabled or srdf.silent:
-        names = sorted({body.name for body in bodies})
         pairs = [(a, b) for a in names for b in names if a < b and srdf.allows(a, b)]
         return OwnPairs({pair: srdf.disabled.get(pair, "by default") for pair in pairs}, srdf.source)
-    disabled = {}
-    real = {body.name for body in bodies}
-    for name in sorted(real):
-        above = parents.get(name)
-        while above is not None and above not in real:  # links without geometry only pass the connection on
-            above = parents.get(above)
-        if above is not None:
-            disabled[_ordered(name, above)] = "adjacent"
-    for pair in _always_touching(bodies, kinematics, limits, disabled):
-        disabled[pair] = f"touch in {POSES} of {POSES} poses"
-    return OwnPairs(disabled, "adjacency and sampling")
+    disabled = dict.fromkeys(adjacent, "adjacent")
+    sampled = _always_touching(bodies, kinematics, limits, disabled)
+    disabled |= dict.fromkeys(sampled, f"touch in {POSES} of {POSES} poses")
+    return OwnPairs(disabled, "adjacency and sampling", tuple(sampled))
 
 
 def _ordered(a: str, b: str) -> tuple[str, str]:
@@ -62,7 +60,7 @@ def _ordered(a: str, b: str) -> tuple[str, str]:
 
 
 def _always_touching(
-    bodies: Sequence[Body], kinematics: Kinematics, limits: Limits, known: Mapping[tuple[str, str], str]
+    bodies: Sequence[Body], kinematics: Kinematics, limits: Limits, known: Container[tuple[str, str]]
 ) -> list[tuple[str, str]]:
     """Pairs of links that touch in every one of the seeded poses."""
     index = [

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.robot.links import pose_of
 
 PlannerName = Literal["auto", "none", "ompl"]
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
@@ -29,7 +30,8 @@ class CellRequest:
         clearance: what is kept [m]; None for `CLEARANCE`, and half of an end's clearance where that is less.
         planner: where a first path comes from when the straight line is not free.
         package_dirs: folders in which `package://` of a URDF is looked for.
-        allow_outside, allow_large: files outside of the scene's folder, and larger than usual, are read.
+        allow_outside, allow_large: files outside of the scene's folder, and larger than usual (meshes of the arm
+            too), are read.
         payload_size: edges [m] of the payload's box; None for a point.
         payload_at: the centre of that box [m], in the last joint's frame.
         tool: FRAME[,X,Y,Z], in whose frame what the tool holds stands; None for the last joint's frame.
@@ -81,16 +83,3 @@ class CellRequest:
     def base_pose(self) -> np.ndarray:
         """(4, 4) pose of the robot's base in the scene's frame; its angles as in URDF (about fixed x, y, z)."""
         return pose_of(self.base[:3], self.base[3:])
-
-
-def pose_of(position: tuple[float, ...], rpy: tuple[float, ...] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """(4, 4) pose from a position [m] and roll, pitch, yaw [rad]: Rz(yaw) Ry(pitch) Rx(roll)."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    out = np.eye(4)
-    out[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    out[:3, 3] = position
-    return out

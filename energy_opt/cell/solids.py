@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -67,62 +68,42 @@ def vertices_of(mesh: Any) -> np.ndarray:
     return np.array(mesh.vertices())
 
 
-def solid_of(geometry: Any) -> Solid:
-    """A solid from coal's geometry, as Pinocchio reads it from a URDF.
-
-    Raises:
-        BadInput: a kind of geometry that has no volume.
-    """
+def capsule(radius: float, length: float) -> Solid:
+    """A capsule along z [m]: everything within `radius` of a segment of that length about the origin."""
     import coal
 
-    if isinstance(geometry, coal.BVHModelBase):
-        return _of_mesh(geometry)
-    if isinstance(geometry, coal.Convex):
-        piece = Piece(geometry, np.array(geometry.points()))
-        return Solid(piece, (piece,), None, _box(geometry))
-    if isinstance(geometry, coal.Box):
-        return _alone(geometry, _signs() * np.asarray(geometry.halfSide))
-    if isinstance(geometry, coal.Sphere):
-        return _alone(geometry, np.zeros((1, 3)), float(geometry.radius))
-    if isinstance(geometry, coal.Capsule):
-        tips = np.array([[0, 0, -1.0], [0, 0, 1.0]]) * geometry.halfLength
-        return _alone(geometry, tips, float(geometry.radius))
-    if isinstance(geometry, coal.Cylinder):
-        rim = _rim(geometry.radius)
-        half = np.array([0, 0, geometry.halfLength])
-        return _alone(geometry, np.vstack([rim - half, rim + half]))
-    if isinstance(geometry, coal.Cone):
-        half = np.array([0, 0, geometry.halfLength])
-        return _alone(geometry, np.vstack([_rim(geometry.radius) - half, half[None]]))
-    raise BadInput(f"collision geometry {type(geometry).__name__}: expected mesh, box, sphere, cylinder, cone, capsule")
+    tips = np.array([[0, 0, -0.5], [0, 0, 0.5]]) * length
+    return _alone(coal.Capsule(float(radius), float(length)), tips, float(radius))
 
 
 def box(size: np.ndarray | tuple[float, ...]) -> Solid:
     """A box of full edge lengths [m] about its centre."""
     import coal
 
-    return solid_of(coal.Box(*map(float, size)))
+    return _alone(coal.Box(*map(float, size)), _signs() * np.asarray(size, dtype=float) / 2)
 
 
 def sphere(radius: float) -> Solid:
     """A sphere [m]."""
     import coal
 
-    return solid_of(coal.Sphere(float(radius)))
+    return _alone(coal.Sphere(float(radius)), np.zeros((1, 3)), float(radius))
 
 
 def cylinder(radius: float, height: float) -> Solid:
     """A cylinder along z about the middle of its height [m]."""
     import coal
 
-    return solid_of(coal.Cylinder(float(radius), float(height)))
+    rim, half = _rim(radius), np.array([0, 0, height / 2])
+    return _alone(coal.Cylinder(float(radius), float(height)), np.vstack([rim - half, rim + half]))
 
 
 def cone(radius: float, height: float) -> Solid:
     """A cone along z, its tip at +height / 2 [m]."""
     import coal
 
-    return solid_of(coal.Cone(float(radius), float(height)))
+    half = np.array([0, 0, height / 2])
+    return _alone(coal.Cone(float(radius), float(height)), np.vstack([_rim(radius) - half, half[None]]))
 
 
 def half_space() -> Solid:
@@ -143,6 +124,33 @@ def mesh(vertices: np.ndarray, triangles: np.ndarray) -> Solid:
     model.addVertices(np.ascontiguousarray(vertices, dtype=float))
     model.addTriangles(np.ascontiguousarray(triangles, dtype=np.int64))
     model.endModel()
+    return _of_mesh(model)
+
+
+def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
+    """The solid within the surface of a mesh file, scaled along x, y and z to metres.
+
+    Args:
+        most: triangles that it may have.
+
+    Raises:
+        BadInput: it cannot be read, has numbers that are not finite, or more triangles.
+    """
+    import coal
+
+    try:
+        model = coal.MeshLoader(coal.NODE_TYPE.BV_OBBRSS).load(str(path), np.array(scale, dtype=float))
+    except (ValueError, RuntimeError) as error:
+        words = " ".join(str(error).rpartition("message:")[2].split())[:200]
+        raise BadInput(f"{path}: not a mesh that can be read: {words}") from None
+    vertices = vertices_of(model)
+    if not model.num_tris or not np.isfinite(vertices).all():
+        raise BadInput(f"{path}: not a mesh that can be read: its vertices are not all finite numbers")
+    if model.num_tris > most:
+        raise BadInput(
+            f"{path}: {model.num_tris:,} triangles; expected a collision mesh of at most {most:,} "
+            "(--allow-large takes it)"
+        )
     return _of_mesh(model)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.robot.links import Link
+from energy_opt.robot.links import Link, pseudo_inertia
 
 ROUNDING = 1e-12  # what six-digit right angles in a URDF leave behind is smaller; coarser snapping would change torques
 
@@ -54,13 +54,6 @@ def _turn_to_z(axis: np.ndarray) -> np.ndarray:
     x = np.cross(helper, axis)
     x /= np.linalg.norm(x)
     return snapped(np.column_stack([x, np.cross(axis, x), axis]))
-
-
-def _pseudo_inertia(link: Link) -> np.ndarray:
-    centre = np.append(link.lever, 1.0)
-    out = link.mass * np.outer(centre, centre)
-    out[:3, :3] += np.trace(link.inertia) / 2 * np.eye(3) - link.inertia
-    return out
 
 
 class _Frames:
@@ -120,7 +113,7 @@ def canonical(links: Sequence[Link]) -> tuple[CanonicalLink, ...]:
     maps, inertias = [], []
     for k, link in enumerate(links):
         maps.append(np.linalg.inv(_pose(frames.turn[k]) @ _pose(np.eye(3), frames.shift[k])))
-        inertias.append(maps[k] @ _pseudo_inertia(link) @ maps[k].T)
+        inertias.append(maps[k] @ pseudo_inertia(link.mass, link.lever, link.inertia) @ maps[k].T)
     for k in reversed(range(len(links))):
         hidden = np.zeros((4, 4))
         if links[k].prismatic:

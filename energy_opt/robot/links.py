@@ -1,10 +1,9 @@
-"""What is read of an arm, as plain numbers: its links, their collision bodies, a payload, stated limits."""
+"""What is known of an arm, as plain numbers: its links, a payload, stated limits."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -55,6 +54,30 @@ class Link:
     follows: Follows | None = None
 
 
+def pose_of(position: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """(4, 4) pose from a position [m] and roll, pitch, yaw [rad] as URDF has them: Rz(yaw) Ry(pitch) Rx(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    out = np.eye(4)
+    out[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    out[:3, 3] = position
+    return out
+
+
+def pseudo_inertia(mass: float, lever: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """(4, 4) second moments from mass, centre of mass (3,) and inertia (3, 3) about it.
+
+    They add up over bodies and move to another frame as T J T^T (Wensing, Kim, Slotine 2018).
+    """
+    centre = np.append(lever, 1.0)
+    out = mass * np.outer(centre, centre)
+    out[:3, :3] += np.trace(inertia) / 2 * np.eye(3) - inertia
+    return out
+
+
 def outermost(links: Sequence[Link]) -> int:
     """Index of the link with most joints between it and the base, the last of several: what "the last joint" means.
 
@@ -64,23 +87,6 @@ def outermost(links: Sequence[Link]) -> int:
     for link in links:
         depth.append(1 + (depth[link.parent] if link.parent >= 0 else 0))
     return max(range(len(links)), key=lambda k: (depth[k], k))
-
-
-@dataclass(frozen=True)
-class LinkGeometry:
-    """One collision geometry of a link.
-
-    Attributes:
-        link: the link's name.
-        joint: index of the joint that carries it, -1 for the base.
-        pose: (4, 4) in that joint's frame.
-        geometry: the shape as coal holds it, the library that Pinocchio's collision checks stand on.
-    """
-
-    link: str
-    joint: int
-    pose: np.ndarray
-    geometry: Any
 
 
 @dataclass(frozen=True)

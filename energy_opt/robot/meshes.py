@@ -1,74 +1,64 @@
-"""Where the meshes of a URDF's collision bodies lie on this machine: package:// and model:// paths resolved."""
+"""Where the meshes of a description's collision bodies lie on this machine: package:// and model:// paths resolved."""
 
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 from energy_opt.errors import BadInput
-from energy_opt.robot.xml import read_robot_xml
+from energy_opt.robot.description import Description
 
 KNOWN_FORMATS = (".stl", ".obj", ".dae", ".ply")
+LARGEST = 100_000_000  # bytes of a mesh; a binary STL of a million triangles has half of that
 
 
-@dataclass(frozen=True)
-class CollisionUrdf:
-    """A URDF whose collision meshes are files of this machine.
-
-    Attributes:
-        text: the URDF without visual elements, every mesh of a collision element by absolute path.
-        links: links that have a collision element.
-        meshes: the mesh files, each once, in order.
-    """
-
-    text: str
-    links: tuple[str, ...]
-    meshes: tuple[Path, ...]
-
-
-def collision_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> CollisionUrdf:
-    """The collision bodies of a URDF with their meshes found.
+def mesh_files(
+    description: Description, package_dirs: Sequence[Path] = (), allow_large: bool = False
+) -> dict[str, Path]:
+    """The file of each mesh of the collision bodies, by the name that the description has.
 
     A path package://NAME/REST is looked for as DIR/NAME/REST, or DIR/REST where DIR is that package itself, with DIR
-    from `package_dirs`, ROS_PACKAGE_PATH, AMENT_PREFIX_PATH (its share folders) and the folders above the URDF.
+    from `package_dirs`, ROS_PACKAGE_PATH, AMENT_PREFIX_PATH (its share folders) and the folders above the URDF. The
+    path of a file:// address of another machine is looked for below `package_dirs`, from its last folders on.
 
     Raises:
-        BadInput: the file is not a URDF, or meshes are missing; one line that names the first of them.
+        BadInput: meshes are missing, of another kind, or too large; one line that names the first of them.
     """
-    path = Path(path)
+    path = description.path
     for folder in package_dirs:
         if not folder.is_dir():
             raise BadInput(f"--package-dir {folder}: no such folder")
-    root = read_robot_xml(path)
     roots = [*package_dirs, *_ros_folders(), *path.resolve().parents]
-    links, meshes, missing = [], [], []
-    for link in root.iter("link"):
-        for visual in link.findall("visual"):
-            link.remove(visual)
-        bodies = link.findall("collision")
-        if bodies:
-            links.append(str(link.get("name")))
-        for mesh in (m for body in bodies for m in body.iter("mesh")):
-            name = mesh.get("filename", "")
-            found = next((p for p in _candidates(name, path, roots) if p.is_file()), None)
-            if found is None:
-                missing.append(f"{name or 'a mesh without filename'} (link {link.get('name')})")
-                continue
-            if found.suffix.lower() not in KNOWN_FORMATS:
-                raise BadInput(f"{path}: link {link.get('name')}: {found}: expected {', '.join(KNOWN_FORMATS)}")
-            mesh.set("filename", str(found.absolute()))
-            meshes.append(found.absolute())
+    wanted = {
+        body.file: link.name for link in description.links.values() for body in link.collisions if body.kind == "mesh"
+    }
+    out: dict[str, Path] = {}
+    missing = []
+    for name, link in wanted.items():
+        try:
+            found = next((p for p in _candidates(name, path, roots, package_dirs) if p.is_file()), None)
+        except (OSError, ValueError):  # a name that no file can have
+            found = None
+        if found is None:
+            missing.append(f"{name} (link {link})")
+            continue
+        if found.suffix.lower() not in KNOWN_FORMATS:
+            raise BadInput(f"{path}: link {link}: {found}: expected {', '.join(KNOWN_FORMATS)}")
+        size = found.stat().st_size
+        if size > LARGEST and not allow_large:
+            raise BadInput(
+                f"{path}: link {link}: {found}: {size:,} bytes; expected a collision mesh of at most {LARGEST:,} "
+                "(--allow-large takes it)"
+            )
+        out[name] = found.absolute()
     if missing:
-        total = len(missing) + len(meshes)
         raise BadInput(
-            f"{path}: {len(missing)} of {total} collision meshes not found, first {missing[0]}; say where its package "
-            "lies with --package-dir DIR, or go on without the arm's body by --self-collision off"
+            f"{path}: {len(missing)} of {len(wanted)} collision meshes not found, first {missing[0]}; say where its "
+            "package lies with --package-dir DIR, or go on without the arm's body by --self-collision off"
         )
-    return CollisionUrdf(ElementTree.tostring(root, encoding="unicode"), tuple(links), tuple(dict.fromkeys(meshes)))
+    return out
 
 
 def _ros_folders() -> Iterator[Path]:
@@ -79,8 +69,8 @@ def _ros_folders() -> Iterator[Path]:
         yield Path(folder) / "share"
 
 
-def _candidates(name: str, urdf: Path, roots: Sequence[Path]) -> Iterator[Path]:
-    """Files that a mesh's name may mean, the likeliest first; none for an empty name."""
+def _candidates(name: str, urdf: Path, roots: Sequence[Path], given: Sequence[Path]) -> Iterator[Path]:
+    """Files that a mesh's name may mean, the likeliest first."""
     parts = urlparse(name)
     if parts.scheme in ("package", "model"):
         rest = unquote(parts.path).lstrip("/")
@@ -89,6 +79,9 @@ def _candidates(name: str, urdf: Path, roots: Sequence[Path]) -> Iterator[Path]:
             if root.name == parts.netloc or (root / "package.xml").is_file():
                 yield root / rest
     elif parts.scheme == "file":
-        yield Path(unquote(parts.netloc + parts.path))
-    elif name:
+        path = Path(unquote(parts.netloc + parts.path))
+        yield urdf.resolve().parent / path
+        for k in range(1, len(path.parts) - 1):  # of another machine: at least its last folder and its name
+            yield from (root.joinpath(*path.parts[k:]) for root in given)
+    else:
         yield urdf.resolve().parent / name

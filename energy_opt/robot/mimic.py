@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.robot.coupling import Coupling
+from energy_opt.robot.description import Description
 from energy_opt.robot.limits import PLACEHOLDER, SMALLEST, Limits
 from energy_opt.robot.links import Link
 from energy_opt.robot.units import unit_of
-from energy_opt.robot.urdf import mimics
 
 SAME = 1e-9  # share by which a follower's bound must be tighter than its leader's to count; less is rounding
 
 Law = tuple[str, float, float]  # the joint that leads, ratio and offset
 
 
-def followers(path: Path, locked: Mapping[str, float]) -> tuple[dict[str, float], dict[str, Law]]:
+def followers(description: Description, locked: Mapping[str, float]) -> tuple[dict[str, float], dict[str, Law]]:
     """The joints that stand still, and those that follow one that moves by itself.
 
     A joint that follows one that stands still stands still too, as does one with multiplier 0; one that is locked by
@@ -29,9 +28,9 @@ def followers(path: Path, locked: Mapping[str, float]) -> tuple[dict[str, float]
     Returns: `locked` with what stands still beside; laws of the others by name.
 
     Raises:
-        BadInput: the leader is no joint, or joints follow each other in a circle.
+        BadInput: joints follow each other in a circle.
     """
-    given, still, moving = mimics(path), dict(locked), {}
+    given, still, moving = description.mimics, dict(locked), {}
     for name in given:
         if name in locked:
             continue
@@ -40,7 +39,8 @@ def followers(path: Path, locked: Mapping[str, float]) -> tuple[dict[str, float]
             leader, multiplier, shift = given[leader]
             offset, ratio = offset + ratio * shift, ratio * multiplier
             if leader in seen:
-                raise BadInput(f"{path}: joint {name!r}, mimic: {' follows '.join([*seen, leader])}: a circle")
+                circle = " follows ".join([*seen, leader])
+                raise BadInput(f"{description.path}: joint {name!r}, mimic: {circle}: a circle")
             seen.append(leader)
         if leader in locked:
             still[name] = ratio * locked[leader] + offset
@@ -79,7 +79,8 @@ def leaders_limits(limits: Limits, links: Sequence[Link]) -> tuple[Limits, list[
             if not max(lower, ends[0]) < min(upper, ends[1]):
                 raise BadInput(
                     f"{leader.name}: no position in its limits [{lower:g}, {upper:g}] leaves {link.name}, which "
-                    f"follows it (mimic: {ratio:g} times it plus {offset:g}), in [{low:g}, {high:g}]"
+                    f"follows it (mimic: {ratio:g} times it plus {offset:g}), in [{low:g}, {high:g}]; --lock "
+                    f"{leader.name}=VALUE holds it where it takes no part"
                 )
             if ends[0] > lower + room or ends[1] < upper - room:
                 lower, upper = max(lower, ends[0]), min(upper, ends[1])

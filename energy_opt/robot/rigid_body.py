@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,81 +16,43 @@ import pinocchio as pin
 
 from energy_opt.errors import BadInput, near
 from energy_opt.robot.coupling import Coupling
-from energy_opt.robot.links import Follows, Link, LinkGeometry, PointMass, UrdfLimits, outermost
-from energy_opt.robot.meshes import collision_urdf
-from energy_opt.robot.urdf import check_urdf
+from energy_opt.robot.description import Description
+from energy_opt.robot.held import check_held
+from energy_opt.robot.links import Follows, Link, PointMass, UrdfLimits, outermost
+from energy_opt.robot.plain_urdf import plain_urdf
 
 FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
 
 
-def _read(path: Path, lock: Mapping[str, float], collision: str | None = None) -> tuple[Any, Any]:
-    """Pinocchio's model of a URDF with joints locked; with the geometry that the URDF text `collision` describes."""
-    if not path.is_file():
-        raise BadInput(f"{path}: no such URDF file")
+MARK = "link:"  # before links' names in Pinocchio's model: there a link and a joint of one name are told apart by kind
+
+
+def _built(description: Description) -> pin.Model:
+    """Pinocchio's model of all joints, made from the plain text of a description."""
+    for name, joint in description.joints.items():
+        if joint.kind in ("floating", "planar"):
+            raise BadInput(
+                f"{description.path}: joint {name} ({joint.kind}) has more than one degree of freedom; "
+                "expected an arm on a fixed base (type fixed where it does not move)"
+            )
     try:
-        model = pin.buildModelFromUrdf(str(path))
+        return pin.buildModelFromXML(plain_urdf(description, mark=MARK))
     except (ValueError, RuntimeError) as error:
-        raise BadInput(f"{path}: not a URDF that can be read: {' '.join(str(error).split())}") from None
-    for j in range(1, model.njoints):
-        if model.joints[j].nv != 1:
-            kind = model.joints[j].shortname()
-            raise BadInput(f"{path}: joint {model.names[j]} ({kind}) has more than one degree of freedom")
-    geometry = None
-    if collision is not None:
-        try:
-            geometry = pin.buildGeomFromUrdfString(model, collision, pin.GeometryType.COLLISION)
-        except (ValueError, RuntimeError) as error:
-            raise BadInput(f"{path}: {' '.join(str(error).split())}; --self-collision off goes without") from None
+        raise BadInput(f"{description.path}: not a URDF that can be read: {' '.join(str(error).split())}") from None
+
+
+def _reduced(model: pin.Model, description: Description, lock: Mapping[str, float]) -> pin.Model:
+    """The model without the joints of `lock`, which stay where it says."""
     full = pin.neutral(model)
     for name, position in lock.items():
         if name not in model.names:
-            names = model.names[1:]
-            raise BadInput(f"{path}: cannot lock {name!r}{near(name, names)}; joints are {', '.join(names)}")
+            names = ", ".join(model.names[1:])
+            raise BadInput(f"{description.path}: cannot lock {name!r}{near(name, model.names[1:])}; joints are {names}")
         joint = model.joints[model.getJointId(name)]
         full[joint.idx_q : joint.idx_q + joint.nq] = (
             [np.cos(position), np.sin(position)] if joint.nq == 2 else [position]
         )
-    if lock:
-        locked = [model.getJointId(name) for name in lock]
-        if geometry is None:
-            model = pin.buildReducedModel(model, locked, full)
-        else:
-            model, geometry = pin.buildReducedModel(model, geometry, locked, full)
-    return model, geometry
-
-
-def collision_geometry(path: Path, lock: Mapping[str, float], package_dirs: Sequence[Path] = ()) -> list[LinkGeometry]:
-    """The collision geometry of a URDF's links, joints in `lock` held where it says; empty where it has none.
-
-    Args:
-        package_dirs: folders in which the packages of `package://` addresses are looked for.
-
-    Raises:
-        BadInput: the file or one of its meshes is missing or cannot be read.
-    """
-    model, geometry = _read(path, lock, collision_urdf(path, package_dirs).text)
-    return [
-        LinkGeometry(
-            model.frames[thing.parentFrame].name,
-            int(thing.parentJoint) - 1,
-            thing.placement.homogeneous.copy(),
-            thing.geometry,
-        )
-        for thing in geometry.geometryObjects
-    ]
-
-
-def link_parents(path: Path) -> dict[str, str]:
-    """The link that each link of a URDF hangs on, by a moving or a fixed joint; the root is not among the keys."""
-    frames, out = _read(path, {})[0].frames, {}
-    for frame in frames:
-        if frame.type == pin.FrameType.BODY:
-            above = frames[frame.parentFrame]
-            while above.type != pin.FrameType.BODY and above.name != frames[0].name:
-                above = frames[above.parentFrame]
-            if above.type == pin.FrameType.BODY:
-                out[frame.name] = above.name
-    return out
+    return pin.buildReducedModel(model, [model.getJointId(name) for name in lock], full) if lock else model
 
 
 class RigidBody:
@@ -115,24 +76,30 @@ class RigidBody:
         self.last = outermost(self.tree())  # the joint that carries a payload
 
     @classmethod
-    def from_urdf(
-        cls, path: Path, lock: Mapping[str, float], follows: Mapping[str, tuple[str, float, float]] | None = None
+    def of(
+        cls,
+        description: Description,
+        lock: Mapping[str, float],
+        follows: Mapping[str, tuple[str, float, float]] | None = None,
     ) -> RigidBody:
-        """Read a URDF; joints named in `lock` stay at the given position (rad or m), those in `follows` follow.
+        """That of a description; joints named in `lock` stay at the given position (rad or m), `follows` follow.
 
         Raises:
-            BadInput: the file is missing or does not parse, a locked joint is unknown, or a joint has more than one
-                degree of freedom.
+            BadInput: a locked joint is unknown, none is left that moves, a joint has more than one degree of freedom,
+                or Pinocchio's model is not what the description says.
         """
-        if path.is_file():
-            check_urdf(path)
-        model, _ = _read(path, lock)
+        model = _built(description)
+        if model.nv > 0:
+            whole = cls(model)
+            check_held(description, whole.tree(), whole.link_frames(), whole.urdf_limits())
+        model = _reduced(model, description, lock)
         if model.nv == 0:
-            raise BadInput(f"{path}: no joint is left that moves")
+            raise BadInput(f"{description.path}: no joint is left that moves")
         return cls(model, follows)
 
     def urdf_limits(self) -> UrdfLimits:
-        """The limits of all joints of the tree as the URDF states them; continuous joints have none on position."""
+        """The limits of all joints of the tree as the URDF states them (0: not at all); continuous joints have none on
+        position."""
         m = self._model
         lower = np.where(self.continuous, -np.inf, m.lowerPositionLimit[self._index_q])
         upper = np.where(self.continuous, np.inf, m.upperPositionLimit[self._index_q])
@@ -192,7 +159,10 @@ class RigidBody:
     def link_frames(self) -> dict[str, tuple[int, np.ndarray]]:
         """Every link by name: index of the joint that carries it (-1: base), and its (4, 4) pose in that frame."""
         bodies = [frame for frame in self._model.frames if frame.type == pin.FrameType.BODY]
-        return {frame.name: (int(frame.parentJoint) - 1, frame.placement.homogeneous.copy()) for frame in bodies}
+        return {
+            frame.name.removeprefix(MARK): (int(frame.parentJoint) - 1, frame.placement.homogeneous.copy())
+            for frame in bodies
+        }
 
     def frame_motion(
         self, joint: int, pose: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray

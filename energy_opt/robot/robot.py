@@ -10,13 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput, near
-from energy_opt.files import inside, read_text, write_text
+from energy_opt.files import inside, write_text
 from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
+from energy_opt.robot.description import Description, read_description
 from energy_opt.robot.limits import Limits, with_assumptions
 from energy_opt.robot.limits_file import overlay
 from energy_opt.robot.links import Link
-from energy_opt.robot.meshes import collision_urdf
+from energy_opt.robot.masses import check_masses
+from energy_opt.robot.meshes import mesh_files
 from energy_opt.robot.mimic import followers, leaders_limits
+from energy_opt.robot.plain_urdf import plain_urdf
 from energy_opt.robot.rigid_body import RigidBody
 from energy_opt.robot.units import unit_of
 
@@ -30,20 +33,25 @@ class Robot:
         limits: after all overlays and assumptions.
         unlocked: the joints that would move by themselves if none were locked that is not locked by default.
         warnings: one line for each limit or inertia that is missing, zero or a placeholder, with what is assumed.
-        urdf: the file it was read from.
+        description: links, joints and collision bodies as they are in the file.
         locked: joints that stay where they are, with their positions; those that follow one of them too.
     """
 
     name: str
     limits: Limits
     body: RigidBody
-    urdf: Path
+    description: Description
     locked: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     unlocked: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, {self.n} joints)"
+
+    @property
+    def urdf(self) -> Path:
+        """The file that the robot was read from."""
+        return self.description.path
 
     def named_in(self, folder: Path) -> str:
         """What a document in `folder` names it by: its name in the catalogue, else a copy of its URDF there.
@@ -54,10 +62,10 @@ class Robot:
         if entry is not None and self.urdf == urdf_of(entry):
             return self.name
         try:
-            text = collision_urdf(self.urdf).text
+            meshes = mesh_files(self.description)
         except BadInput:  # meshes are missing: here as there
-            text = read_text(self.urdf)
-        write_text(folder / self.urdf.name, text)
+            meshes = {}
+        write_text(folder / self.urdf.name, plain_urdf(self.description, meshes))
         return self.urdf.name
 
     @property
@@ -132,8 +140,9 @@ def load_robot(
     else:
         path, name = urdf_of(entry), name_or_urdf
         published, usual = published_limits(name), dict(entry.lock)
-    body, locked = _body(path, {**usual, **(lock or {})})
-    unlocked = _body(path, usual)[0].joints if lock else body.joints
+    description = read_description(path)
+    body, locked = _body(description, {**usual, **(lock or {})})
+    unlocked = _body(description, usual)[0].joints if lock else body.joints
     links, stated = body.tree(), body.urdf_limits()
     free = np.full(len(links), np.inf)
     merged = Limits(stated.lower, stated.upper, stated.velocity, free, free.copy(), stated.effort)
@@ -144,47 +153,17 @@ def load_robot(
             scaled += said
     merged, led = leaders_limits(merged, links)
     merged, warnings = with_assumptions(merged, body.joints, _holding(links), body.slides)
-    return Robot(name, merged, body, path, locked, (*scaled, *led, *warnings, *_doubtful_inertias(links)), unlocked)
+    warnings += check_masses(description, locked, links)
+    return Robot(name, merged, body, description, locked, (*scaled, *led, *warnings), unlocked)
 
 
-def _body(path: Path, lock: Mapping[str, float]) -> tuple[RigidBody, dict[str, float]]:
-    """The rigid body of a URDF, and all joints of it that stay, with those that follow one of `lock`."""
-    locked, following = followers(path, lock) if path.is_file() else (dict(lock), {})
-    return RigidBody.from_urdf(path, locked, following), locked
+def _body(description: Description, lock: Mapping[str, float]) -> tuple[RigidBody, dict[str, float]]:
+    """The rigid body of a description, and all joints of it that stay, with those that follow one of `lock`."""
+    locked, following = followers(description, lock)
+    return RigidBody.of(description, locked, following), locked
 
 
 def _holding(links: Sequence[Link]) -> float:
     """Weight of the moving links times their summed reach (1 m at least), N m."""
     reach = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in links)
     return 9.81 * sum(link.mass for link in links) * max(reach, 1.0)
-
-
-def _doubtful_inertias(links: Sequence[Link]) -> list[str]:
-    """A warning for every link whose mass or inertia cannot be that of a real part; the values are used as they are."""
-    out = []
-    for k, link in enumerate(links):
-        if link.mass <= 1e-6:
-            if not any(child.parent == k for child in links):
-                out.append(f"{link.name}: its link has no mass; assumed: massless")
-            continue
-        moments = np.linalg.eigvalsh(link.inertia)
-        size = max(0.125, float(np.linalg.norm(link.lever)), _reach(links, k, 2))
-        gyration = float(np.sqrt(max(moments[-1], 0.0) / link.mass))
-        if moments[0] < -1e-9 or moments[0] + moments[1] < moments[2] * (1 - 1e-3) - 1e-9:
-            out.append(f"{link.name}: its link's inertia is not that of any body; used as it is")
-        elif gyration > 2 * size:
-            out.append(
-                f"{link.name}: radius of gyration {gyration:.2g} m of a link {size:.2g} m long is implausible "
-                "(a placeholder inertia?); used as it is"
-            )
-        elif moments[-1] <= 0:
-            out.append(f"{link.name}: its link has mass but no inertia; assumed: a point mass")
-    return out
-
-
-def _reach(links: Sequence[Link], k: int, depth: int) -> float:
-    """Summed offsets of the next `depth` joints after link k, m: how far the link may extend."""
-    children = [c for c, other in enumerate(links) if other.parent == k]
-    if depth == 0 or not children:
-        return 0.0
-    return max(float(np.linalg.norm(links[c].placement[:3, 3])) + _reach(links, c, depth - 1) for c in children)

@@ -1,14 +1,27 @@
-"""Reading of XML files of robots (URDF, SRDF): bounded, and without entities, which such files have no use for."""
+"""Reading of XML files of robots (URDF, SRDF): bounded, without entities, and strict about numbers.
+
+A number is digits with a point and an exponent, white space around it: no unit, no comma, no underscore, no infinity.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 import xml.etree.ElementTree as ElementTree
+from difflib import get_close_matches
 from pathlib import Path
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text
 
 LARGEST = 20_000_000  # bytes; the largest description of a robot that is known is a tenth of it
+SMALLEST = 1e-290  # a smaller number is 0: readers written in C refuse numbers below 2.2e-308
+SIMILAR = 0.75  # a tag so near to one that is read is a slip; "material" and "inertial" come to 0.62
+# Elements in use, most of them of simulators, with poses and shapes that are not the arm's: passed over
+FOREIGN = ("origin", "anchor", "contact", "surface", "self_filter", "collision_checking",
+           "self_collision_checking")  # fmt: skip
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_SPACE = " \t\r\n"
 
 
 def read_robot_xml(path: Path) -> ElementTree.Element:
@@ -28,8 +41,8 @@ def read_robot_xml(path: Path) -> ElementTree.Element:
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
         raise BadInput(f"{path}: not XML that can be read: {error}") from None
     if any(map(_of_xacro, root.iter())):
-        made = "robot.srdf" if ".srdf" in path.suffixes else "robot.urdf"
-        raise BadInput(f"{path}: a xacro file; run xacro first: xacro {path.name} > {made}")
+        plain = "robot.srdf" if ".srdf" in path.suffixes else "robot.urdf"
+        raise BadInput(f"{path}: a xacro file; run xacro first: xacro {path.name} > {plain}")
     if root.tag != "robot":
         raise BadInput(f"{path}: begins with <{root.tag}>; expected <robot>")
     return root
@@ -39,3 +52,97 @@ def _of_xacro(element: ElementTree.Element) -> bool:
     """Is this one of xacro's own elements, or does it hold an expression that xacro has not replaced yet?"""
     own = isinstance(element.tag, str) and "xacro" in element.tag
     return own or any("${" in value or "$(" in value for value in element.attrib.values())
+
+
+def number_in(where: str, element: ElementTree.Element | None, attribute: str, default: float | None = None) -> float:
+    """The number of an attribute.
+
+    Raises:
+        BadInput: it is not a finite number, or it is missing and has no default.
+    """
+    text = None if element is None else element.get(attribute)
+    if text is None:
+        if default is None:
+            raise BadInput(f"{where}: {attribute} is missing; expected a number")
+        return default
+    value = _number(text.strip(_SPACE))
+    if value is None:
+        raise BadInput(f"{where}: {attribute}={text[:60]!r} is not a finite number")
+    return value
+
+
+def vector_in(
+    where: str, element: ElementTree.Element | None, attribute: str, default: str | None = None
+) -> tuple[float, float, float]:
+    """Three numbers of an attribute, white space between them.
+
+    Raises:
+        BadInput: they are not three finite numbers, or missing without a default.
+    """
+    text = default if element is None else element.get(attribute, default)
+    if text is None:
+        raise BadInput(f"{where}: {attribute} is missing; expected three numbers")
+    values = [_number(word) for word in re.split(f"[{_SPACE}]+", text.strip(_SPACE))]
+    if len(values) != 3 or None in values:
+        raise BadInput(f"{where}: {attribute}={text[:60]!r}; expected three finite numbers")
+    x, y, z = (value or 0.0 for value in values)
+    return x, y, z
+
+
+def _number(word: str) -> float | None:
+    if not _NUMBER.fullmatch(word):
+        return None
+    value = float(word)
+    if not math.isfinite(value):
+        return None
+    return value if abs(value) >= SMALLEST else 0.0
+
+
+def only_child(where: str, element: ElementTree.Element, tag: str) -> ElementTree.Element | None:
+    """The one child of that tag, None where there is none; equal copies count as one.
+
+    Raises:
+        BadInput: children of that tag differ: readers disagree on which of them counts.
+    """
+    found = element.findall(tag)
+    if len({_content(child) for child in found}) > 1:
+        raise BadInput(f"{where}: <{tag}> is given {len(found)} times with different content; keep one")
+    return found[0] if found else None
+
+
+def _content(element: ElementTree.Element) -> str:
+    """What an element says, whatever its white space and the order of its attributes."""
+    return repr([(e.tag, sorted((k, v.split()) for k, v in e.attrib.items())) for e in element.iter()])
+
+
+def refuse_unread(
+    where: str,
+    element: ElementTree.Element,
+    children: tuple[str, ...] = (),
+    attributes: tuple[str, ...] | None = None,
+    elsewhere: frozenset[str] = frozenset(),
+    within: bool = True,
+) -> None:
+    """Refuse what would be passed over in silence though its author meant it to count.
+
+    Args:
+        children: tags that are read here; a tag that comes near to one of them is a slip.
+        attributes: those that are read; None where others may be there.
+        elsewhere: tags that are read at another place only.
+        within: unknown children may not hold places, shapes or masses either.
+
+    Raises:
+        BadInput: names the child or the attribute.
+    """
+    for child in element:
+        tag = child.tag if isinstance(child.tag, str) else ""
+        plain = tag.rpartition("}")[2].lower()
+        if tag in children:
+            continue
+        place = within and ({"xyz", "rpy"} & child.attrib.keys() or {part.tag for part in child.iter()} & elsewhere)
+        if plain in elsewhere or (place and plain not in FOREIGN) or get_close_matches(plain, children, 1, SIMILAR):
+            read = ", ".join(f"<{name}>" for name in children) or "nothing"
+            raise BadInput(f"{where}: <{tag[:60]}> is not read here; expected {read}")
+    unread = [] if attributes is None else [key for key in element.attrib if key not in attributes]
+    if unread and attributes is not None:
+        raise BadInput(f"{where}: attribute {unread[0]!r} is not known; expected {', '.join(attributes)}")

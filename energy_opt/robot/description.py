@@ -1,0 +1,281 @@
+"""A robot's description, read once and strictly: links, masses, collision bodies and joints of a URDF as plain numbers.
+
+Everything that is known of an arm comes from here. Libraries get what is written back from these numbers (see
+`plain_urdf`), never the file: they differ in what they take, and what one of them drops is lost in silence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from energy_opt.errors import BadInput, near
+from energy_opt.names import check_name
+from energy_opt.robot.xml import number_in, only_child, read_robot_xml, refuse_unread, vector_in
+
+Vector = tuple[float, float, float]
+
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+TRANSPOSED = ("iyx", "izx", "izy")  # in files in use beside the six, and passed over
+MOVING = ("revolute", "continuous", "prismatic")
+KINDS = (*MOVING, "fixed", "floating", "planar")
+SIZES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
+FARTHEST = 1e4  # [m] no length or position of an arm is larger
+HEAVIEST = 1e6  # [kg] nor any mass, by far
+LINK, JOINT = ("inertial", "collision", "visual"), ("origin", "parent", "child", "axis", "limit", "mimic")
+INERTIAL, COLLISION, SHAPES = ("origin", "mass", "inertia"), ("origin", "geometry"), (*SIZES, "mesh")
+BOUNDS = ("lower", "upper", "velocity", "effort")
+# What counts in one place only: elsewhere it would be passed over
+STRUCTURE = frozenset({"link", "joint", *LINK, *INERTIAL, *COLLISION, *SHAPES, *JOINT} - {"visual"})
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a frame is in another: position [m], and roll, pitch, yaw [rad] about fixed axes."""
+
+    xyz: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass [kg], centre of mass with the axes of the moments, and moments (in the order of `MOMENTS`) [kg m^2]."""
+
+    mass: float
+    pose: Pose
+    moments: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Collision:
+    """One collision body of a link.
+
+    Attributes:
+        kind: "box", "sphere", "cylinder", "capsule" (its length is between the centres of its caps) or "mesh".
+        size: edges; radius; radius and length along z [m]; of a mesh its scale along x, y and z.
+        file: of a mesh, as the description names it.
+    """
+
+    kind: str
+    size: tuple[float, ...]
+    pose: Pose
+    file: str = ""
+
+
+@dataclass(frozen=True)
+class LinkPart:
+    """A link: its inertia, if it has one, and its collision bodies."""
+
+    name: str
+    inertial: Inertial | None
+    collisions: tuple[Collision, ...]
+
+
+@dataclass(frozen=True)
+class JointPart:
+    """A joint.
+
+    Attributes:
+        kind: one of `KINDS`.
+        axis: not yet of unit length.
+        bounds: what is stated of lower, upper, velocity, effort.
+        mimic: joint that leads, multiplier and offset.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    pose: Pose
+    axis: Vector
+    bounds: dict[str, float]
+    mimic: tuple[str, float, float] | None
+
+
+@dataclass(frozen=True)
+class Description:
+    """A robot as its URDF says: a tree of links and joints by name, in the order of the file.
+
+    Attributes:
+        base: the link that hangs on no other.
+    """
+
+    path: Path
+    links: dict[str, LinkPart]
+    joints: dict[str, JointPart]
+    base: str
+
+    @property
+    def mimics(self) -> dict[str, tuple[str, float, float]]:
+        """The joints that follow another: its name, the multiplier and the offset (rad or m) of each."""
+        return {name: joint.mimic for name, joint in self.joints.items() if joint.mimic is not None}
+
+
+def read_description(path: Path) -> Description:
+    """The description of a robot.
+
+    Raises:
+        BadInput: not a tree of links and joints with finite numbers, or something in it would not count; names link or
+            joint, and attribute, and what would be right.
+    """
+    path = Path(path)
+    root = read_robot_xml(path)
+    refuse_unread(f"{path}", root, ("link", "joint"), None, STRUCTURE - {"mimic"}, within=False)
+    links = {name: _link(f"{path}: link {name!r}", name, e) for name, e in _named(path, root, "link")}
+    joints = {name: _joint(f"{path}: joint {name!r}", name, e, links) for name, e in _named(path, root, "joint")}
+    for name, joint in joints.items():
+        if joint.mimic is not None:
+            others = [other for other, its in joints.items() if its.kind != "fixed" and other != name]
+            if joint.mimic[0] not in others:
+                hint = near(joint.mimic[0], others) or f"; they are {', '.join(others) or 'none'}"
+                raise BadInput(
+                    f"{path}: joint {name!r}, mimic: joint={joint.mimic[0]!r}; expected the name of another joint "
+                    f"that moves{hint}"
+                )
+    return Description(path, links, joints, _base(path, links, joints))
+
+
+def _named(path: Path, root: Element, tag: str) -> list[tuple[str, Element]]:
+    out: dict[str, Element] = {}
+    for element in root.findall(tag):
+        name = element.get("name")
+        if not name:
+            raise BadInput(f"{path}: a <{tag}> without a name")
+        check_name(name, f"{path}: <{tag}>")
+        if name in out:
+            raise BadInput(f"{path}: {tag} {name!r} is there twice")
+        out[name] = element
+    return list(out.items())
+
+
+def _pose(where: str, element: Element) -> Pose:
+    origin, where = only_child(where, element, "origin"), f"{where}, origin"
+    if origin is None:
+        return Pose()
+    refuse_unread(where, origin, (), ("xyz", "rpy"))
+    xyz = vector_in(where, origin, "xyz", "0 0 0")
+    if max(map(abs, xyz)) > FARTHEST:
+        raise BadInput(f"{where}: xyz={origin.get('xyz')!r}; expected metres, at most {FARTHEST:g}")
+    return Pose(xyz, vector_in(where, origin, "rpy", "0 0 0"))
+
+
+def _link(where: str, name: str, link: Element) -> LinkPart:
+    refuse_unread(where, link, LINK, None, STRUCTURE - {"origin"})  # a link has none; some files give it one
+    inertial = only_child(where, link, "inertial")
+    bodies = [_collision(f"{where}, collision", element) for element in link.findall("collision")]
+    return LinkPart(name, None if inertial is None else _inertial(f"{where}, inertial", where, inertial), tuple(bodies))
+
+
+def _inertial(at: str, where: str, inertial: Element) -> Inertial:
+    refuse_unread(at, inertial, INERTIAL, None, STRUCTURE)
+    pose, mass, inertia = _pose(at, inertial), only_child(at, inertial, "mass"), only_child(at, inertial, "inertia")
+    for element, tag, attributes in ((mass, "mass", ("value",)), (inertia, "inertia", (*MOMENTS, *TRANSPOSED))):
+        if element is not None:
+            refuse_unread(f"{where}, {tag}", element, (), attributes)
+    value = number_in(f"{where}, mass", mass, "value")
+    if value < 0:
+        raise BadInput(f"{where}, mass: value={value:g} kg is negative")
+    moments = tuple(number_in(f"{where}, inertia", inertia, moment) for moment in MOMENTS)
+    if max(value, *map(abs, moments)) > HEAVIEST:
+        raise BadInput(f"{where}, inertial: a mass or moment above {HEAVIEST:g} kg or kg m^2 is no robot's")
+    return Inertial(value, pose, moments)
+
+
+def _collision(where: str, collision: Element) -> Collision:
+    refuse_unread(where, collision, COLLISION, None, STRUCTURE)
+    pose, geometry = _pose(where, collision), only_child(where, collision, "geometry")
+    shapes = [] if geometry is None else list(geometry)
+    if len(shapes) != 1 or shapes[0].tag not in SHAPES:
+        found = ", ".join(f"<{str(shape.tag)[:60]}>" for shape in shapes) or "nothing"
+        raise BadInput(f"{where}, geometry: holds {found}; expected one of {', '.join(f'<{s}>' for s in SHAPES)}")
+    shape, kind = shapes[0], str(shapes[0].tag)
+    where = f"{where}, {kind}"
+    if kind == "mesh":
+        refuse_unread(where, shape, (), ("filename", "scale"))
+        file, scale = shape.get("filename", "").strip(), vector_in(where, shape, "scale", "1 1 1")
+        if not file or not file.isprintable():
+            raise BadInput(f"{where}: filename={file[:60]!r}; expected the name of a file")
+        if not all(1e-9 <= abs(x) <= FARTHEST for x in scale):
+            raise BadInput(f"{where}: scale={shape.get('scale')!r}; expected three numbers other than 0")
+        return Collision(kind, scale, pose, file)
+    names = SIZES[kind]
+    refuse_unread(where, shape, (), names or ("size",))
+    size: tuple[float, ...] = tuple(number_in(where, shape, name) for name in names) or vector_in(where, shape, "size")
+    for name, value in zip(names or ("size",) * 3, size, strict=True):
+        if not 0 <= value <= FARTHEST:  # files in use have boxes and spheres of size 0: points
+            raise BadInput(f"{where}: {name}={shape.get(name)!r}; expected metres, 0 to {FARTHEST:g}")
+    return Collision(kind, size, pose)
+
+
+def _joint(where: str, name: str, joint: Element, links: dict[str, LinkPart]) -> JointPart:
+    kind = joint.get("type", "")
+    if kind not in KINDS:
+        raise BadInput(f"{where}: type={kind!r}; expected one of {', '.join(KINDS)}")
+    refuse_unread(where, joint, JOINT, None, STRUCTURE)
+    ends = []
+    for end in ("parent", "child"):
+        element = only_child(where, joint, end)
+        link = "" if element is None else element.get("link", "")
+        if link not in links:
+            raise BadInput(f"{where}: its {end} link {link!r} is not in the file")
+        ends.append(link)
+    axis = (1.0, 0.0, 0.0)
+    direction = only_child(where, joint, "axis")
+    if kind in MOVING and direction is not None:
+        refuse_unread(f"{where}, axis", direction, (), ("xyz", "rpy"))
+        axis = vector_in(f"{where}, axis", direction, "xyz")
+        if not 1e-6 <= sum(x * x for x in axis) ** 0.5 <= FARTHEST:
+            raise BadInput(f"{where}, axis: xyz={direction.get('xyz')!r} has no length; expected a direction")
+    bounds = _bounds(where, kind, only_child(where, joint, "limit")) if kind in MOVING else {}
+    law = only_child(where, joint, "mimic") if kind in MOVING else None
+    mimic = None
+    if law is not None:
+        at = f"{where}, mimic"
+        refuse_unread(at, law, (), ("joint", "multiplier", "offset"))
+        mimic = law.get("joint", ""), number_in(at, law, "multiplier", 1.0), number_in(at, law, "offset", 0.0)
+    return JointPart(name, kind, ends[0], ends[1], _pose(where, joint), axis, bounds, mimic)
+
+
+def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:
+    if limit is None:
+        if kind == "continuous":
+            return {}
+        raise BadInput(f"{where}: <limit> is missing; expected lower, upper, velocity and effort of a {kind} joint")
+    at = f"{where}, limit"
+    for key in limit.attrib:
+        absent = [name for name in BOUNDS if name not in limit.attrib]  # one of which it may have been meant to be
+        if key not in BOUNDS and absent and (kind != "continuous" or near(key, absent)):
+            hint = near(key, absent) or f"; {', '.join(absent)} missing"
+            raise BadInput(f"{at}: attribute {key!r} is not known{hint}")
+    bounds = {name: number_in(at, limit, name) for name in BOUNDS if name in limit.attrib}
+    if kind != "continuous" and bounds.get("lower", 0.0) > bounds.get("upper", 0.0):
+        raise BadInput(f"{at}: lower={bounds.get('lower', 0.0):g} is above upper={bounds.get('upper', 0.0):g}")
+    for name in ("velocity", "effort"):
+        if bounds.get(name, 0.0) < 0:
+            raise BadInput(f"{at}: {name}={limit.get(name)} is negative")
+    return bounds
+
+
+def _base(path: Path, links: dict[str, LinkPart], joints: dict[str, JointPart]) -> str:
+    """The link that hangs on no other; every other link hangs on one, and in the end on it."""
+    parent_of: dict[str, str] = {}
+    for name, joint in joints.items():
+        if joint.child in parent_of:
+            raise BadInput(f"{path}: link {joint.child!r} has two parents; joint {name!r} gives it the second")
+        parent_of[joint.child] = joint.parent
+    roots = [name for name in links if name not in parent_of]
+    if len(roots) != 1:
+        found = ", ".join(map(repr, roots[:5])) or "none: its joints go in a circle"
+        raise BadInput(f"{path}: expected one link without a parent, the base; found {found}")
+    reached, children = {roots[0]}, dict[str, list[str]]()
+    for child, parent in parent_of.items():
+        children.setdefault(parent, []).append(child)
+    edge = list(roots)
+    while edge:
+        edge = [child for parent in edge for child in children.get(parent, [])]
+        reached |= set(edge)
+    if len(reached) < len(links):
+        circle = next(name for name in links if name not in reached)
+        raise BadInput(f"{path}: link {circle!r} hangs in a circle of joints, not on the base {roots[0]!r}")
+    return roots[0]

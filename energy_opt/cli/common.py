@@ -269,7 +269,10 @@ def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
             raise BadInput(f"{option}: no value for {', '.join(missing)}")
         return np.array([given[joint] for joint in joints])
     if len(parts) != len(joints):
-        raise BadInput(f"{option}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
+        hint = "; hold joints that take no part by --lock NAME=VALUE" if len(parts) < len(joints) else ""
+        raise BadInput(
+            f"{option}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}{hint}"
+        )
     return np.array([finite_number(part, f"{option} {text}", "numbers [rad, m]") for part in parts])
 
 

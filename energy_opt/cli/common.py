@@ -147,11 +147,8 @@ def load_robot_of(args: argparse.Namespace, name: str = "") -> Robot:
 
 def locks_of(args: argparse.Namespace) -> dict[str, float]:
     """The joints that --lock holds, and where."""
-    lock = {}
-    for word in args.lock:
-        joint, _, value = word.partition("=")
-        lock[joint] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
-    return lock
+    words = [(word, *word.partition("=")) for word in args.lock]
+    return {joint: finite_number(value, f"--lock {word}", "JOINT=VALUE") for word, joint, _, value in words}
 
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:

@@ -12,7 +12,7 @@ from energy_opt.cell.arm import neighbours
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
-from energy_opt.robot import Robot, load_robot, tool_of
+from energy_opt.robot import Robot, load_robot
 from energy_opt.robot import held as held_
 from energy_opt.robot.description import read_description
 
@@ -145,9 +145,6 @@ def test_a_link_and_a_joint_may_share_a_name(tmp_path: Path) -> None:
     robot = load_robot(path)
     assert robot.joints == ("l2", "l1") and set(robot.body.link_frames()) == {"l0", "l1", "l2"}
     assert robot.body.link_frames()["l2"][0] == 1 and pairs(Cell(robot, CellRequest())) == {("l0", "l2")}
-    assert (
-        tool_of(robot.body).joint == 1 and tool_of(robot.body, "l2").joint == 1 and tool_of(robot.body, "l1").joint == 0
-    )
     still = load_robot(path, lock={"l1": 0.5})
     assert still.joints == ("l2",) and still.body.link_frames()["l2"][0] == 0
 

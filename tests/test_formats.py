@@ -174,7 +174,7 @@ def test_names_with_a_prefix(tmp_path: Path) -> None:
 def test_written_messages_keep_every_digit(tmp_path: Path, writer: Any) -> None:
     """Read back by another library, and by us: what was written, times to the nanosecond."""
     file = tmp_path / ("m.json" if writer is messages.write_json_file else "m.yaml")
-    curve = replace(wave(7), joints=("no", "1.5"), effort=np.full((7, 2), 1e-16) * np.arange(14).reshape(7, 2))
+    curve = replace(wave(7), joints=("it's: a", "b"), effort=np.full((7, 2), 1e-16) * np.arange(14).reshape(7, 2))
     writer(curve, file)
     message = (json.loads if file.suffix == ".json" else yaml.safe_load)(file.read_text())
     message = message.get("trajectory", message)

@@ -48,7 +48,7 @@ def test_pairs_and_poses(tmp_path: Path) -> None:
         ("<urdf/>", "expected <robot>"),
         ('<!DOCTYPE r [<!ENTITY a "b">]><robot/>', "document type"),
         ('<robot><disable_collisions link1="a"/></robot>', "without link2"),
-        ('<robot><group_state name="x"><joint name="j" value="nan"/></group_state></robot>', "not a finite"),
+        ('<robot><group_state name="x"><joint name="j" value="nan"/></group_state></robot>', "not finite"),
     ],
 )
 def test_faulty_files_are_one_line(tmp_path: Path, text: str, says: str) -> None:

@@ -8,6 +8,7 @@ interval costs the same whether it spans one row or thousands. Only below one ro
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -58,14 +59,23 @@ class MotionCurve:
     """Time (N,) [s], position, velocity, acceleration (N, n) of a motion's rows."""
 
     def __init__(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> None:
-        self.time, self.rows = time, len(time)
-        self._position = position
         h = np.diff(time)[:, None]
         ends = (
             position[:-1], h * velocity[:-1], h**2 * acceleration[:-1],
             position[1:], h * velocity[1:], h**2 * acceleration[1:],
         )  # fmt: skip
-        self._bernstein = np.tensordot(_ENDS, np.stack(ends), axes=1)  # (6, pieces, n)
+        self._hold(time, position, np.tensordot(_ENDS, np.stack(ends), axes=1))
+
+    @classmethod
+    def of_pieces(cls, time: np.ndarray, bernstein: np.ndarray) -> Self:
+        """A curve of quintic pieces between the times (N,) [s], by their Bernstein coefficients (6, N - 1, n)."""
+        out = cls.__new__(cls)
+        out._hold(time, np.vstack([bernstein[0], bernstein[-1, -1:]]), bernstein)
+        return out
+
+    def _hold(self, time: np.ndarray, position: np.ndarray, bernstein: np.ndarray) -> None:
+        self.time, self.rows = time, len(time)
+        self._position, self._bernstein = position, bernstein  # (6, pieces, n)
         self._low = _tables(self._bernstein.min(axis=0), np.minimum)
         self._high = _tables(self._bernstein.max(axis=0), np.maximum)
 
@@ -103,6 +113,10 @@ class MotionCurve:
         k = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.rows - 2))
         x = (time - self.time[k]) / (self.time[k + 1] - self.time[k])
         return _part(self._bernstein[:, [k]], np.full((1, 1), x), np.ones((1, 1)))[0, 0]
+
+    def cut(self, piece: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Bernstein coefficients (6, M, n) of parts of pieces (M,): from share `begin` to share `end` of each."""
+        return _part(self._bernstein[:, piece], begin[:, None], end[:, None])
 
     def at(self, row: int) -> np.ndarray:
         """Position (n,) of a row."""

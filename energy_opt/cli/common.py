@@ -147,8 +147,11 @@ def load_robot_of(args: argparse.Namespace, name: str = "") -> Robot:
 
 def locks_of(args: argparse.Namespace) -> dict[str, float]:
     """The joints that --lock holds, and where."""
-    words = [(word, *word.partition("=")) for word in args.lock]
-    return {joint: finite_number(value, f"--lock {word}", "JOINT=VALUE") for word, joint, _, value in words}
+    lock = {}
+    for word in args.lock:
+        joint, _, value = word.partition("=")
+        lock[joint] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
+    return lock
 
 
 def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
@@ -266,10 +269,7 @@ def joint_vector(text: str, joints: Sequence[str], option: str) -> np.ndarray:
             raise BadInput(f"{option}: no value for {', '.join(missing)}")
         return np.array([given[joint] for joint in joints])
     if len(parts) != len(joints):
-        hint = "; hold joints that take no part by --lock NAME=VALUE" if len(parts) < len(joints) else ""
-        raise BadInput(
-            f"{option}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}{hint}"
-        )
+        raise BadInput(f"{option}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
     return np.array([finite_number(part, f"{option} {text}", "numbers [rad, m]") for part in parts])
 
 

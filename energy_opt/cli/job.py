@@ -22,6 +22,7 @@ from energy_opt.cli.common import (
 from energy_opt.errors import Infeasible
 
 if TYPE_CHECKING:
+    from energy_opt.power import PowerModel
     from energy_opt.robot import Robot
 
 WORKCELL = "energy-opt/job/2"
@@ -110,20 +111,36 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_workcell(args: argparse.Namespace) -> int:
+    from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
     from energy_opt.files import read_toml, to_json
     from energy_opt.folders import written_whole
+    from energy_opt.front.given import model_from
     from energy_opt.front.request import guard, stamp
+    from energy_opt.motion import Settings
+    from energy_opt.robot import load_robot
     from energy_opt.workcell.file import load_workcell
     from energy_opt.workcell.output import write
     from energy_opt.workcell.run import run_workcell
 
     cell = load_workcell(args.job)
+    given = args.model[0] if args.model else None
+
+    def model_of(name: str | None, robot: Robot) -> PowerModel:
+        beside = None if name is None else args.job.parent / name
+        return model_from(given or (beside if beside is not None and beside.is_file() else name), robot)
+
     request = {"job": read_toml(args.job), **stamp(args.command)}
     guard(args.out / "job.json", request, args.force)
-    with Progress(args):
-        result = run_workcell(cell)
+    settings = Settings(
+        seed=args.seed, compile=args.compile, **({} if args.starts is None else {"starts": args.starts})
+    )
+    with stop_on_interrupt() as stopped, Progress(args) as progress:
+        result = run_workcell(
+            cell, args.job, load=load_robot, model_of=model_of, settings=settings, request=cell_of(args),
+            stopped=stopped, progress=progress,
+        )  # fmt: skip
         with written_whole(args.out, "job.json") as aside:
             found = write(result, request, aside)
     for warning in found["warnings"]:
@@ -133,7 +150,9 @@ def _run_workcell(args: argparse.Namespace) -> int:
         sys.stdout.write(to_json(found))
     elif not args.quiet:
         print(_text_of_workcell(found, args.out))
-    return 0
+    if result.interrupted:
+        return 130
+    return 0 if result.solved else 4
 
 
 def _text_of_workcell(found: dict[str, Any], out: Path) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.motion.path import JointPath, of_trajectory, through
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.names import check_name
 
 LARGEST = 1e9  # rad or m, and per second, ...: what no joint does
 SHORTEST = 1e-10  # [s] between two rows: messages count nanoseconds
@@ -44,8 +43,6 @@ class Rows:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for joint in self.joints:
-            check_name(joint, f"{self.where}: joint")
         for kind in KINDS:
             block = getattr(self, kind)
             if block is not None and block.size and np.abs(block).max() > LARGEST:

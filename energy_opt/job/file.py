@@ -101,7 +101,19 @@ def load_job(
     Raises:
         BadInput: names every fault, one a line, with the step's name.
     """
-    job, faults = _read(Path(path), load, allow_outside, payload)
+    return job_of(read_toml(Path(path)), Path(path), load, allow_outside=allow_outside, payload=payload)
+
+
+def job_of(
+    document: Mapping[str, Any],
+    path: Path,
+    load: Callable[[str], Robot],
+    *,
+    allow_outside: bool = False,
+    payload: Load | None = None,
+) -> Job:
+    """A job from a document that was read; `path` is the file that other files lie beside. Else as `load_job`."""
+    job, faults = _read(document, path, load, allow_outside, payload)
     if faults or job is None:
         raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
     return job
@@ -110,7 +122,7 @@ def load_job(
 def check_job(path: Path, load: Callable[[str], Robot], *, allow_outside: bool = False) -> list[str]:
     """Every fault of a job file, one line each; empty where it is usable. Arguments are those of `load_job`."""
     try:
-        return [f"{path}: {fault}" for fault in _read(Path(path), load, allow_outside)[1]]
+        return [f"{path}: {fault}" for fault in _read(read_toml(Path(path)), Path(path), load, allow_outside)[1]]
     except BadInput as error:
         return str(error).splitlines()
 
@@ -192,9 +204,12 @@ class _Reader:
 
 
 def _read(
-    path: Path, load: Callable[[str], Robot], allow_outside: bool, payload: Load | None = None
+    document: Mapping[str, Any],
+    path: Path,
+    load: Callable[[str], Robot],
+    allow_outside: bool,
+    payload: Load | None = None,
 ) -> tuple[Job | None, list[str]]:
-    document = read_toml(path)
     if document.get("format") != FORMAT:
         return None, [f"format = {document.get('format')!r}; expected {FORMAT!r}"]
     name = document.get("robot")

@@ -223,8 +223,8 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
         )
     robot = document.get("robot", "")
     rows = document.get("effect", [])
-    if not isinstance(robot, str) or not robot.isprintable():
-        raise BadInput(f"{where}: robot = {str(robot)[:60]!r}; expected a name in quotes")
+    if not isinstance(robot, str):
+        raise BadInput(f"{where}: robot = {robot!r}; expected a name in quotes")
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise BadInput(f"{where}: effect is not a list of [[effect]] tables")
     effects = []

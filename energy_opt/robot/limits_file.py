@@ -30,7 +30,6 @@ import numpy as np
 
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_yaml
-from energy_opt.names import check_name
 from energy_opt.robot.limits import SMALLEST, Limits
 
 SIZES = {"velocity": "min_velocity", "acceleration": "min_acceleration", "jerk": None, "effort": None}
@@ -116,7 +115,7 @@ def _document(path: Path) -> tuple[dict[str, float], dict[str, Mapping[str, Any]
                 raise BadInput(f"{path}: {key} = {value:g}; expected a factor above 0 and at most 1")
             factors[key] = value
     for name, row in table.items():
-        where = f"{path}: joint_limits.{check_name(str(name), f'{path}: joint_limits')}"
+        where = f"{path}: joint_limits.{name}"
         if not isinstance(row, dict):
             raise BadInput(f"{where}: not a table of limits")
         _known(row, (*FLAGS, *NUMBERS), where)

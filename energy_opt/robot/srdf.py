@@ -10,10 +10,10 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.names import check_name
+from energy_opt.files import finite_number
 from energy_opt.robot.catalog import srdf_beside
 from energy_opt.robot.robot import Robot
-from energy_opt.robot.xml import number_in, read_robot_xml
+from energy_opt.robot.xml import read_robot_xml
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,6 @@ def read_srdf(path: Path) -> Srdf:
         value = element.get(key)
         if not value:
             raise BadInput(f"{path}: <{element.tag}> without {key}")
-        if key != "value":
-            check_name(value, f"{path}: <{element.tag}>")
         return str(value)
 
     def pairs(tag: str) -> list[tuple[str, str, str]]:
@@ -78,9 +76,10 @@ def read_srdf(path: Path) -> Srdf:
     for state in root.iter("group_state"):
         joints = states.setdefault(of(state, "name"), {})
         for joint in state.iter("joint"):
+            words = of(joint, "value").split()
             where = f"{path}: group_state {state.get('name')}, joint {of(joint, 'name')}"
-            if len(of(joint, "value").split()) == 1:  # joints of several degrees of freedom are none of an arm's
-                joints[of(joint, "name")] = number_in(where, joint, "value")
+            if len(words) == 1:  # joints of several degrees of freedom are none of an arm's
+                joints[of(joint, "name")] = finite_number(words[0], where, "a position [rad or m]")
     return Srdf(
         str(path),
         {(a, b): reason for a, b, reason in pairs("disable_collisions")},
@@ -93,14 +92,4 @@ def read_srdf(path: Path) -> Srdf:
 def semantics(robot: Robot, file: Path | None = None) -> Srdf:
     """What `file` says of the robot; without one, the SRDF beside a robot by name; an empty one where there is none."""
     file = file or srdf_beside(robot.name, robot.urdf)
-    if file is None:
-        return Srdf()
-    out, links = read_srdf(file), robot.description.links
-    named = {link for pair in (*out.disabled, *out.enabled) for link in pair} | set(out.silent)
-    if named and not named & links.keys():
-        raise BadInput(
-            f"{file}: names links such as {min(named)}; {robot.name} has none of them, but links such as "
-            f"{', '.join(list(links)[:3])}: expected this robot's own SRDF, or none (then pairs that always touch are "
-            "found by sampling)"
-        )
-    return out
+    return Srdf() if file is None else read_srdf(file)

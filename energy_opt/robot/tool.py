@@ -26,18 +26,16 @@ class Tool:
 
 
 def tool_of(body: RigidBody, words: str | None = None) -> Tool:
-    """The tool that FRAME[,X,Y,Z] describes: a link's or joint's frame, and its origin there [m].
+    """The tool that FRAME[,X,Y,Z] describes: a joint's or link's frame, and its origin there [m].
 
-    The last joint's frame by default. A name that a link and a joint share is the link's.
+    The last joint's frame by default.
 
     Raises:
         BadInput: unknown frame, a frame that does not move, or numbers that are none.
     """
     links = body.tree()
     name, *offset = (links[body.last].name if words is None else words).split(",")
-    frames = {link.name: (k, np.eye(4)) for k, link in enumerate(links)}
-    if words is not None:
-        frames |= body.link_frames()
+    frames = {**body.link_frames(), **{link.name: (k, np.eye(4)) for k, link in enumerate(links)}}
     if name not in frames:
         raise BadInput(f"--tool {words}: no frame {name!r}; frames are {', '.join(frames)}")
     joint, pose = frames[name]

@@ -5,7 +5,7 @@ a mixed-integer program; `solve.py` returns a schedule and a lower bound on the 
 """
 
 from energy_opt.schedule.curves import Curve, Hull, Polynomial
-from energy_opt.schedule.problem import Exclusion, Lag, Mode, Move, Problem, Ring, Wait
+from energy_opt.schedule.problem import Exclusion, Lag, Mode, Move, Problem, Ring, Run, Wait
 from energy_opt.schedule.solve import Schedule, solve
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Polynomial",
     "Problem",
     "Ring",
+    "Run",
     "Schedule",
     "Wait",
     "solve",

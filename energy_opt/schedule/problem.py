@@ -89,17 +89,26 @@ class Lag:
 
 
 @dataclass(frozen=True)
-class Exclusion:
-    """Two runs of steps of different rings that may not overlap in time.
+class Run:
+    """Consecutive steps of a ring, as an interval of time.
 
     Attributes:
-        first, second: (ring, first step, last step), indices; last may be smaller than first where the run passes the
-            end of the ring.
-        gap: seconds between the two.
+        ring, first, last: indices; `last` is smaller than `first` where the run passes the end of the ring.
+        part: shares of the duration of `first` at which the interval begins and ends; None for the whole run.
     """
 
-    first: tuple[int, int, int]
-    second: tuple[int, int, int]
+    ring: int
+    first: int
+    last: int
+    part: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """Two runs of different rings that may not overlap in time, in any cycle; `gap` seconds lie between them."""
+
+    first: Run
+    second: Run
     gap: float = 0.0
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from energy_opt.schedule.problem import Move, Problem
+from energy_opt.schedule.problem import Move, Problem, Run
 
 Terms = dict[int, float]  # coefficients by variable
 FEASIBLE = 1e-9  # tolerance of HiGHS on constraints and integers: seconds are held to a nanosecond
@@ -164,21 +164,24 @@ class Program:
         cycle = self.problem.cycle_time
         for pair in self.problem.exclusions:
             cycles = self._cycles()
-            one, two = (self._run(run) for run in (pair.first, pair.second))
-            for (_, end), sign, length in (one, 1.0, 0.0), (two, -1.0, cycle):
-                other = two[0] if sign > 0 else one[0]
-                # end + gap <= begin of the other + C h, or + C (1 - h)
-                terms = _sum(other, {j: -c for j, c in end.items()}, {cycles: sign * cycle})
+            (begin_1, end_1), (begin_2, end_2) = map(self._run, (pair.first, pair.second))
+            # end_1 + gap <= begin_2 + C h and end_2 + gap <= begin_1 + C (1 - h)
+            for begin, end, sign, length in (begin_2, end_1, 1.0, 0.0), (begin_1, end_2, -1.0, cycle):
+                terms = _sum(begin, {j: -c for j, c in end.items()}, {cycles: sign * cycle})
                 self.constraints.append((terms, pair.gap - length, np.inf))
 
-    def _run(self, run: tuple[int, int, int]) -> tuple[Terms, Terms]:
-        """Start and end of a run of steps, as terms (the end in the cycle that its start is in)."""
-        ring, first, last = run
-        count = len(self.problem.rings[ring].steps)
-        end: Terms = {self.start[ring, first]: 1.0}
-        for k in range((last - first) % count + 1):
-            end = _sum(end, self.duration[ring, (first + k) % count])
-        return {self.start[ring, first]: 1.0}, end
+    def _run(self, run: Run) -> tuple[Terms, Terms]:
+        """Begin and end of a run (the end in the cycle that its begin is in)."""
+        start: Terms = {self.start[run.ring, run.first]: 1.0}
+        if run.part is not None:
+            lengths = self.duration[run.ring, run.first]
+            begin, end = (_sum(start, {j: share * c for j, c in lengths.items()}) for share in run.part)
+            return begin, end
+        count = len(self.problem.rings[run.ring].steps)
+        end = start
+        for k in range((run.last - run.first) % count + 1):
+            end = _sum(end, self.duration[run.ring, (run.first + k) % count])
+        return start, end
 
 
 def _sum(*parts: Terms) -> Terms:

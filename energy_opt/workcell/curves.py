@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
 from energy_opt.errors import BadInput
-from energy_opt.schedule import Exclusion, Lag, Mode, Move, Polynomial, Problem, Ring, Wait
+from energy_opt.schedule import Exclusion, Lag, Mode, Move, Polynomial, Problem, Ring, Run, Wait
 from energy_opt.workcell.file import ModeTable, RobotTable, StepTable, WorkCell, step_name
 
 SHORTEST = 1e-3  # [s] a curve with negative powers of the duration is not evaluated below
@@ -50,20 +50,25 @@ def ring_of(cell: WorkCell, robot: RobotTable) -> Ring:
     return Ring(robot.name, tuple(steps))
 
 
-def problem_of(cell: WorkCell, rings: Mapping[str, Ring]) -> Problem:
-    """The problem of a cell: rings by robot name, with its lags, `after` and zones."""
-    return Problem(
-        cell.cycle_time, tuple(rings[robot.name] for robot in cell.robot), tuple(_lags(cell)), tuple(_exclusions(cell))
-    )
+def problem_of(cell: WorkCell, rings: Mapping[str, Ring], exclusions: Sequence[Exclusion] = ()) -> Problem:
+    """The problem of a cell: rings by robot name, with its lags, `after`, zones, and further `exclusions`."""
+    apart = (*_exclusions(cell, rings), *exclusions)
+    return Problem(cell.cycle_time, tuple(rings[r.name] for r in cell.robot), tuple(_lags(cell, rings)), apart)
 
 
-def _lags(cell: WorkCell) -> list[Lag]:
-    out = [Lag(cell.step_at(lag.begin), cell.step_at(lag.end), lag.length, lag.height) for lag in cell.lag]
+def _lags(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Lag]:
+    places = [step_places(robot, rings[robot.name]) for robot in cell.robot]
+
+    def at(name: str) -> tuple[int, int]:
+        r, k = cell.step_at(name)
+        return r, places[r][k]
+
+    out = [Lag(at(lag.begin), at(lag.end), lag.length, lag.height) for lag in cell.lag]
     for r, robot in enumerate(cell.robot):
-        for k, step in enumerate(robot.step):
+        for k, step in zip(places[r], robot.step, strict=True):
             if step.after is None:
                 continue
-            before = cell.step_at(step.after)
+            before = at(step.after)
             if (
                 step.lag is not None
             ):  # from the end of the one to the start of the other, a whole number of cycles later
@@ -74,18 +79,32 @@ def _lags(cell: WorkCell) -> list[Lag]:
     return out
 
 
-def _exclusions(cell: WorkCell) -> list[Exclusion]:
-    """Runs of consecutive steps in one zone, of different robots, two by two. Both keep the jitter apart."""
-    runs: dict[str, list[tuple[int, int, int]]] = {}
+def _exclusions(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Exclusion]:
+    """Runs of consecutive steps in one zone, of different robots, two by two, apart by the jitter of both."""
+    zoned: dict[str, list[Run]] = {}
     for r, robot in enumerate(cell.robot):
-        zones = [step.zone for step in robot.step]
-        count = len(zones)
+        ring, places = rings[robot.name], step_places(robot, rings[robot.name])
+        zones: list[str | None] = [None] * len(ring.steps)
+        for step, k in zip(robot.step, places, strict=True):
+            zones[k] = step.zone
+        for k in range(1, len(zones)):  # a wait that was added stays in the zone of the step before it
+            zones[k] = zones[k - 1] if k not in places else zones[k]
         for k, zone in enumerate(zones):
             if zone is None or (zones[k - 1] == zone and len(set(zones)) > 1):
                 continue
             last = k
-            while last - k < count - 1 and zones[(last + 1) % count] == zone:
+            while last - k < len(zones) - 1 and zones[(last + 1) % len(zones)] == zone:
                 last += 1
-            runs.setdefault(zone, []).append((r, k, last % count))
-    pairs = [pair for zone in runs.values() for pair in combinations(zone, 2)]
-    return [Exclusion(one, two, 2 * cell.jitter) for one, two in pairs if one[0] != two[0]]
+            zoned.setdefault(zone, []).append(Run(r, k, last % len(zones)))
+    pairs = [pair for runs in zoned.values() for pair in combinations(runs, 2)]
+    return [Exclusion(one, two, 2 * cell.jitter) for one, two in pairs if one.ring != two.ring]
+
+
+def step_places(robot: RobotTable, ring: Ring) -> list[int]:
+    """Where a robot's own steps are in its ring, which may hold further waits."""
+    names = [step.name for step in ring.steps]
+    out: list[int] = []
+    for k, step in enumerate(robot.step):
+        name = step_name(k, step)
+        out.append(names.index(name) if name in names else out[-1])  # a pose that is passed belongs to the step before
+    return out

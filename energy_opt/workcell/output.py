@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from energy_opt import formats
 from energy_opt.files import plain, write_json
 from energy_opt.reports.workcell import page
 from energy_opt.workcell.run import CellResult
@@ -33,17 +34,29 @@ def document(result: CellResult) -> dict[str, Any]:
         }
         for r, ring in enumerate(schedule.problem.rings)
     ]
-    steps = result.levers.steps
+    levers = [{"name": name, "energy_total": found.energy} for name, found in result.levers.steps]
+    if cell.supply is not None and result.supply is not None:
+        levers.append({"name": "supply", "energy_total": result.supply.energy})
     warnings = []
+    for between in result.clearance:
+        if between.verdict != "proven":
+            names = " and ".join(cell.robot[k].name for k in between.robots)
+            bodies = "" if between.pair is None else f", {between.pair[0]} and {between.pair[1]}"
+            warnings.append(f"{names}{bodies}: {between.verdict} at {between.time or 0.0:.4g} s")
+    if result.supply is not None and not result.supply.valid:
+        warnings.append(
+            f"peak power {result.supply.peak:.5g} W is above max_power = {result.supply.bound:.5g} W; "
+            "a longer cycle_time or a lower speed of single moves (max_duration) gives room"
+        )
     if result.levers.relaxed:
         warnings.append("at full speed no schedule keeps the bounds of the waits: as_is lets waits last longer")
     if schedule.gap > SETTLED:
         warnings.append(f"a gap of {100 * schedule.gap:.2g} % to the bound is left; more seconds may close it")
     return {
         "format": FORMAT,
-        "status": "solved",
+        "status": "solved" if result.solved else "not_converged",
         "cycle_time": cell.cycle_time,
-        "energy_total": schedule.energy,
+        "energy_total": result.energy,
         "bound": schedule.bound,
         "optimality": {
             "kind": "global" if schedule.gap < 1e-3 else "local",
@@ -51,22 +64,70 @@ def document(result: CellResult) -> dict[str, Any]:
             "gap_percent": 100 * schedule.gap,
         },
         "robots": robots,
-        "levers": [{"name": name, "energy_total": found.energy} for name, found in steps],
+        "levers": levers,
         "levers_alone": [{"name": name, "energy_total": found.energy} for name, found in result.levers.alone],
         "baselines": [
-            {"name": "fastest_then_wait", "energy_total": found.energy} for name, found in steps if name == "as_is"
+            {"name": "fastest_then_wait", "energy_total": x["energy_total"]} for x in levers if x["name"] == "as_is"
         ],
-        "clearance": None,
+        "clearance": _clearance(result),
         "jitter": cell.jitter,
-        "peak_power": None,
+        "peak_power": None if result.supply is None else result.supply.peak,
+        "supply": _supply(result),
         "warnings": warnings,
         "solve_seconds": schedule.seconds,
+    }
+
+
+def _clearance(result: CellResult) -> dict[str, Any] | None:
+    """Between robots; None where there are no two arms."""
+    found = result.clearance
+    if not found:
+        return None
+    verdicts = {between.verdict for between in found}
+    verdict = next(name for name in ("colliding", "undecided", "proven") if name in verdicts)
+    bounds = [between.lower_bound for between in found if between.lower_bound is not None]
+    return {
+        "verdict": verdict,
+        "lower_bound": min(bounds) if verdict == "proven" and bounds else None,
+        "jitter": result.cell.jitter,
+        "robots": [
+            {
+                "robots": [result.cell.robot[k].name for k in between.robots],
+                "verdict": between.verdict,
+                "lower_bound": between.lower_bound,
+                "min_distance": between.min_distance,
+                "pair": between.pair,
+                "time": between.time,
+                "late": between.late,
+                "pairs": between.pairs,
+            }
+            for between in found
+        ],
+    }
+
+
+def _supply(result: CellResult) -> dict[str, Any] | None:
+    """Energy and losses with supplies of their own and with the one of the file."""
+    if result.own is None or result.supply is None:
+        return None
+    return {
+        "energy_own": result.own.energy,
+        "energy": result.supply.energy,
+        "lost_own": result.own.lost,
+        "lost": result.supply.lost,
+        "peak_own": result.own.peak,
+        "peak": result.supply.peak,
+        "max_power": result.supply.bound,
     }
 
 
 def write(result: CellResult, request: Mapping[str, Any], out: Path) -> dict[str, Any]:
     """Write report.html and job.json, this last; returns the document."""
     found = {**document(result), "request": plain(request)}
+    for robot, arm, motion in zip(result.cell.robot, result.arms, result.planned.motions, strict=True):
+        if arm is not None and motion is not None:
+            file = f"cycle_{robot.name.replace('/', '_')}.csv"
+            formats.write(motion.trajectory(), Path(out) / file)
     page(found).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

@@ -1,48 +1,116 @@
-"""A cell from its file to a schedule."""
+"""A cell from its file to a plan: schedule, motions, proof between arms, and what each lever saves."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-from energy_opt.errors import BadInput
+from energy_opt.cell.request import CellRequest
+from energy_opt.motion.move import Settings
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot, load_robot
 from energy_opt.schedule import Schedule
-from energy_opt.workcell.curves import problem_of, ring_of
+from energy_opt.workcell.arm import Arm
+from energy_opt.workcell.between import Between
 from energy_opt.workcell.file import WorkCell
 from energy_opt.workcell.levers import Levers, pull
+from energy_opt.workcell.plan import Planned, Planning
+from energy_opt.workcell.supply import Supplied, Supply
 
 
 @dataclass(frozen=True)
 class CellResult:
-    """The schedule of a cell.
+    """The plan of a cell.
 
     Attributes:
         cell: as it was asked for.
-        levers: schedules with one lever after the other; the last is the answer.
+        planned: the answer: schedule, motions, clearance between arms.
+        levers: schedules with one lever after the other.
+        arms: by robot; None for one that is known by its curves alone.
+        own: what the robots draw from supplies of their own; supply: from the one that the file describes.
+            None where no arm is known.
+        interrupted: stopped early.
     """
 
     cell: WorkCell
+    planned: Planned
     levers: Levers
+    arms: tuple[Arm | None, ...]
+    own: Supplied | None
+    supply: Supplied | None
+    interrupted: bool = False
 
     @property
     def schedule(self) -> Schedule:
-        """The answer."""
-        return self.levers.best
+        """When every step begins and how long it takes."""
+        return self.planned.schedule
+
+    @property
+    def clearance(self) -> tuple[Between, ...]:
+        """Every two arms."""
+        return self.planned.clearance
+
+    @property
+    def energy(self) -> float:
+        """J of the whole cycle, from the shared supply where there is one."""
+        shared = self.cell.supply is not None and self.supply is not None
+        return self.supply.energy if shared and self.supply is not None else self.schedule.energy
+
+    @property
+    def solved(self) -> bool:
+        """Are all arms proven to keep apart, and is the bound of power kept?"""
+        peak = self.supply is None or self.supply.valid
+        return not self.interrupted and peak and all(between.verdict == "proven" for between in self.clearance)
 
 
-def run_workcell(cell: WorkCell, *, seconds: float = 60.0) -> CellResult:
-    """Schedule a cell for least energy.
+def run_workcell(
+    cell: WorkCell,
+    path: Path,
+    *,
+    load: Callable[[str], Robot] = load_robot,
+    model_of: Callable[[str | None, Robot], PowerModel],
+    settings: Settings | None = None,
+    request: CellRequest | None = None,
+    seconds: float = 60.0,
+    stopped: Callable[[], bool] = lambda: False,
+    progress: Callable[[str, float], None] = lambda text, share: None,
+) -> CellResult:
+    """Plan a cell for least energy.
 
     Args:
-        seconds: for the schedule with all levers [s]; a gap that is left then is in the result.
+        path: the job file, beside which other files lie.
+        load: makes a robot out of its name or of the path of its URDF.
+        model_of: the power model of a robot, from what the file says of it (None: nothing).
+        request: body and cell, without the bases, which the file says.
+        seconds: for each schedule [s]; a gap that is left then is in the result.
+        stopped: asked between solves; True ends the work with the best so far.
+        progress: called with what is being done and the share of the work that is done.
 
     Raises:
-        BadInput: a robot's arm is given (`robot`), or a curve is not convex.
-        Infeasible: no schedule keeps cycle time, lags and zones.
+        BadInput: a fault of the file. Infeasible: no schedule keeps cycle time, lags, zones, and arms apart.
     """
-    arms = [robot.name for robot in cell.robot if robot.robot is not None]
-    if arms:
-        raise BadInput(
-            f"robot {arms[0]}: robot = ... is not supported in files of format 2 yet; give `curve`s, or use format 1"
-        )
-    rings = {robot.name: ring_of(cell, robot) for robot in cell.robot}
-    return CellResult(cell, pull(problem_of(cell, rings), seconds=seconds))
+    arms = tuple(
+        None
+        if table.robot is None
+        else Arm(cell, table, Path(path), load, model_of, settings or Settings(), request or CellRequest(), stopped)
+        for table in cell.robot
+    )
+    planning = Planning(cell, arms, seconds, progress, stopped)
+    planning.price()
+    planned = planning.plan()
+    levers = pull(planning.problem(optimized=False), seconds=seconds)
+    if any(arm is not None for arm in arms):
+        levers = replace(levers, steps=(*levers.steps, ("paths", planned.schedule)))
+    else:
+        planned = replace(planned, schedule=levers.best)
+    if all(arm is None for arm in arms):
+        return CellResult(cell, planned, levers, arms, None, None, stopped())
+    supply = Supply(cell, arms)
+    own = supply.drawn(planned.schedule, shared=False)
+    if cell.supply is not None:
+        moved = planning.proved(supply.shifted(planned.schedule))
+        if all(between.verdict == "proven" for between in moved.clearance):
+            planned = moved
+    drawn = supply.drawn(planned.schedule, supply.table.shared)
+    return CellResult(cell, planned, levers, arms, own, drawn, stopped())

@@ -15,7 +15,6 @@ import numpy as np
 
 from energy_opt.cell.scene import SIZES, Kind, SceneObject, Shape
 from energy_opt.errors import BadInput, near
-from energy_opt.names import check_name, commented
 
 FARTHEST = 10_000.0  # [m] no size or position of a cell is larger: beyond it a length is a slip of the unit
 MOST_SHAPES = 100_000  # in a scene
@@ -48,7 +47,7 @@ class Reading:
         try:
             yield
         except BadInput as error:
-            self.faults.append(f"{self.path}: {commented(where)}: {error}")
+            self.faults.append(f"{self.path}: {where}: {error}")
 
     def warn(self, text: str) -> None:
         """Note, once, something that is not used."""
@@ -58,7 +57,6 @@ class Reading:
 
     def add(self, thing: SceneObject) -> None:
         """Take an object; BadInput where its name is taken or it has no shape."""
-        check_name(thing.name.replace(" ", "_"), "object")  # MoveIt's scenes have names of several words
         if thing.name in self.objects:
             raise BadInput("stands there twice; give each object its own name")
         if not thing.shapes:

@@ -1,0 +1,246 @@
+"""One arm of a cell: its steps as a job, the energy of every move over its duration, and what waiting takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.effects import Regeneration
+from energy_opt.errors import Infeasible
+from energy_opt.job.cycle import Answer, standing_power
+from energy_opt.job.file import Job, Step
+from energy_opt.job.file import job_of as read_job
+from energy_opt.job.legs import Leg, legs_of
+from energy_opt.job.work import Cells, Worker
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.move import Settings
+from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+from energy_opt.schedule import Hull, Mode, Move, Ring, Wait
+from energy_opt.workcell.curves import mode_of
+from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
+from energy_opt.workcell.motion import Part
+
+SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
+SOLVED = (1.0, 1.35, 2.0, 3.2)  # and those at which a move is optimized before the first schedule
+SAME = 1e-6  # relative: durations nearer than this are one
+MOTORS = "motors"  # the mode in which the motors hold the arm
+ADDED = "wait after {}"
+AT_REST = np.linspace(0, 1, 3)  # samples of a wait
+
+
+@dataclass
+class ArmMove:
+    """A motion from rest to rest, by duration.
+
+    Attributes:
+        place: index of its step in the robot's table; leg, timing: its first path and that path's fastest timing.
+        answers: what is known by now, trajectories by duration [s].
+        tried: durations [s] at which it was optimized.
+    """
+
+    place: int
+    leg: Leg
+    timing: Timing
+    shortest: float
+    longest: float
+    answers: dict[float, Answer] = field(default_factory=dict)
+    slowed: dict[float, Answer] = field(default_factory=dict)
+    tried: set[float] = field(default_factory=set)
+
+
+class Arm:
+    """An arm of a cell, ready to be scheduled.
+
+    Args:
+        table: what the job file says of it; path: the job file, beside which other files lie.
+        load: makes a robot out of its name or URDF.
+
+    Raises:
+        BadInput: a fault in its steps. Infeasible: a pose touches something, or a move has no free path.
+    """
+
+    def __init__(
+        self,
+        cell: WorkCell,
+        table: RobotTable,
+        path: Path,
+        load: Callable[[str], Robot],
+        model_of: Callable[[str | None, Robot], PowerModel],
+        settings: Settings,
+        request: CellRequest,
+        stopped: Callable[[], bool],
+    ) -> None:
+        self.table, self.name = table, table.name
+        self.job: Job = read_job(_document(cell, table), path, load, allow_outside=request.allow_outside)
+        scene = request.scene if cell.scene is None else path.parent / cell.scene
+        self.request = replace(request, base=tuple(table.base), scene=scene, tool=table.tool or request.tool)
+        model = model_of(table.model, self.job.robot).standing(table.base[3], table.base[4])
+        if cell.supply is not None:  # what brakes is lost in a resistor, unless another arm takes it
+            model = model.replaced(Regeneration(efficiency=0.0))
+        self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped)
+        self.worker.check_poses()
+        self.moves: list[ArmMove] = []
+        for leg in legs_of(self.job.steps):
+            begun = self.worker.begun(leg)
+            timing = self.worker.timing(begun)
+            shortest = max(timing.duration, leg.least)
+            longest = min(leg.most, cell.cycle_time)
+            if shortest > longest * (1 + 1e-12):
+                raise Infeasible(
+                    f"{table.name}: {leg.name} takes {shortest:.6g} s at least; it may take {longest:.6g} s",
+                    limit="duration",
+                    shortest_duration=shortest,
+                )
+            self.moves.append(ArmMove(leg.steps[0], begun, timing, shortest, longest))
+        self._feeding: dict[int, Scorer] = {}
+        self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
+
+    @property
+    def cell(self) -> Cell | None:
+        """Body and scene of the first step's; None where nothing is checked."""
+        return self.worker.cells.of(self.job.steps[0])
+
+    def slow(self) -> None:
+        """Price every move's first path, slowed evenly to several durations."""
+        for move in self.moves:
+            for factor in SLOWER:
+                self._slowed(move, min(move.shortest * factor, move.longest))
+
+    def _slowed(self, move: ArmMove, duration: float) -> None:
+        name = "toppra" if duration <= move.timing.duration * (1 + SAME) else "scaled"
+        answer = self.worker.slowed(move.leg, move.timing, duration, name)
+        if answer.status == "solved":
+            move.slowed[duration] = answer
+            move.answers.setdefault(duration, answer)
+
+    def optimize(self, move: ArmMove, duration: float) -> bool:
+        """Optimize a move at a duration [s] where that has not been done; was anything done?"""
+        if any(abs(duration / tried - 1) < SAME for tried in move.tried):
+            return False
+        move.tried.add(duration)
+        duration = float(np.clip(duration, move.shortest, move.longest))
+        answer = self.worker.solved(move.leg, move.timing, duration, None)
+        self._slowed(move, duration)
+        known = move.answers.get(duration)
+        if answer.status == "solved" and (known is None or answer.energy.total < known.energy.total):
+            move.answers[duration] = answer
+        return True
+
+    def ring(self, optimized: bool, hold: dict[int, float] | None = None) -> Ring:
+        """The arm's steps for the schedule.
+
+        Args:
+            optimized: curves of optimized moves, else of evenly slowed ones.
+            hold: durations [s] that moves keep, by the index of their step.
+        """
+        moves = {move.place: move for move in self.moves}
+        steps: list[Move | Wait] = []
+        for k, (step, table) in enumerate(zip(self.job.steps, self.table.step, strict=True)):
+            name = step_name(k, table)
+            if step.wait is not None:
+                least, most = table.span
+                steps.append(Wait(name, least, max(most, least), self.modes_at(k)))
+            elif k in moves:
+                move = moves[k]
+                known = move.answers if optimized else move.slowed
+                curve = Hull.of([(d, answer.energy.total) for d, answer in known.items()])
+                least, most = float(curve.durations[0]), float(curve.durations[-1])
+                if hold is not None:
+                    least = most = hold[k]
+                steps.append(Move(name, least, most, curve))
+            if step.stop and not (step.wait is not None and table.span[1] > table.span[0]):
+                steps.append(Wait(ADDED.format(name), 0.0, self.job.cycle_time, self.modes_at(k)))
+        return Ring(self.name, tuple(steps))
+
+    def modes_at(self, k: int) -> tuple[Mode, ...]:
+        """The modes in which the arm may wait at the end of step k; held by its motors first."""
+        step, table = self.job.steps[k], self.table.step[k]
+        modes = [Mode(MOTORS, standing_power(self.worker.scorers, step, False))]
+        if step.brakes:
+            modes.append(Mode("brakes", standing_power(self.worker.scorers, step, True)))
+        for mode in self.modes.values():
+            if mode.name != MOTORS and (mode.posture == "any" or table.to in mode.posture):
+                modes.append(mode_of(mode, table.power.get(mode.name)))
+        allowed = table.modes
+        return tuple(mode for mode in modes if allowed is None or mode.name in allowed) or tuple(modes[:1])
+
+    def powers(self, part: Part, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Power (M,) [W] at the drives' DC link, negative where they brake, and all other power (M,) [W].
+
+        Args:
+            at: seconds (M,) after the step's start.
+        """
+        k = [step_name(k, table) for k, table in enumerate(self.table.step)].index(part.name)
+        scorer = self.worker.scorers.of(self.job.steps[k])
+        if k not in self._feeding:  # counts all that is fed back, so that what a link makes of it is decided outside
+            self._feeding[k] = Scorer(self.job.robot, scorer.model.replaced(Regeneration(efficiency=1.0)))
+        t = part.trajectory
+        q, v, a, _ = t.sample(t.time[0] + at * t.duration / part.duration)
+        power = self._feeding[k].drive(q, v, a, at)[1]
+        rest = np.full(len(at), scorer.model.constant_power(scorer.robot.n))
+        return power - rest, rest
+
+    def parts(self, ring: Ring, starts: np.ndarray, durations: np.ndarray) -> list[Part]:
+        """The motion of every step of the ring, as scheduled."""
+        moves = {step_name(m.place, self.table.step[m.place]): m for m in self.moves}
+        steps = {
+            step_name(k, table): step
+            for k, (table, step) in enumerate(zip(self.table.step, self.job.steps, strict=True))
+        }
+        out = []
+        for step, start, duration in zip(ring.steps, starts.tolist(), durations.tolist(), strict=True):
+            if isinstance(step, Move):
+                move = moves[step.name]
+                trajectory = move.answers[nearest(move.answers, duration)].trajectory
+            else:
+                at: Step = steps[step.name] if step.name in steps else steps[step.name.removeprefix(ADDED.format(""))]
+                trajectory = _standing(self.job.robot, at.goal, max(duration, 1e-9))
+            out.append(Part(step.name, start, duration, trajectory))
+        return out
+
+
+def nearest(known: dict[float, Any], duration: float) -> float:
+    """The key of `known` that is nearest to a duration [s]."""
+    return min(known, key=lambda d: abs(d - duration))
+
+
+def _standing(robot: Robot, q: np.ndarray, seconds: float) -> Trajectory:
+    rows = np.repeat(q[None], len(AT_REST), axis=0)
+    return Trajectory(robot.joints, AT_REST * seconds, rows, np.zeros_like(rows), np.zeros_like(rows))
+
+
+def _document(cell: WorkCell, table: RobotTable) -> dict[str, Any]:
+    """The robot's steps as a job file of one robot."""
+    return {
+        "format": "energy-opt/job/1",
+        "robot": table.robot,
+        "cycle_time": cell.cycle_time,
+        **({} if table.home is None else {"home": table.home}),
+        "payload": _plain(table.payload),
+        "poses": {**cell.poses, **table.poses},
+        "step": [_step(k, step) for k, step in enumerate(table.step)],
+    }
+
+
+def _step(k: int, step: StepTable) -> dict[str, Any]:
+    out: dict[str, Any] = {"name": step_name(k, step)}
+    if step.payload is not None:
+        out["payload"] = _plain(step.payload)
+    if step.to is None:
+        return {**out, "wait": max(step.span[0], 1e-6)}
+    given = {"to": step.to, "mode": step.mode, "max_duration": step.max_duration}
+    out |= {key: value for key, value in given.items() if value is not None}
+    return out | {"min_duration": step.min_duration, "stop": step.stop}
+
+
+def _plain(payload: Any) -> Any:
+    return list(payload) if isinstance(payload, tuple) else payload

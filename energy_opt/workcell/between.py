@@ -1,0 +1,166 @@
+"""The proof that two robots never touch: both move, for ever, and each may be early or late.
+
+Both arms are put together as one tree with the joints of both, whose motion is that of the two side by side. If each is
+early or late by up to J, one is ahead of the other by any d in [-2 J, 2 J]: relative to the first, the second is where
+it would be d seconds later. The bisection of `cell.proof` proves an interval of time; here an interval of d is proved
+with it, as the second arm is let go as far as it can get within half of that interval. Where that does not suffice the
+interval of d is halved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.cell.bodies import Bodies, Body
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.curve import MotionCurve, Spans
+from energy_opt.cell.proof import prove
+from energy_opt.robot.kinematics import Kinematics
+from energy_opt.robot.links import Follows, Link
+from energy_opt.workcell.motion import PeriodicMotion
+
+SHORTEST = 2e-4  # [s] an interval of lateness below is not halved again
+
+
+@dataclass(frozen=True)
+class Between:
+    """What is known of two robots' distance over the whole cycle.
+
+    Attributes:
+        robots: indices of the two; pair: names of the bodies that come nearest.
+        verdict: "proven", "colliding" or "undecided".
+        lower_bound: what they keep apart at least [m], where proven; min_distance: the least that was measured [m].
+        time: of that or of the collision [s]; late: how much the second robot is then ahead of the first [s].
+    """
+
+    robots: tuple[int, int]
+    verdict: str
+    pairs: int
+    pair: tuple[str, str] | None = None
+    lower_bound: float | None = None
+    min_distance: float | None = None
+    time: float | None = None
+    late: float = 0.0
+
+
+class TwoArms:
+    """The bodies of two arms in one frame, and the pairs of one with the other."""
+
+    def __init__(self, one: Cell, two: Cell) -> None:
+        self.count = one.bodies.kinematics.coupling.matrix.shape[1]
+        links = [*_placed(one, 0), *_placed(two, one.bodies.kinematics.count)]
+        bodies, sides = [], []
+        for side, (cell, shift) in enumerate(((one, 0), (two, one.bodies.kinematics.count))):
+            for body in _own(cell):
+                fixed = body.joint < 0
+                pose = cell.request.base_pose @ body.pose if fixed else body.pose
+                bodies.append(Body(body.name, -1 if fixed else body.joint + shift, pose, body.solid))
+                sides.append(side)
+        of = np.array(sides)
+        a, b = np.meshgrid(np.flatnonzero(of == 0), np.flatnonzero(of == 1), indexing="ij")
+        still = np.array([body.joint < 0 for body in bodies])
+        pairs = np.column_stack([a.ravel(), b.ravel()])
+        pairs = pairs[~(still[pairs[:, 0]] & still[pairs[:, 1]])]
+        self.bodies = Bodies(Kinematics(links), bodies, pairs)
+        self.asked = max(one.asked, two.asked)
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """The names of a pair's bodies, the first robot's first."""
+        a, b = self.bodies.pairs[pair]
+        own = [(self.bodies.all[k].name, k) for k in (a, b)]
+        first = min(own, key=lambda item: item[1])  # the first robot's bodies come first
+        return first[0], own[1 - own.index(first)][0]
+
+
+def _own(cell: Cell) -> list[Body]:
+    """The bodies of the arm and what it carries, without what stands around."""
+    return [body for k, body in enumerate(cell.bodies.all) if k < cell.links or body.joint >= 0]
+
+
+def _placed(cell: Cell, shift: int) -> list[Link]:
+    """The links of an arm that stands at its base's pose, numbered from `shift` on."""
+    out = []
+    for link in cell.robot.body.tree():
+        follows = link.follows
+        out.append(
+            replace(
+                link,
+                parent=link.parent if link.parent < 0 else link.parent + shift,
+                placement=cell.request.base_pose @ link.placement if link.parent < 0 else link.placement,
+                follows=None if follows is None else Follows(follows.leader + shift, follows.ratio, follows.offset),
+            )
+        )
+    return out
+
+
+class _Loose(MotionCurve):
+    """A curve of which the joints from `count` on may be early or late by `slack` [s]."""
+
+    def loosened(self, count: int, slack: float) -> _Loose:
+        """This curve, with that slack."""
+        self._count, self._slack = count, slack
+        speed = 5 * np.abs(np.diff(self._bernstein, axis=0)).max(axis=0) / np.diff(self.time)[:, None]
+        self._speed = speed[:, count:]
+        return self
+
+    def middles(self, spans: Spans) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        time, q, far = super().middles(spans)
+        if self._slack > 0:
+            h = self.time[spans.first + 1] - self.time[spans.first]
+            one = spans.last - spans.first <= 1
+            begin = np.where(one, self.time[spans.first] + spans.low * h, self.time[spans.first]) - self._slack
+            end = np.where(one, self.time[spans.first] + spans.high * h, self.time[spans.last]) + self._slack
+            low = np.clip(np.searchsorted(self.time, begin, side="right") - 1, 0, self.rows - 2)
+            high = np.clip(np.searchsorted(self.time, end, side="left"), 1, self.rows - 1)
+            for k, (a, b) in enumerate(zip(low.tolist(), np.maximum(high, low + 1).tolist(), strict=True)):
+                far[k, self._count :] += self._slack * self._speed[a:b].max(axis=0)
+        return time, q, far
+
+
+def prove_apart(
+    arms: TwoArms, robots: tuple[int, int], one: PeriodicMotion, two: PeriodicMotion, jitter: float
+) -> Between:
+    """Do two robots keep apart over their whole cycle, each up to `jitter` [s] early or late?"""
+    count = len(arms.bodies.pairs)
+    wanted = np.full(count, arms.asked)
+    least: Between | None = None
+    bound = np.inf
+    # first without slack, in the middle and at both ends: collisions show there at once
+    for late in dict.fromkeys((0.0, -2 * jitter, 2 * jitter)):
+        proof = prove(arms.bodies, _curve(arms, one, two, late, 0.0), wanted)
+        worst = proof.touches[0] if proof.touches else proof.least
+        if worst is not None and (least is None or least.min_distance is None or worst.distance < least.min_distance):
+            least = Between(
+                robots, proof.verdict, count, arms.names(worst.pair), None, worst.distance, worst.time, late
+            )
+        if proof.verdict != "proven":
+            return least or Between(robots, proof.verdict, count)
+        bound = min(bound, proof.lower_bound)
+    open_ = [(0.0, 2 * jitter)] if jitter > 0 else []
+    while open_:
+        late, slack = open_.pop()
+        proof = prove(arms.bodies, _curve(arms, one, two, late, slack), wanted)
+        if proof.verdict == "proven":
+            bound = min(bound, proof.lower_bound)
+            continue
+        worst = proof.touches[0] if proof.touches else proof.least
+        if slack < SHORTEST or worst is None or (worst.distance <= arms.asked and bool(proof.touches)):
+            pair = None if worst is None else arms.names(worst.pair)
+            distance, time = (None, None) if worst is None else (worst.distance, worst.time)
+            touching = distance is not None and distance <= 0
+            return Between(robots, "colliding" if touching else "undecided", count, pair, None, distance, time, late)
+        open_ += [(late - slack / 2, slack / 2), (late + slack / 2, slack / 2)]
+    if least is None:
+        return Between(robots, "proven", count, lower_bound=arms.asked if not np.isfinite(bound) else bound)
+    return replace(least, verdict="proven", lower_bound=bound)
+
+
+def _curve(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: float, slack: float) -> _Loose:
+    """Both motions on common times, the second ahead by `late` and loose by `slack` [s], a little over one cycle."""
+    begin, end = one.begin - slack, one.begin + one.cycle + slack
+    times = np.unique(np.concatenate([[begin, end], one.rows(begin, end), two.rows(begin + late, end + late) - late]))
+    times = times[np.append(np.diff(times) > 1e-10, True)]
+    pieces = np.concatenate([one.pieces(times), two.pieces(times + late)], axis=2)
+    return _Loose.of_pieces(times, pieces).loosened(arms.count, slack)

@@ -1,0 +1,79 @@
+"""A robot's motion over its whole cycle, repeated for ever."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.cell.curve import MotionCurve
+from energy_opt.motion.trajectory import Trajectory
+
+SAME = 1e-9  # [s] times nearer than this are one
+
+
+@dataclass(frozen=True)
+class Part:
+    """One step of the cycle: its name, its start [s] from the cycle's begin, and its motion (a wait stands still)."""
+
+    name: str
+    start: float
+    duration: float
+    trajectory: Trajectory
+
+
+class PeriodicMotion:
+    """All parts of a robot's cycle, in order; the last ends where the first begins, one cycle later."""
+
+    def __init__(self, parts: Sequence[Part], cycle: float) -> None:
+        self.parts, self.cycle = tuple(part for part in parts if part.duration > SAME), cycle
+        times, pieces = [], []
+        for part in self.parts:
+            t = part.trajectory
+            curve = MotionCurve(t.time, t.position, t.velocity, t.acceleration)
+            k = np.arange(len(t.time) - 1)
+            pieces.append(curve.cut(k, np.zeros(len(k)), np.ones(len(k))))
+            scale = part.duration / t.duration  # 1 but for rounding
+            times.append(part.start + (t.time[:-1] - t.time[0]) * scale)
+        self.begin = self.parts[0].start
+        self.time = np.append(np.concatenate(times), self.begin + cycle)
+        self.bernstein = np.concatenate(pieces, axis=1)  # (6, pieces, n)
+
+    def trajectory(self) -> Trajectory:
+        """The cycle as one trajectory from time 0 on; at a join the samples of what begins there."""
+        rows, times = [], []
+        for k, part in enumerate(self.parts):
+            t, last = part.trajectory, k == len(self.parts) - 1
+            keep = slice(None) if last else slice(0, -1)
+            times.append(part.start - self.begin + (t.time[keep] - t.time[0]) * part.duration / t.duration)
+            rows.append([x[keep] for x in (t.position, t.velocity, t.acceleration)])
+        q, v, a = (np.concatenate(values) for values in zip(*rows, strict=True))
+        return Trajectory(self.parts[0].trajectory.joints, np.concatenate(times), q, v, a)
+
+    def part_at(self, time: float) -> Part:
+        """The part that runs at a time [s]."""
+        at = self.begin + (time - self.begin) % self.cycle
+        return [part for part in self.parts if part.start <= at + SAME][-1]
+
+    def rows(self, begin: float, end: float) -> np.ndarray:
+        """Times of its pieces' ends within [begin, end], s."""
+        first, last = (int(np.floor((x - self.begin) / self.cycle)) for x in (begin, end))
+        times = np.concatenate([self.time + k * self.cycle for k in range(first, last + 1)])
+        return times[(times >= begin) & (times <= end)]
+
+    def pieces(self, time: np.ndarray) -> np.ndarray:
+        """Bernstein coefficients (6, M - 1, n) between times (M,), none of which is farther apart than a piece."""
+        middle = (time[:-1] + time[1:]) / 2
+        shift = self.cycle * np.floor((middle - self.begin) / self.cycle)
+        k = np.clip(np.searchsorted(self.time, middle - shift, side="right") - 1, 0, len(self.time) - 2)
+        low, length = self.time[k] + shift, np.diff(self.time)[k]
+        ends = [np.clip((x - low) / length, 0.0, 1.0) for x in (time[:-1], time[1:])]
+        return MotionCurve.of_pieces(self.time, self.bernstein).cut(k, *ends)
+
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """Positions (M, n) at times (M,) [s]."""
+        where = self.begin + (np.asarray(time) - self.begin) % self.cycle
+        k = np.clip(np.searchsorted(self.time, where, side="right") - 1, 0, len(self.time) - 2)
+        share = np.clip((where - self.time[k]) / np.diff(self.time)[k], 0.0, 1.0)
+        return MotionCurve.of_pieces(self.time, self.bernstein).cut(k, share, np.ones_like(share))[0]

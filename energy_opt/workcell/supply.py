@@ -1,0 +1,176 @@
+"""What the robots of a cell draw from their supply: each from its own DC link, or all from one that they share.
+
+Power that a braking arm gives back charges the capacity C of its link; what does not fit is lost in a resistor. With b
+the power at the drives of all that share a link, S the energy stored there:
+
+    drawn = max(b dt - S, 0) / dt,    lost = max(S - b dt - C, 0),    S <- min(max(S - b dt, 0), C).
+
+A shared link lets one arm's braking feed another's motion at that moment. So the starts of moves are shifted, within
+the waits beside them, for the least energy drawn and for the bound of the peak.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.schedule import Schedule, Wait
+from energy_opt.schedule.check import keeps
+from energy_opt.workcell.arm import Arm
+from energy_opt.workcell.file import SupplyTable, WorkCell
+
+STEP = 5e-3  # [s] of the grid on which powers are added
+CYCLES = 3  # after which the state of the store repeats
+SHIFTS = (0.4, -0.4, 0.1, -0.1, 0.025, -0.025)  # [s] that a start is moved by
+ROUNDS = 4  # over all moves
+DEAR = 1e3  # [J/W] price of a watt above the bound: no joule is worth it
+
+
+@dataclass(frozen=True)
+class Supplied:
+    """What the cell draws in a cycle.
+
+    Attributes:
+        time: (N,) [s]; power: (N,) all that is drawn [W].
+        energy: [J]; lost: what resistors take [J].
+        peak: the largest power [W], of means over `STEP`; bound: what was asked for.
+    """
+
+    time: np.ndarray
+    power: np.ndarray
+    energy: float
+    lost: float
+    bound: float | None
+
+    @property
+    def peak(self) -> float:
+        """The largest power [W]."""
+        return float(self.power.max())
+
+    @property
+    def valid(self) -> bool:
+        """Is the bound of power kept?"""
+        return self.bound is None or self.peak <= self.bound
+
+    @property
+    def price(self) -> float:
+        """What shifting minimises [J]."""
+        return self.energy + DEAR * max(0.0, 0.0 if self.bound is None else self.peak - self.bound)
+
+
+class Supply:
+    """The supply of a cell's arms.
+
+    Args:
+        arms: by robot; None for one of which only energies are known: it draws their mean.
+    """
+
+    def __init__(self, cell: WorkCell, arms: Sequence[Arm | None]) -> None:
+        self.cell, self.arms = cell, tuple(arms)
+        self.table = cell.supply or SupplyTable(shared=False)
+        count = max(int(np.ceil(cell.cycle_time / STEP)), 2)
+        self._step = cell.cycle_time / count
+        self.time = (np.arange(count) + 0.5) * self._step
+        self._moves: dict[tuple[int, str, float], tuple[np.ndarray, np.ndarray]] = {}
+
+    def drawn(self, schedule: Schedule, shared: bool) -> Supplied:
+        """What a schedule draws, from links of each robot's own or from one that is `shared`."""
+        bus, rest = (np.zeros((len(self.arms), len(self.time))) for _ in range(2))
+        for r, ring in enumerate(schedule.problem.rings):
+            for k in range(len(ring.steps)):
+                self._add(schedule, r, k, bus[r], rest[r])
+        links = [bus.sum(axis=0)] if shared else list(bus)
+        found = [_link(b, self._step, self.table.capacity) for b in links]
+        power = np.sum([drawn for drawn, _ in found], axis=0) + rest.sum(axis=0)
+        energy, lost = float(power.sum() * self._step), float(sum(lost for _, lost in found))
+        return Supplied(self.time, power, energy, lost, self.table.max_power)
+
+    def _add(self, schedule: Schedule, r: int, k: int, bus: np.ndarray, rest: np.ndarray) -> None:
+        start, length = float(schedule.starts[r][k]), float(schedule.durations[r][k])
+        cycle, energy = self.cell.cycle_time, float(schedule.energies[r][k])
+        ring, arm = schedule.problem.rings[r], self.arms[r]
+        inside = np.flatnonzero((self.time - start) % cycle < length)
+        if not len(inside):
+            if length > 0:
+                rest[int((start % cycle) / self._step) % len(rest)] += energy / self._step
+            return
+        if arm is None or schedule.modes[r][k]:
+            rest[inside] += energy / (len(inside) * self._step)
+            return
+        key = (r, ring.steps[k].name, round(length, 6))
+        if key not in self._moves:
+            part = arm.parts(ring, schedule.starts[r], schedule.durations[r])[k]
+            at = np.linspace(0, length, max(int(length / self._step) * 2, 2) + 1)
+            self._moves[key] = arm.powers(part, at)
+        done = (self.time[inside] - start) % cycle / length
+        share = np.linspace(0, 1, len(self._moves[key][0]))
+        for into, values in zip((bus, rest), self._moves[key], strict=True):
+            into[inside] += np.interp(done, share, values)
+
+    def shifted(self, schedule: Schedule) -> Schedule:
+        """The schedule with starts moved within the waits beside them, where the shared supply draws less."""
+        best, price = schedule, self.drawn(schedule, self.table.shared).price
+        for _ in range(ROUNDS):
+            before = price
+            for r, ring in enumerate(schedule.problem.rings):
+                count = len(ring.steps)
+                waits = [k for k, step in enumerate(ring.steps) if isinstance(step, Wait) and step.most > step.least]
+                for one, two in zip(waits, [*waits[1:], *waits[:1]], strict=True):
+                    if one == two:
+                        continue
+                    for shift in SHIFTS:
+                        moved = _moved(best, r, one, two, count, shift)
+                        if moved is None:
+                            continue
+                        now = self.drawn(moved, self.table.shared).price
+                        if now < price - 1e-9 * abs(price):
+                            best, price = moved, now
+            if price >= before * (1 - 1e-6):
+                break
+        return best
+
+
+def _moved(schedule: Schedule, r: int, one: int, two: int, count: int, shift: float) -> Schedule | None:
+    """The wait `one` longer by `shift` [s], the wait `two` shorter by it; None where that breaks something."""
+    ring = schedule.problem.rings[r]
+    starts, lengths, energies = (x[r].copy() for x in (schedule.starts, schedule.durations, schedule.energies))
+    for k, by in ((one, shift), (two, -shift)):
+        step = ring.steps[k]
+        assert isinstance(step, Wait)
+        mode = next(mode for mode in step.modes if mode.name == schedule.modes[r][k])
+        lengths[k] += by
+        if not max(step.least, mode.shortest) <= lengths[k] <= step.most:
+            return None
+        energies[k] = mode.energy(lengths[k])
+    k = one
+    while k != two:
+        k = (k + 1) % count
+        starts[k] += shift
+
+    def put(old: tuple[np.ndarray, ...], new: np.ndarray) -> tuple[np.ndarray, ...]:
+        return (*old[:r], new, *old[r + 1 :])
+
+    moved = replace(
+        schedule,
+        starts=put(schedule.starts, starts),
+        durations=put(schedule.durations, lengths),
+        energies=put(schedule.energies, energies),
+    )
+    return moved if keeps(schedule.problem, moved.starts, moved.durations) else None
+
+
+def _link(bus: np.ndarray, step: float, capacity: float) -> tuple[np.ndarray, float]:
+    """Power (N,) [W] that a link of `capacity` [J] draws under drives' power `bus` (N,) [W]; lost in a cycle [J]."""
+    if capacity <= 0:
+        return bus.clip(0), float(-bus.clip(max=0).sum() * step)
+    stored, drawn, lost = 0.0, np.zeros_like(bus), 0.0
+    for _ in range(CYCLES):
+        lost = 0.0
+        for k, energy in enumerate((bus * step).tolist()):
+            drawn[k] = max(energy - stored, 0.0) / step
+            stored = max(stored - energy, 0.0)
+            lost += max(stored - capacity, 0.0)
+            stored = min(stored, capacity)
+    return drawn, lost

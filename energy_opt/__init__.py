@@ -59,6 +59,7 @@ _PLACES = {
     "energy_opt.front.tradeoff": ("Tradeoff", "tradeoff"),
     "energy_opt.front.data": ("diagnose", "identify"),
     "energy_opt.effects.check": ("check_effect",),
+    "energy_opt.power.per_year": ("PerYear",),
 }
 _PLACE_OF = {name: place for place, names in _PLACES.items() for name in names}
 _EFFECTS = "energy_opt.effects"  # every other name is looked for among the effects

@@ -17,6 +17,7 @@ from energy_opt.bench.suite import Suite
 from energy_opt.bench.summary import summarize
 from energy_opt.bench.work import solve_task
 from energy_opt.files import write_json
+from energy_opt.power.per_year import PerYear
 
 log = logging.getLogger(__name__)
 
@@ -42,6 +43,7 @@ def run_batch(
     quiet: bool = True,
     solve: Solver = solve_task,
     command: str | None = None,
+    worth: PerYear | None = None,
 ) -> Batch:
     """Run what is left of a suite: results.jsonl as it goes, then results.parquet, report.html and summary.json.
 
@@ -54,6 +56,7 @@ def run_batch(
         scheduler: address of a Dask cluster that computes instead.
         solve: what workers do with a task; must be importable there.
         command: the command line, for the report.
+        worth: how often in a year all moves are made, each once; the summary states what the savings are worth.
 
     Raises:
         BadInput: `out` holds an unfinished batch and `resume` is False, or results of another suite or version of it
@@ -97,7 +100,7 @@ def run_batch(
             "command": command,
         }
         log.info("writing results.parquet, report.html and summary.json")
-        summary = summarize(rows, len(wanted), run)
+        summary = summarize(rows, len(wanted), run, worth)
         write_parquet(Path(out) / "results.parquet", rows)
         write_report(Path(out) / "report.html", rows, summary)
         write_json(Path(out) / "summary.json", summary)

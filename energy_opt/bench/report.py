@@ -10,6 +10,7 @@ import numpy as np
 
 from energy_opt.bench.rows import IDENTITY, Row
 from energy_opt.bench.summary import grouped
+from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.charts import Chart
 from energy_opt.reports.page import Report
 
@@ -34,6 +35,10 @@ def write_report(path: Path, rows: Sequence[Row], summary: dict[str, Any]) -> No
     counts = ", ".join(f"{count} {status}" for status, count in sorted(summary["status"].items()))
     report.headline(f"{len(rows)} of {summary['moves']} moves done: {counts or 'none'}.")
     _numbers(report, rows)
+    if "per_year" in summary:
+        report.text(
+            f"The batch {per_year_words(summary['per_year'], summary['per_year']['cycles_per_year'])}, each move once."
+        )
     if not summary["complete"]:
         report.warning("The batch is not complete; --resume does what is left.")
     _failures(report, summary["failures"])

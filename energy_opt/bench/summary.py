@@ -13,6 +13,7 @@ import numpy as np
 
 from energy_opt.bench.rows import IDENTITY, Row
 from energy_opt.motion.result import ROUNDING
+from energy_opt.power.per_year import PerYear
 
 PACKAGES = ("energy-opt", "casadi", "pin", "toppra", "numpy", "scipy")
 WORST = 5  # rows that a list of the worst holds
@@ -37,15 +38,18 @@ def grouped(rows: Iterable[Row], names: Sequence[str]) -> dict[tuple[Any, ...], 
     return dict(out)
 
 
-def summarize(rows: Sequence[Row], expected: int, run: dict[str, Any]) -> dict[str, Any]:
+def summarize(rows: Sequence[Row], expected: int, run: dict[str, Any], worth: PerYear | None = None) -> dict[str, Any]:
     """The summary of a batch.
 
     Args:
         rows: in the order of the suite.
         expected: how many the suite has; fewer rows mean an interrupted batch.
         run: what is to be said of this run itself (jobs, wall seconds, moves per second).
+        worth: how often in a year all moves of the batch are made, each once.
     """
     solved = [row for row in rows if row["status"] == "solved"]
+    known = [row for row in solved if row["saving_total_percent"] is not None]
+    saved = sum(row["energy_scaled"] - row["energy_total"] for row in known) if known else None
     return {
         "suite": rows[0]["suite"] if rows else None,
         "complete": len(rows) == expected,
@@ -58,6 +62,7 @@ def summarize(rows: Sequence[Row], expected: int, run: dict[str, Any]) -> dict[s
         "proxies": _proxies(solved),
         "times": _times(rows),
         "certificates": _certificates(rows),
+        **({} if worth is None else {"per_year": {**worth.of(saved), "cycles_per_year": worth.cycles_per_year}}),
         "run": run,
         "machine": machine(),
     }

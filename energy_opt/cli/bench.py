@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.cli.common import add_cell, add_lock, cell_of, locks_of
+from energy_opt.cli.per_year import add_per_year, per_year_from
 from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput
 
@@ -39,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--seed", type=int, metavar="N", help="seed of random moves and of the solver's starts")
     add_cell(parser)
     parser.set_defaults(self_collision=None, planner=None)  # as the suite says
+    add_per_year(parser)
     parser.add_argument("--json", action="store_true", help="the summary as one JSON document on stdout")
     add_view(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress and no messages")
@@ -76,6 +78,7 @@ def _batch(args: argparse.Namespace) -> int:
         raise BadInput(f"--jobs {str(jobs)[:24]}: expected 1 to {MOST_JOBS} processes")
     if args.seed is not None and args.seed < 0:
         raise BadInput(f"--seed {args.seed}: expected a whole number, 0 or above")
+    worth = per_year_from(args)
     suite = load_suite(
         args.suite, overrides=_overrides(args), seed=args.seed, compile=args.compile,
         allow_outside=args.allow_outside, allow_large=args.allow_large,
@@ -84,7 +87,7 @@ def _batch(args: argparse.Namespace) -> int:
     with Progress(args) if args.verbose and not args.quiet else nullcontext():
         batch = run_batch(
             suite, out, jobs=jobs, resume=args.resume, force=args.force, scheduler=args.scheduler, quiet=args.quiet,
-            command=stamp(args.command)["command"],
+            command=stamp(args.command)["command"], worth=worth,
         )  # fmt: skip
     if batch.left_out and not args.quiet:
         print(f"{batch.left_out} earlier results belong to another version of the suite; left out", file=sys.stderr)
@@ -139,6 +142,8 @@ def _free_cores() -> int:
 
 def _text(summary: dict[str, Any], out: Path) -> str:
     """The summary as a short table."""
+    from energy_opt.power.per_year import per_year_words
+
     status = ", ".join(f"{count} {name}" for name, count in sorted(summary["status"].items()))
     lines = [f"{summary['suite']}: {sum(summary['status'].values())} of {summary['moves']} moves: {status or 'none'}"]
     for row in summary["failures"][:10]:
@@ -156,5 +161,7 @@ def _text(summary: dict[str, Any], out: Path) -> str:
             for name in ("mean", "worst", "median", "best")
         )
         lines.append(f"  {label:44s} {found['count']:6d} {numbers}")
+    if "per_year" in summary:
+        lines.append(per_year_words(summary["per_year"], summary["per_year"]["cycles_per_year"]))
     lines.append(f"{summary['run']['moves_per_second']:.3g} moves/s; results in {out}")
     return "\n".join(lines) + "\n"

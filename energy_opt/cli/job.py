@@ -19,6 +19,7 @@ from energy_opt.cli.common import (
     load_robot_of,
     say,
 )
+from energy_opt.cli.per_year import add_per_year, per_year_from
 from energy_opt.errors import Infeasible
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--resume", action="store_true", help="take the answers that an earlier run into --out left")
     add_cell(parser)
     add_output(parser, "energy_opt_job")
+    add_per_year(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
     if read_toml(args.job).get("format") == WORKCELL:
         return _run_workcell(args)
+    worth = per_year_from(args)
     job = load_job(args.job, lambda name: _robot(args, name), allow_outside=args.allow_outside)
     model = load_model_of(args, job.robot)
     held = model.get("payload")
@@ -75,7 +78,8 @@ def run(args: argparse.Namespace) -> int:
     given = {"seed": args.seed, "compile": args.compile}
     settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}))
     cell, limits = cell_of(args), vars(job.robot.limits)
-    named = {"limits": args.limits, "cell": cell.document()}
+    named: dict[str, Any] = {"limits": args.limits, "cell": cell.document()}
+    named |= {} if worth is None else {"per_year": worth.document()}
     request = request_of_job(args.job, job.robot, model, settings, **named, command=args.command)
     guard(args.out / "job.json", request, args.force)
     about = [model.to_document(), job.robot.name, limits, vars(settings), cell.document()]
@@ -95,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         result = compared(result, judges_of(args.model[0] if args.model else None, model, job.robot))
         result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
         with written_whole(args.out, "job.json") as aside:
-            found = write(result, request, aside)
+            found = write(result, request, aside, worth)
     if result.solved:
         answers.forget()
     for warning in result.warnings:
@@ -180,19 +184,24 @@ def _robot(args: argparse.Namespace, name: str) -> Robot:
 
 
 def _text(found: dict[str, Any], out: Path) -> str:
+    from energy_opt.power.per_year import per_year_words
+
     lines = [f"{'step':<24} {'begins [s]':>10} {'takes [s]':>10} {'energy [J]':>11} {'kg':>5}"]
     for row in found["steps"]:
         lines.append(
             f"{row['name'][:24]:<24} {row['start']:>10.3f} {row['duration']:>10.3f} {row['energy_total']:>11.3f} "
             f"{row['payload']:>5.2g}"
         )
-    lines.append(f"the cycle of {found['cycle_time']:g} s takes {found['energy_total']:.3f} J")
+    lines.append(f"in a {found['cycle_time']:g} s cycle: this plan {found['energy_total']:.3f} J")
     for row in found["baselines"]:
+        name = row["name"].replace("_", " ")
         if row["energy_total"] is None:
-            lines.append(f"{row['name']}: not possible, a limit is in its way")
+            lines.append(f"  {name}: not possible within the limits")
         else:
             saved = 100 * (1 - found["energy_total"] / row["energy_total"])
-            lines.append(f"{row['name']}: {row['energy_total']:.3f} J; this saves {saved:.2f} %")
+            lines.append(f"  {name} {row['energy_total']:.3f} J (this plan saves {saved:.2f} %)")
+    if "per_year" in found:
+        lines.append(per_year_words(found["per_year"], found["request"]["per_year"]["cycles_per_year"]))
     if found["optimality"]["lower_bound"] is not None:
         lines.append(
             f"no timing of these paths takes less than {found['optimality']['lower_bound']:.3f} J "

@@ -17,6 +17,7 @@ from energy_opt.cli.common import (
     settings_of,
 )
 from energy_opt.cli.controllers import add_controllers, check_controllers, moves_of, write_controllers
+from energy_opt.cli.per_year import add_per_year, per_year_from
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="mean or worst energy over several --model, or one's draws and rivals (without --model: mean)",
     )
     add_controllers(parser)
+    add_per_year(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.motion.plan.robust import RobustPlanner
 
     check_controllers(args)
+    worth = per_year_from(args)
     robot = load_robot_of(args)
     rivals, kind = rivals_of(args, robot)
     model = rivals[0].model
@@ -60,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     named = {"path": args.path, "limits": args.limits, "scene": args.scene, "cell": asked.document()}
     standard = None if args.as_ is None else {"as": args.as_, "vias": args.vias or 0}
     settings = settings_of(args)
+    named |= {} if worth is None else {"per_year": worth.document()}
     named |= {"standard": standard, "robust": robust_of(rivals, kind)}
     request = request_of_move(robot, model, move, settings, **named, command=args.command)
     guard(args.out / "result.json", request, args.force)
@@ -70,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             solved = planner.solve(move) if robust is None else robust.solve(move)
             found, moves = moves_of(args, planner, robust, move, solved)
-            result = answer_of(compared(found, rivals, robot), robot, request, cell)
+            result = answer_of(compared(found, rivals, robot), robot, request, cell, worth)
         except Infeasible as error:
             error.about = {
                 "robot": robot.name,
@@ -93,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         sys.stdout.write(read_text(args.out / "result.json"))
     elif not args.quiet:
-        print(table(result, args.out, robot))
+        print(table(result, args.out, robot, result.year))
     if result.interrupted:
         return 130
     return 0 if result.status == "solved" else 4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from energy_opt.cli.common import (
     add_cell,
@@ -17,6 +17,7 @@ from energy_opt.cli.common import (
     say,
     settings_of,
 )
+from energy_opt.cli.per_year import add_per_year, per_year_from
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common(parser, "energy_opt_tradeoff")
     add_move(parser)
     add_cell(parser)
+    add_per_year(parser)
     group = parser.add_argument_group("durations")
     group.add_argument("--durations", metavar="FIRST:LAST:COUNT", help="where [s] (default: 20, chosen by the program)")
     group.add_argument("--duration", type=float, metavar="T", help="only this duration [s]")
@@ -54,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.objective != "energy":
         raise BadInput(f"--objective {args.objective}: a front of energy minimises energy; leave it out")
-    durations = _durations(args)
+    durations, worth = _durations(args), per_year_from(args)
     robot = load_robot_of(args)
     model = load_model_of(args, robot)
     move = move_of(args, robot)
@@ -68,7 +70,13 @@ def run(args: argparse.Namespace) -> int:
 
     named = {"path": args.path, "limits": args.limits, "scene": args.scene}
     named["cell"] = cell_of(args).document()
-    over = {"durations": durations, "longest": args.max_duration, "cycle": args.cycle, "idle_power": args.idle_power}
+    over: dict[str, Any] = {
+        "durations": durations,
+        "longest": args.max_duration,
+        "cycle": args.cycle,
+        "idle_power": args.idle_power,
+    }
+    over |= {} if worth is None else {"per_year": worth.document()}
     settings = settings_of(args)
     request = request_of_move(robot, model, move, settings, **named, command=args.command, **over)
     guard(args.out / "tradeoff.json", request, args.force)
@@ -88,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
             progress=progress,
             stopped=stopped,
         )
-        found = document_of(planner, move, front, cycle, args.model[0] if args.model else None, request)
+        found = document_of(planner, move, front, cycle, args.model[0] if args.model else None, request, worth)
         write(args.out, front, found, robot, planner.cell)
     for warning in found["warnings"]:
         say(args, f"warning: {warning}")

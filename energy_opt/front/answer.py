@@ -10,6 +10,7 @@ from typing import Any
 
 from energy_opt.cell.cell import Cell
 from energy_opt.motion import Result
+from energy_opt.power.per_year import PerYear, per_year_words
 from energy_opt.robot import Robot
 
 UNCHECKED = "self-collision is off: whether the arm touches itself was not checked"
@@ -23,16 +24,31 @@ class Answer(Result):
     Attributes:
         arm: the robot.
         cell: the arm's body and what stood around it; None where nothing was kept clear of.
+        worth: how often the move is made in a year, where that was asked for.
         request: start, goal, path, payload, model, limits, scene, seed, version, command, as result.json has them.
     """
 
     arm: Robot
     request: Mapping[str, Any] = field(default_factory=dict)
     cell: Cell | None = None
+    worth: PerYear | None = None
+
+    @property
+    def per_year(self) -> dict[str, float | None] | None:
+        """What the saving is worth in a year; None where that was not asked for."""
+        saving = self.saving
+        return None if self.worth is None else self.worth.of(None if saving is None else saving["joules"])
+
+    @property
+    def year(self) -> str:
+        """The same in words; empty where that was not asked for."""
+        found = self.per_year
+        return "" if self.worth is None or found is None else per_year_words(found, self.worth.cycles_per_year)
 
     def document(self) -> dict[str, object]:
         """result.json."""
-        return {"format": FORMAT, **super().document(), "request": self.request}
+        worth = {} if self.worth is None else {"per_year": self.per_year}
+        return {"format": FORMAT, **super().document(), **worth, "request": self.request}
 
     def save(self, out: str | PathLike[str]) -> Path:
         """Write result.json, trajectory.csv, trajectory.yaml, plot.png and report.html into the folder `out`."""
@@ -42,9 +58,11 @@ class Answer(Result):
         return Path(out)
 
 
-def answer_of(result: Result, robot: Robot, request: Mapping[str, Any], cell: Cell | None = None) -> Answer:
-    """The result with its robot, request and cell."""
+def answer_of(
+    result: Result, robot: Robot, request: Mapping[str, Any], cell: Cell | None = None, worth: PerYear | None = None
+) -> Answer:
+    """The result with its robot, request and cell, and what it is to be worth in a year."""
     known = {f.name: getattr(result, f.name) for f in fields(Result)}
     if not (request.get("cell") or {}).get("self_collision", True):
         known["warnings"] = (*result.warnings, UNCHECKED)
-    return Answer(**known, arm=robot, request=request, cell=cell)
+    return Answer(**known, arm=robot, request=request, cell=cell, worth=worth)

@@ -111,8 +111,8 @@ def _under(row: Mapping[str, Any]) -> str:
     return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}{doubt}"
 
 
-def table(result: Result, out: Path, robot: Robot) -> str:
-    """The short table for the terminal."""
+def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
+    """The short table for the terminal; `year` says what the saving is worth in one."""
     header, rows = _energies(result)
     lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name in header[1:])]
     for name, *values in rows:
@@ -122,6 +122,7 @@ def table(result: Result, out: Path, robot: Robot) -> str:
     several = len(result.models) > 1
     lines.append(f"{result.saved} (under {result.models[0]['name']})" if several else result.saved)
     lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]
+    lines += [year] if year else []
     certificate = result.certificate.document()
     lines.append(limits_words(certificate, robot.unit))
     if result.certificate.clearance is not None:

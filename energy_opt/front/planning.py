@@ -27,6 +27,7 @@ from energy_opt.front.rivals import compared, rivals_from, robust_of
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.power import PowerModel
+from energy_opt.power.per_year import PerYear
 from energy_opt.robot import Robot
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ def optimize(
     limits: str | PathLike[str] | None = None,
     scene: str | PathLike[str] | None = None,
     cell: CellRequest | None = None,
+    per_year: PerYear | None = None,
     stopped: Callable[[], bool] = lambda: False,
     **more: Any,
 ) -> Answer:
@@ -99,6 +101,7 @@ def optimize(
         limits: a joint_limits.yaml in MoveIt's format.
         scene: a file of what stands around the arm.
         cell: more of what the arm keeps clear of, and how; by default it keeps clear of itself and of the scene.
+        per_year: how often the move is made in a year; states what the saving is worth.
         stopped: asked between solves; True ends the work with the best known so far.
         more: fields of `Settings` (starts, seed, compile, objective, ...) and further fields of `Move`.
 
@@ -126,6 +129,7 @@ def optimize(
         arm, power, move, settings, path=path, limits=limits, scene=asked.scene, cell=asked.document(),
         robust=robust_of(rivals, kind),
     )  # fmt: skip
+    request |= {} if per_year is None else {"per_year": per_year.document()}
     if any(asked.base[3:5]):  # gravity is the scene's -z
         rivals = [replace(rival, model=rival.model.standing(*asked.base[3:5])) for rival in rivals]
         power = rivals[0].model
@@ -133,7 +137,7 @@ def optimize(
     planner: Planner | RobustPlanner = Planner(arm, power, settings, **known)
     if kind is not None:
         planner = RobustPlanner(arm, rivals, kind, settings, **known)
-    return answer_of(compared(planner.solve(move), rivals, arm), arm, request, known["cell"])
+    return answer_of(compared(planner.solve(move), rivals, arm), arm, request, known["cell"], per_year)
 
 
 def sorted_out(more: dict[str, Any]) -> tuple[dict[str, Any], Settings]:

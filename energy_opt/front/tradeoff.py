@@ -29,6 +29,7 @@ from energy_opt.front.request import request_of_move
 from energy_opt.front.rivals import judges_of, said
 from energy_opt.motion import Move, Planner
 from energy_opt.power import PowerModel
+from energy_opt.power.per_year import PerYear
 from energy_opt.robot import Robot
 
 if TYPE_CHECKING:
@@ -95,6 +96,7 @@ def tradeoff(
     limits: str | PathLike[str] | None = None,
     scene: str | PathLike[str] | None = None,
     cell: CellRequest | None = None,
+    per_year: PerYear | None = None,
     stopped: Callable[[], bool] = lambda: False,
     **more: Any,
 ) -> Tradeoff:
@@ -105,6 +107,7 @@ def tradeoff(
         longest: where the front ends [s], where the program chooses.
         cycle: length [s] of a cycle in which the arm waits at the goal after the move, counted too.
         idle_power: overhead while waiting [W], in place of the model's standby.
+        per_year: how often the move is made in a year; states what the saving is worth.
 
     Raises:
         BadInput: something given is not usable; says what and what would be.
@@ -130,15 +133,25 @@ def tradeoff(
     chosen: dict[str, Any] = {"durations": wanted, "longest": longest, "cycle": cycle, "idle_power": idle_power}
     named: dict[str, Any] = {"path": path, "limits": limits, "scene": asked.scene, "cell": asked.document()}
     request = request_of_move(arm, power, move, settings, **named, **chosen)
+    request |= {} if per_year is None else {"per_year": per_year.document()}
     planner = Planner(arm, power, settings, cell=load_cell(arm, asked), stopped=stopped)
     front = trace(planner, move, durations=wanted, longest=longest, cycle=over, stopped=stopped)
-    return Tradeoff(front, document_of(planner, move, front, over, model, request), arm, planner.cell)
+    return Tradeoff(front, document_of(planner, move, front, over, model, request, per_year), arm, planner.cell)
 
 
 def document_of(
-    planner: Planner, move: Move, front: Front, cycle: Cycle | None, given: AnyModel, request: Mapping[str, Any]
+    planner: Planner,
+    move: Move,
+    front: Front,
+    cycle: Cycle | None,
+    given: AnyModel,
+    request: Mapping[str, Any],
+    worth: PerYear | None = None,
 ) -> dict[str, Any]:
     """tradeoff.json: the front, what models that it was not planned under make of its minimum, and the request.
+
+    `worth` is for what is saved over the cycle against the fastest move and waiting; without a cycle, by the minimum
+    against the same move slowed evenly.
 
     Args:
         given: the model as `model_from` takes it, for its name.
@@ -149,6 +162,13 @@ def document_of(
     robot = planner.robot
     found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
     models = models_of(planner, move, front, judges_of(given, planner.model, robot))
+    if worth is not None:
+        over = found.get("cycle") or {}
+        best, fastest = over.get("minimum"), over.get("fastest_then_wait")
+        saved = None if cycle is not None or not models else models[0]["saving_joules"]
+        if best and fastest:
+            saved = fastest["energy_total"] - best["energy_total"]
+        found["per_year"] = worth.of(saved)
     return {**found, "models": models, "warnings": said(models, "the front's minimum"), "request": request}
 
 

@@ -15,6 +15,7 @@ from energy_opt.job.cycle import Piece, joined
 from energy_opt.job.run import JobResult
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power.per_year import PerYear
 from energy_opt.reports.job import page
 from energy_opt.reports.solids import drawn
 
@@ -108,8 +109,11 @@ def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(times), np.concatenate(powers)
 
 
-def write(result: JobResult, request: Mapping[str, Any], out: Path) -> dict[str, Any]:
-    """Write step_01.csv ..., cycle.csv, report.html and job.json, this last; returns the document."""
+def write(result: JobResult, request: Mapping[str, Any], out: Path, worth: PerYear | None = None) -> dict[str, Any]:
+    """Write step_01.csv ..., cycle.csv, report.html and job.json, this last; returns the document.
+
+    `worth`: how often the cycle runs in a year, where its saving is to be stated for one.
+    """
     number = 0
     for piece in result.pieces:
         scorer: Scorer = result.scorer(result.job.steps[piece.steps[0]] if piece.steps else result.job.steps[0])
@@ -118,6 +122,9 @@ def write(result: JobResult, request: Mapping[str, Any], out: Path) -> dict[str,
             formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
     formats.write(joined(result.pieces), Path(out) / "cycle.csv")
     found = {**document(result), "request": plain(request)}
+    if worth is not None:
+        beside = next((b.energy for b in result.baselines[::-1] if b.energy is not None), None)  # evenly slowed first
+        found["per_year"] = worth.of(None if beside is None else beside - result.energy)
     bodies, scene = drawn(result.cell or own_body(result.job.robot))
     cycle = joined(result.pieces)
     page(found, cycle, result.job.robot, bodies, scene, power_of(result)).write(Path(out) / "report.html")

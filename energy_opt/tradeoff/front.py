@@ -70,6 +70,7 @@ class Front:
     minimum: Point | None = None
     fastest: Point | None = None
     cycle_minimum: Point | None = None
+    cycle_fastest: Point | None = None
     solves: int = 0
     interrupted: bool = False
 
@@ -279,6 +280,9 @@ class _Tracer:
                 known.append(point)
             return point
 
+        if self.front.fastest is not None:  # what is run without thought, to be beside the best
+            at_once = at(self.front.fastest.duration)
+            self.front.cycle_fastest = at_once if at_once.trajectory is not None else None
         if not any(_equal(p.duration, cycle.length) for p in known):
             end = at(cycle.length)  # slower is often better still: the whole cycle is always looked at
             if not known:

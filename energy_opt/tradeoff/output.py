@@ -13,6 +13,7 @@ from energy_opt.cell.load import own_body
 from energy_opt.files import write_json, write_text
 from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
+from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.solids import drawn
 from energy_opt.reports.tradeoff import page
 from energy_opt.robot import Robot
@@ -44,6 +45,7 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
             "idle_power": cycle.idle_power,
             "minimum": None if best is None or over is None else {"duration": best.duration, **over},
             "at_free_minimum": None if front.minimum is None else _over_cycle(front.minimum),
+            "fastest_then_wait": None if front.cycle_fastest is None else _over_cycle(front.cycle_fastest),
         }
     return out
 
@@ -161,12 +163,16 @@ def text(front: Front, found: dict[str, Any], out: Path) -> str:
         lines.append(
             f"minimum energy: {found['minimum']['energy_total']:.4f} J at {found['minimum']['duration']:.4f} s"
         )
-    best = found.get("cycle", {}).get("minimum")
+    cycle = found.get("cycle", {})
+    best, fastest = cycle.get("minimum"), cycle.get("fastest_then_wait")
     if best:
-        free = found["cycle"]["at_free_minimum"]
-        beside = f"; moving at the free optimum: {free['energy_total']:.4f} J" if free else ""
-        lines.append(
-            f"over the cycle of {found['cycle']['length']:g} s: {best['energy_total']:.4f} J "
-            f"at {best['duration']:.4f} s{beside}"
-        )
+        whole = best["duration"] >= cycle["length"] * (1 - 1e-6)
+        how = "slowest move" if whole else f"a move of {best['duration']:.4f} s, then wait"
+        line = f"in a {cycle['length']:g} s cycle: {how} {best['energy_total']:.1f} J"
+        if fastest:
+            saved = 100 * (1 - best["energy_total"] / fastest["energy_total"])
+            line += f"; fastest then wait {fastest['energy_total']:.1f} J (saves {saved:.1f} %)"
+        lines.append(line)
+    if "per_year" in found:
+        lines.append(per_year_words(found["per_year"], found["request"]["per_year"]["cycles_per_year"]))
     return "\n".join([*lines, f"files in {out}"]) + "\n"

@@ -1,0 +1,70 @@
+"""What a saving of every cycle is worth in a year: energy, money and carbon dioxide."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from energy_opt.errors import BadInput
+
+J_PER_KWH = 3.6e6
+MOST = 1e12  # beyond it a number is a slip of the keyboard
+
+
+@dataclass(frozen=True)
+class PerYear:
+    """How often a cycle is run, and what a kilowatt-hour costs.
+
+    Attributes:
+        cycles_per_year: how often a year.
+        price: money for a kWh, in the user's currency; None where it does not matter.
+        co2: kg of carbon dioxide for a kWh; None where it does not matter.
+    """
+
+    cycles_per_year: float
+    price: float | None = None
+    co2: float | None = None
+
+    def __post_init__(self) -> None:
+        known = {"--cycles-per-year": self.cycles_per_year, "--price": self.price, "--co2": self.co2}
+        for option, value in known.items():
+            if value is not None and not 0 <= value <= MOST:
+                raise BadInput(f"{option} {value:g}: expected a number from 0 to {MOST:g}")
+
+    def of(self, joules: float | None) -> dict[str, float | None]:
+        """`kwh`, `money` and `co2_kg` of so many joules saved in every cycle; None where unknown."""
+        kwh = None if joules is None else joules * self.cycles_per_year / J_PER_KWH
+        return {
+            "kwh": kwh,
+            "money": None if kwh is None or self.price is None else kwh * self.price,
+            "co2_kg": None if kwh is None or self.co2 is None else kwh * self.co2,
+        }
+
+    def document(self) -> dict[str, float | None]:
+        """As a request has it."""
+        return {"cycles_per_year": self.cycles_per_year, "price": self.price, "co2": self.co2}
+
+
+def per_year_of(cycles: float | None, price: float | None, co2: float | None) -> PerYear | None:
+    """What the options ask for; None where they ask for nothing.
+
+    Raises:
+        BadInput: a price or carbon dioxide of a kWh without the number of cycles, or a number below 0.
+    """
+    if cycles is None:
+        for option, value in (("--price", price), ("--co2", co2)):
+            if value is not None:
+                raise BadInput(f"{option} {value:g}: for how many cycles? Give --cycles-per-year too")
+        return None
+    return PerYear(cycles, price, co2)
+
+
+def per_year_words(found: Mapping[str, Any], cycles: float) -> str:
+    """One sentence for the console and the report."""
+    if found["kwh"] is None:
+        return f"in a year of {cycles:g} cycles: no saving is stated"
+    parts = [f"{found['kwh']:.4g} kWh"]
+    parts += [] if found["money"] is None else [f"{found['money']:.2f} in money"]
+    parts += [] if found["co2_kg"] is None else [f"{found['co2_kg']:.4g} kg of CO2"]
+    return f"saves in a year of {cycles:g} cycles: {', '.join(parts)}"

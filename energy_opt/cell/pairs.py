@@ -16,10 +16,10 @@ from energy_opt.cell.bodies import Bodies, Body, Scenery
 from energy_opt.cell.scene import AllowedPairs
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.limits import Limits
+from energy_opt.robot.postures import postures
 from energy_opt.robot.srdf import Srdf
 
-POSES, SEED = 100, 0  # poses in all of which links touch that cannot help it
-TURN = np.pi  # [rad] where a joint has no limits
+POSES = 100  # poses in all of which links touch that cannot help it
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,7 @@ def _always_touching(
     if not index:
         return []
     all_ = Bodies(kinematics, bodies, np.array(index))
-    low = np.maximum(np.where(np.isfinite(limits.lower), limits.lower, -TURN), -TURN)
-    high = np.minimum(np.where(np.isfinite(limits.upper), limits.upper, TURN), TURN)
-    q = np.random.default_rng(SEED).uniform(np.minimum(low, high), high, (POSES, len(low)))
+    q = postures(limits, POSES)
     scene = Scenery(all_, q)
     open_ = np.arange(len(index))
     for k in range(POSES):

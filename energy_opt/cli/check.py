@@ -7,7 +7,17 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import add_cell, add_lock, add_prefix, load_robot_of, locks_of, model_of, refuse_degrees, say
+from energy_opt.cli.common import (
+    add_cell,
+    add_lock,
+    add_prefix,
+    cell_of,
+    load_robot_of,
+    locks_of,
+    model_of,
+    refuse_degrees,
+    say,
+)
 from energy_opt.cli.faults import one_line
 from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.results import faults_of_results
@@ -86,9 +96,11 @@ def _faults(file: Path, args: argparse.Namespace, notes: list[str]) -> list[str]
         read_srdf(file)
         return []
     if file.suffix in (".urdf", ".xml", ".xacro"):
-        from energy_opt.robot import load_robot
+        from energy_opt.cell.usable import RobotInspection, inspect_robot
 
-        load_robot(str(file))
+        notes += inspect_robot(
+            RobotInspection(str(file), args.limits, locks_of(args), args.joint_prefix, cell_of(args))
+        ).remarks
         return []
     return _trajectory(file, args)
 
@@ -217,7 +229,6 @@ def _row(trajectory: Trajectory, time: float) -> int:
 def _touches(file: Path, args: argparse.Namespace, robot: Robot, trajectory: Trajectory) -> list[str]:
     """Where a trajectory touches the arm's own body or its cell, or comes too near."""
     from energy_opt.cell.load import load_cell
-    from energy_opt.cli.common import cell_of
     from energy_opt.motion.judge.clearance import clearance_of
 
     cell = load_cell(robot, cell_of(args))

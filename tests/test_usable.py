@@ -1,0 +1,77 @@
+"""`check URDF`: the robot is loaded as a plan loads it, meshes and all, and held under gravity."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from test_description import ball, chain
+
+from energy_opt.cell.usable import RobotInspection, inspect_robot
+from energy_opt.cli.main import main
+
+
+def checked(path: Path, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, list[str], list[str]]:
+    code = main(["check", str(path), "--json", "--quiet", *words])
+    (file,) = json.loads(capsys.readouterr().out)["files"]
+    return code, file["faults"], file["remarks"]
+
+
+def test_a_posture_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two links of 1.5 kg that end at their joints, 0.3 m apart: the first joint holds the second's weight."""
+    path = chain(tmp_path, ball("0.05"), ball("0.05"), ball("0.05"))
+    code, faults, remarks = checked(path, capsys)
+    assert code == 0 and not faults and remarks[0] == "2 joints; 3 kg move; 3 collision bodies, 1 pairs kept apart"
+    assert remarks[1] == "held under gravity at 0,0: takes at most 4.41 N m of j1 (2.2 % of its limit)"
+    found = inspect_robot(RobotInspection(str(path)))
+    assert abs(found.torque[0]) == pytest.approx(1.5 * 9.81 * 0.3)
+
+
+def test_what_a_plan_would_stumble_over_is_found_before(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = '<collision><geometry><mesh filename="package://arm/meshes/a.stl"/></geometry></collision>'
+    path = chain(tmp_path, ball("0.05"), mesh)
+    assert checked(path, capsys)[0] == 2
+    assert checked(path, capsys, "--self-collision", "off")[0] == 0
+    path = chain(tmp_path, ball("0.05"), ball("0.05"), ball("0.35"), ball("0.05"))
+    code, faults, _ = checked(path, capsys)
+    assert code == 0, faults  # balls of l0 and l2 always touch, and are not kept apart
+    heavy = chain(tmp_path, ball("0.05"), ball("0.05"), ball("0.05"))
+    limits = tmp_path / "joint_limits.yaml"
+    limits.write_text("joint_limits: {j1: {max_effort: 1.0e-3}}\n")
+    heavy.write_text(heavy.read_text().replace('lower="-2.5" upper="2.5"', 'lower="-0.2" upper="0.2"'))
+    code, faults, _ = checked(heavy, capsys, "--limits", str(limits))
+    assert code == 2 and "no posture of 100 is held under gravity" in faults[0] and "j1 needs 4." in faults[0]
+
+
+def test_an_arm_without_mass_is_refused_with_its_links(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = chain(tmp_path, ball("0.05"), ball("0.05"), ball("0.05"))
+    path.write_text(path.read_text().replace('mass value="1.5"', 'mass value="0"'))
+    code, faults, _ = checked(path, capsys)
+    assert code == 2 and "none of the moving links has a mass: l1, l2;" in faults[0] and "<inertial>" in faults[0]
+    path.write_text(path.read_text().replace('mass value="0"', 'mass value="0.02"'))
+    code, _, remarks = checked(path, capsys)
+    assert code == 0 and any("weighs 40 g" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "refused"),
+    [
+        ('izz="0.02"', 'izz="0.041"', False),  # by 2.5 %
+        ('izz="0.02"', 'izz="0.05"', True),
+        ('izz="0.02"', 'izz="-0.02"', True),
+        ('<mass value="1.5"/><inertia ixx="0.02"', '<mass value="0.05"/><inertia ixx="0.2"', False),  # it weighs grams
+    ],
+)
+def test_inertias_of_no_body_are_refused_where_they_matter(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], before: str, after: str, refused: bool
+) -> None:
+    path = chain(tmp_path, ball("0.05"), ball("0.05"), ball("0.05"))
+    head, _, tail = path.read_text().rpartition('<link name="l2">')
+    path.write_text(head + '<link name="l2">' + tail.replace(before, after, 1))
+    code, faults, remarks = checked(path, capsys)
+    assert (code == 2) == refused, (faults, remarks)
+    assert any("l2" in line and "inertia" in line for line in (faults or remarks))
+    if refused:  # on a link that does not move against the one before it does not matter: both together are a body
+        path.write_text(path.read_text().replace('"j2" type="revolute"', '"j2" type="fixed"'))
+        assert checked(path, capsys)[0] == 0

@@ -6,6 +6,7 @@ import pytest
 from energy_opt.effects import ViscousFriction
 from energy_opt.front.answer import answer_of
 from energy_opt.front.output import table
+from energy_opt.front.planning import optimize
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.by_joint import loss_by_joint
 from energy_opt.motion.judge.energy import Scorer
@@ -22,6 +23,7 @@ def test_one_clearance_is_said_everywhere():
         "energy": {"total": 10.0},
         "duration": 2.0,
         "saving": None,
+        "baselines": [],
         "certificate": {"clearance": found},
     }
     words = "clearance proven ≥ 2.2 mm (nearest measured 56.1 mm: A–B)"  # a bound is never rounded up
@@ -73,3 +75,28 @@ def test_losses_by_joint_are_those_of_the_formula():
     assert set(lost) == {"viscous_friction", "copper_loss"}
     assert lost["viscous_friction"] == pytest.approx(np.trapezoid(b * motion.velocity**2, time, axis=0), rel=1e-4)
     assert lost["copper_loss"] == pytest.approx(np.trapezoid(r * tau**2, time, axis=0), rel=1e-4)
+
+
+def test_a_given_trajectory_is_answered_at_its_own_duration(tmp_path):
+    robot = load_robot("z1")
+    home = np.array([0.0, 1.0, -1.0, 0.0, 0.0, 0.0])
+    time = np.linspace(0.0, 2.4, 241)
+    s, v, a = (
+        (time / 2.4) ** 2 * (3 - 2 * time / 2.4),
+        6 * time / 2.4**2 * (1 - time / 2.4),
+        6 / 2.4**2 * (1 - time / 1.2),
+    )
+    way = np.array([0.5, 0.6, -0.4, 0.3, 0.2, -0.3])
+    rest = [np.outer(part, way) for part in (s, v, a)]
+    given = Trajectory(robot.joints, time, home + rest[0], *rest[1:])
+    answer = optimize(robot, "source-method-2", path=given, mode="retime", compile="never")
+    assert answer.trajectory.duration == pytest.approx(2.4, abs=1e-9)
+    own = Scorer(robot, source_method_2("z1")).energy(given).total
+    line = next(x for x in table(answer, tmp_path, robot).splitlines() if x.startswith("fastest allowed "))
+    assert f"at your 2.4 s: {answer.energy.total:.5g} J, your own timing {own:.5g} J (saves " in line
+    assert answer.energy.total < own
+
+    fast = Trajectory(robot.joints, time / 20, home + rest[0], 20 * rest[1], 400 * rest[2])
+    answer = optimize(robot, "source-method-2", path=fast, mode="retime", compile="never")
+    assert answer.status == "solved" and answer.trajectory.duration > 0.13
+    assert any("0.12 s of the given trajectory are too short" in warning for warning in answer.warnings)

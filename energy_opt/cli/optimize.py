@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import read_text, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.answer import answer_of
+    from energy_opt.front.input_time import at_input_time, solved
     from energy_opt.front.output import table
     from energy_opt.front.request import guard, request_of_move
     from energy_opt.front.rivals import compared, robust_of
@@ -58,11 +59,12 @@ def run(args: argparse.Namespace) -> int:
     robot = load_robot_of(args)
     rivals, kind = rivals_of(args, robot)
     model = rivals[0].model
-    move = move_of(args, robot, args.duration, args.max_duration)
+    given = move_of(args, robot, args.duration, args.max_duration)
     asked = cell_of(args)
     named = {"path": args.path, "limits": args.limits, "scene": args.scene, "cell": asked.document()}
     standard = None if args.as_ is None else {"as": args.as_, "vias": args.vias or 0}
     settings = settings_of(args)
+    move = at_input_time(given, settings.objective)
     named |= {} if worth is None else {"per_year": worth.document()}
     named |= {"standard": standard, "robust": robust_of(rivals, kind)}
     request = request_of_move(robot, model, move, settings, **named, command=args.command)
@@ -72,8 +74,8 @@ def run(args: argparse.Namespace) -> int:
         planner = Planner(robot, model, settings, cell=cell, stopped=stopped)
         robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, cell=cell, stopped=stopped)
         try:
-            solved = planner.solve(move) if robust is None else robust.solve(move)
-            found, moves = moves_of(args, planner, robust, move, solved)
+            found, move = solved((planner if robust is None else robust).solve, move, given)
+            found, moves = moves_of(args, planner, robust, move, found)
             result = answer_of(compared(found, rivals, robot), robot, request, cell, worth)
         except Infeasible as error:
             error.about = {

@@ -21,7 +21,7 @@ from energy_opt.power.model import model_from_document
 from energy_opt.reports import plots
 from energy_opt.reports.optimize import page
 from energy_opt.reports.solids import drawn
-from energy_opt.reports.words import clearance_words, limits_words, same
+from energy_opt.reports.words import clearance_words, input_words, limits_words, same
 from energy_opt.robot import Robot
 
 
@@ -118,7 +118,8 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     for name, *values in rows:
         cells = "".join(f"{value:>12.4f}" if isinstance(value, float) else f"{'-':>12}" for value in values)
         lines.append(f"{name:<22}{cells}")
-    lines += _why_less(result)
+    beside = input_words(result.document())
+    lines += [beside] if beside else _why_less(result)
     several = len(result.models) > 1
     lines.append(f"{result.saved} (under {result.models[0]['name']})" if several else result.saved)
     lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]

@@ -22,6 +22,7 @@ from energy_opt.front.given import (
     positions,
     robot_from,
 )
+from energy_opt.front.input_time import at_input_time, solved
 from energy_opt.front.request import request_of_move
 from energy_opt.front.rivals import compared, rivals_from, robust_of
 from energy_opt.motion import Move, Planner, Settings
@@ -95,7 +96,8 @@ def optimize(
         mode: "reshape" is free to change the path, "retime" keeps it.
         duration: exactly this long [s]; free where neither this nor `max_duration` is given.
         max_duration: at most this long [s].
-        path: waypoints (K, n) [rad], a trajectory, a file of either, or a function q(s), in place of start and goal.
+        path: waypoints (K, n) [rad], a trajectory, a file of either, or a function q(s), in place of start and goal. A
+            trajectory without a duration beside it is answered at its own.
         via: points (n,) [rad] to pass on the way (reshape).
         payload: mass [kg], or (mass, x, y, z) [kg, m] in the last joint's frame.
         limits: a joint_limits.yaml in MoveIt's format.
@@ -119,7 +121,8 @@ def optimize(
     power = rivals[0].model
     of_move, settings = sorted_out(more)
     named = {"mode": mode, "duration": duration, "max_duration": max_duration}
-    move = move_for(arm, start, goal, path, via, **named, **of_move)
+    given = move_for(arm, start, goal, path, via, **named, **of_move)
+    move = at_input_time(given, settings.objective)
     asked = cell or CellRequest()
     if scene is not None:
         asked = replace(asked, scene=Path(scene))
@@ -137,7 +140,8 @@ def optimize(
     planner: Planner | RobustPlanner = Planner(arm, power, settings, **known)
     if kind is not None:
         planner = RobustPlanner(arm, rivals, kind, settings, **known)
-    return answer_of(compared(planner.solve(move), rivals, arm), arm, request, known["cell"], per_year)
+    found, _ = solved(planner.solve, move, given)
+    return answer_of(compared(found, rivals, arm), arm, request, known["cell"], per_year)
 
 
 def sorted_out(more: dict[str, Any]) -> tuple[dict[str, Any], Settings]:

@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
 from energy_opt.reports.page import Report
-from energy_opt.reports.words import clearance_words, limits_words, same
+from energy_opt.reports.words import clearance_words, input_words, limits_words, same
 from energy_opt.robot import Robot
 
 BESIDE = "scaled"  # the baseline that savings are stated against
@@ -69,6 +69,8 @@ def headline(document: Mapping[str, Any]) -> str:
     if saving is not None and saving["joules"] is not None:
         share = "" if saving["loss_percent"] is None else f" ({saving['loss_percent']:.3g} % of its loss)"
         text += f": {saving['joules']:.3g} J{share} less than the same move slowed evenly"
+    beside = input_words(document)
+    text += f". {beside[0].upper()}{beside[1:]}" if beside else ""
     clearance = document["certificate"].get("clearance")
     if clearance is None:
         return f"{text}. Collisions were not checked."

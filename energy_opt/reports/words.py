@@ -55,6 +55,22 @@ def limits_words(certificate: Mapping[str, Any], unit: Callable[[str, str], str]
     return f"all limits kept; tightest: {place}, {used} at {worst['time']:.4g} s"
 
 
+def input_words(document: Mapping[str, Any]) -> str:
+    """The result beside the trajectory that was given, at its duration; empty where none was given."""
+    named = {row["name"]: row for row in document["baselines"]}
+    given, fastest = named.get("input"), named.get("toppra")
+    if given is None or abs(given["duration"] / document["duration"] - 1) > 1e-6:
+        return ""
+    total, own = document["energy"]["total"], given["energy"]["total"]
+    text = (
+        "" if fastest is None else f"fastest allowed {fastest['duration']:.3g} s: {fastest['energy']['total']:.4g} J; "
+    )
+    text += f"at your {given['duration']:.3g} s: {total:.5g} J, your own timing {own:.5g} J"
+    if not given["valid"]:
+        return f"{text} (which breaks a limit or touches something)"
+    return f"{text} (saves {own - total:.3g} J, {100 * (own - total) / own:.2g} %)"
+
+
 def floored(value: float, digits: int = 2) -> str:
     """Rounded down to significant digits: 99.996 is not 100, and a proven bound is not more than it is.
 

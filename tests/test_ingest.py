@@ -240,3 +240,98 @@ def test_a_real_recording_with_a_meter_of_one_hertz(tmp_path, offset):
     for run in measured.runs:
         at = nodes(run)
         assert math.isfinite(float(observe(run, at, np.ones(len(at))).sum()))
+
+
+def odd_headers(tmp_path, more=""):
+    """Six joints, stamps and power under headers that say nothing."""
+    t, q, _, p = arm(Z1)
+    names = ["A", *(f"k{'abcdef'[j]}" for j in range(6)), "leistungsaufnahme_x", *([more] if more else [])]
+    columns = [1000 * t, q, p, *([p / 2] if more else [])]
+    return put(tmp_path / "odd.csv", lines(",".join(names), columns)), t, q, p
+
+
+def test_columns_named_by_hand(tmp_path, capsys):
+    path, _, q, p = odd_headers(tmp_path)
+    words = ["import", str(path), "--robot", "z1", "--out", str(tmp_path / "set")]
+    assert main(words) == 2  # and says which headers it did not understand
+    assert "not understood: 'A', 'ka'" in capsys.readouterr().err
+    hand = [f"--joint={joint}=k{'abcdef'[j]}:rad" for j, joint in enumerate(Z1.joints)]
+    assert main([*words, "--time", "A:ms", "--power", "leistungsaufnahme_x:W", *hand]) == 0
+    first = read_set(tmp_path / "set").runs[0]
+    np.testing.assert_allclose(first.position, q[: len(first.time)], atol=1e-6)
+    np.testing.assert_allclose(first.power, p[: len(first.power)], atol=1e-3)
+    assert first.time[-1] < 100
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--time", "B"], "--time B: no such column"),
+        (["--power", "A:parsec"], "--power A:parsec: 'parsec' is no unit of power"),
+        (["--joint", "joint9=A"], "--joint joint9: no such joint"),
+        (["--joint", "joint1"], "JOINT=COLUMN"),
+        (["--joint", "joint1=ka"], "no column for the position of joint2, joint3"),
+        (["--time", "ka"], "--time ka: its values do not increase"),
+    ],
+)
+def test_columns_that_cannot_be_meant(tmp_path, capsys, options, expected):
+    path, *_ = odd_headers(tmp_path)
+    hand = [f"--joint={joint}=k{'abcdef'[j]}" for j, joint in enumerate(Z1.joints)] if "--time" in options else []
+    words = ["import", str(path), "--robot", "z1", "--out", str(tmp_path / "set"), *hand, *options]
+    assert main(words) == 2 and expected in capsys.readouterr().err
+    assert not (tmp_path / "set").exists()
+
+
+@pytest.mark.parametrize(
+    ("header", "taken"),
+    [
+        (["motor_power_3"], None),
+        (["motor_power_1", "motor_power_2", "motor_power_3"], None),
+        (["joint2 power [W]"], None),
+        (["gripper_power"], None),
+        (["motor_power_3", "robot_power"], "robot_power"),
+        (["motor_power_total", "motor_power_3"], "motor_power_total"),
+        (["power_1", "power_2"], None),
+        (["CH1 power (W)"], "CH1 power (W)"),
+        (["robot_voltage", "robot_current", "power"], ["robot_voltage", "robot_current"]),
+        (["voltage", "current", "power", "pf"], "power"),
+        (["robot_voltage", "robot_current", "power", "frequency"], "power"),
+        (["motor_voltage_2", "motor_current_2"], None),
+    ],
+)
+def test_a_single_motors_power_is_not_the_robots(tmp_path, header, taken):
+    t, q, _, p = arm(Z1)
+    tau = [5 * q] if taken is None else []  # a set without a meter has torques
+    names = ["t", *(f"q{j}" for j in range(6)), *(f"tau_{j}" for j in range(6) if tau), *header]
+    columns = [t, q, *tau, *(np.sqrt(p) if "voltage" in h or "current" in h else p for h in header)]
+    path = put(tmp_path / "a.csv", lines(",".join(names), columns))
+    made = import_files([path], tmp_path / "set", Z1)
+    power = made.log["columns"].get("power")
+    found = None if power is None else power if isinstance(power, str) else power.get("product", power.get("column"))
+    assert found == taken
+    unknown = next(word for word in made.words if "understood" in word)
+    assert taken is not None or all(repr(name) in unknown.partition("not understood")[2] for name in header)
+
+
+@pytest.mark.parametrize("other", ["computed_torque", "tau_model", "estimated_torque", "target_torque"])
+def test_of_measured_and_computed_torque_the_measured_is_taken(tmp_path, other):
+    t, q, _, p = arm(Z1)
+    for k, (first, second) in enumerate(((other, "measured_torque"), ("torque", other))):
+        names = ["t", "power", *(f"q{j}" for j in range(6))]
+        names += [f"{first}_{j}" for j in range(6)] + [f"{second}_{j}" for j in range(6)]
+        path = put(tmp_path / f"a{k}.csv", lines(",".join(names), [t, p, q, 5 * q, 3 * q]))
+        made = import_files([path], tmp_path / f"set{k}", Z1)
+        effort = made.log["columns"][f"{Z1.joints[0]}.effort"]
+        name = effort if isinstance(effort, str) else effort["column"]
+        assert not name.startswith(other)
+
+
+def test_a_run_of_standstill_is_static_for_all_its_noise(tmp_path):
+    t, q, _, p = arm(Z1)
+    noise = 0.0015 * np.random.default_rng(0).standard_normal(q.shape)
+    names = "t,power," + ",".join(f"q{j}" for j in range(6))
+    moving = put(tmp_path / "moving.csv", lines(names, [t, p, q + noise]))
+    still = put(tmp_path / "still.csv", lines(names, [t, p, q[:1] + noise]))
+    made = import_files([moving, still], tmp_path / "set", Z1)
+    assert np.ptp(noise, axis=0).max() > 0.008
+    assert {row["file"]: row["kind"] for row in made.log["run"]} == {"moving.csv": "motion", "still.csv": "static"}

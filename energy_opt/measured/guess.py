@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.measured.by_hand import ByHand, understood
 from energy_opt.measured.joints import degrees_fault, stamp_factor
 from energy_opt.measured.names import (
+    alternating,
     cut,
     energy_column,
     joint_columns,
     power_column,
     product_columns,
+    robots_own,
     time_columns,
     unit_in,
 )
@@ -116,8 +119,8 @@ def _torque_error(table: Table, name: str) -> float | None:
     return float(np.sqrt(np.mean(off**2))) / spread if spread > 0.5 else None
 
 
-def guess_joints(table: Table, robot: Robot) -> Guess:
-    """Columns and units of a file of joints, its own meter included.
+def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
+    """Columns and units of a file of joints, its own meter included; those named by `hand` are taken as they are.
 
     Raises:
         BadInput: it has no time, or no position for some joint.
@@ -125,17 +128,19 @@ def guess_joints(table: Table, robot: Robot) -> Guess:
     out = Guess()
     header = table.header
     found = joint_columns(header, robot.joints, told_names(table))
-    if "position" not in found:
-        raise BadInput(f"{table.path}: no column for the position of every joint of {robot.name}")
-    time = _guess_time(table, out, "time")
-    if "actual_q_0" in header and header.count("timestamp") == 1 and len(robot.joints) == 6:
+    found["position"] = hand.positions(table, found.get("position", {}))
+    missing = [joint for joint in robot.joints if joint not in found["position"]]
+    if missing:
+        raise BadInput(f"{table.path}: no column for the position of {', '.join(missing)}; name it with --joint")
+    time = _guess_time(table, out, "time", hand)
+    if not hand.joints and "actual_q_0" in header and header.count("timestamp") == 1 and len(robot.joints) == 6:
         out.preset = "ur_rtde"
         out.columns.clear()
         out.words.append("columns of Universal Robots' RTDE recorder (preset ur_rtde)")
-        if "actual_robot_current" not in header:
-            _guess_meter(table, out)
+        if "actual_robot_current" not in header or hand.power is not None:
+            _guess_meter(table, out, hand)
         return out
-    _guess_meter(table, out)
+    _guess_meter(table, out, hand)
     table.load([*(c for by in found.values() for c in by.values())])
     raw = {s: np.column_stack([table.column(by[j]) for j in robot.joints])[:LOOKED_AT] for s, by in found.items()}
     units = {signal: _named_unit(signal, found[signal][robot.joints[0]], table) for signal in found}
@@ -161,25 +166,25 @@ def guess_joints(table: Table, robot: Robot) -> Guess:
     return out
 
 
-def guess_meter(table: Table, span: float | None = None) -> Guess:
+def guess_meter(table: Table, span: float | None, hand: ByHand) -> Guess:
     """Columns and units of a meter's own file, which lasts about `span` [s].
 
     Raises:
         BadInput: it has neither power nor energy.
     """
     out = Guess()
-    _guess_time(table, out, "power.time", span)
-    _guess_meter(table, out)
+    _guess_time(table, out, "power.time", hand, span)
+    _guess_meter(table, out, hand)
     if not {"power", "energy"} & set(out.columns):
-        raise BadInput(
-            f"{table.path}: neither joints' positions nor power nor energy among {', '.join(table.header[:12])}"
-        )
+        told = understood(table, out.columns)
+        raise BadInput(f"{table.path}: neither joints' positions nor power nor energy of the whole robot; {told}")
     return out
 
 
-def _guess_time(table: Table, out: Guess, key: str, span: float | None = None) -> np.ndarray:
+def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | None = None) -> np.ndarray:
     """The column of stamps: the likeliest name whose values never decrease and do increase."""
-    for name in time_columns(table.header):
+    named = [hand.time] if hand.time in table.header else []
+    for name in named or time_columns(table.header):
         values = table.column(name)
         values = values[np.isfinite(values)]
         table.faults = [fault for fault in table.faults if f"column {name}:" not in fault]
@@ -193,7 +198,8 @@ def _guess_time(table: Table, out: Guess, key: str, span: float | None = None) -
         out.first, out.last = float(values[0]) * factor, float(values[-1]) * factor
         out.words.append(f"{key}: {name} [{'date' if out.dated else unit or 's'}]")
         return table.column(name)[:LOOKED_AT] * factor
-    raise BadInput(f"{table.path}: no column of times that increase among {', '.join(table.header[:12])}")
+    what = f"--time {named[0]}: its values do not increase" if named else "no column of times that increase"
+    raise BadInput(f"{table.path}: {what}; {understood(table, out.columns)}")
 
 
 def _named_unit(kind: str, column: str, table: Table) -> str | None:
@@ -251,9 +257,19 @@ def _rate_unit(
     return None
 
 
-def _guess_meter(table: Table, out: Guess) -> None:
-    """Power, else a voltage times a current, else a counter; with units, by size where no unit is named."""
+def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
+    """The robot's voltage times its current, else power, else any pair, else a counter; with units, by size if need be.
+
+    Of an alternating supply voltage times current is not what is drawn.
+    """
     power, pair, energy = power_column(table.header), product_columns(table.header), energy_column(table.header)
+    if pair is not None and (power is None or (robots_own(pair) and not alternating(table.header))):
+        power = None
+    if hand.power is not None and all(part in table.header for part in hand.power.split("*")):
+        volt, _, ampere = hand.power.partition("*")
+        power, pair = (None, (volt, ampere)) if ampere else (volt, None)
+    elif hand.power in table.header:
+        power = hand.power
     if power is not None:
         unit = _named_unit("power", power, table)
         mean = float(np.nanmean(np.abs(table.column(power)))) if unit is None else 0.0

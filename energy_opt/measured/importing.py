@@ -15,11 +15,12 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import write_toml
+from energy_opt.measured.by_hand import ByHand, understood
 from energy_opt.measured.guess import Guess, guess_joints, guess_meter, guess_robot, is_motion, same_columns
 from energy_opt.measured.joints import EPOCH
 from energy_opt.measured.log import FORMAT, NAME, read_log
 from energy_opt.measured.run import Run
-from energy_opt.measured.segment import MOVES, cut_at_standstill
+from energy_opt.measured.segment import cut_at_standstill, stands_still
 from energy_opt.measured.sets import collect
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
@@ -39,7 +40,9 @@ class Imported:
     runs: tuple[Run, ...]
 
 
-def import_files(files: Sequence[Path], out: Path, robot: Robot | None = None, replace: bool = False) -> Imported:
+def import_files(
+    files: Sequence[Path], out: Path, robot: Robot | None = None, replace: bool = False, hand: ByHand | None = None
+) -> Imported:
     """Make a measured set of files; nothing is written where that fails.
 
     Args:
@@ -47,6 +50,7 @@ def import_files(files: Sequence[Path], out: Path, robot: Robot | None = None, r
         out: the set's folder.
         robot: whose joints they are; found by columns and torques where None.
         replace: a set that is there already is replaced.
+        hand: columns that are named by hand.
 
     Raises:
         BadInput: a file is not usable or its columns are not understood, with file, row and column.
@@ -54,6 +58,7 @@ def import_files(files: Sequence[Path], out: Path, robot: Robot | None = None, r
     if (out / NAME).exists() and not replace:
         raise BadInput(f"{out}: holds a measured set already; another --out, or --force")
     tables = [Table(path) for path in _distinct(files)]
+    hand = (hand or ByHand()).within(tables, robot)
     words: list[str] = []
     moving = [table for table in tables if robot is not None or is_motion(table)]
     if robot is None:
@@ -61,7 +66,7 @@ def import_files(files: Sequence[Path], out: Path, robot: Robot | None = None, r
             raise BadInput(f"{tables[0].path}: no joints' positions in any file; say the arm with --robot")
         robot, why = guess_robot(moving[0])
         words.append(f"robot: {robot.name} ({why})")
-    joints, meters = _sorted(tables, robot)
+    joints, meters = _sorted(tables, robot, hand)
     if not joints:
         raise BadInput(f"{tables[0].path}: no file has a column for the position of every joint of {robot.name}")
     first_joint, first_meter = next(iter(joints.values())), next(iter(meters.values()), None)
@@ -69,6 +74,7 @@ def import_files(files: Sequence[Path], out: Path, robot: Robot | None = None, r
     same_columns({str(t.path): g for t, g in meters.items()})
     for table, guess in [*list(joints.items())[:1], *list(meters.items())[:1]]:
         words += [_layout_words(table), *guess.words]
+        words += [] if guess.preset else [understood(table, guess.columns)]
     known = {key.rpartition(".")[2] for key in [*first_joint.columns, *(first_meter.columns if first_meter else ())]}
     if not known & {"power", "energy", "current", "effort"} and first_joint.preset is None:
         raise BadInput(f"{tables[0].path}: no column of power, energy, currents or torques in any file")
@@ -102,22 +108,25 @@ def _distinct(files: Sequence[Path]) -> list[Path]:
     return out
 
 
-def _sorted(tables: Sequence[Table], robot: Robot) -> tuple[dict[Table, Guess], dict[Table, Guess]]:
+def _sorted(tables: Sequence[Table], robot: Robot, hand: ByHand) -> tuple[dict[Table, Guess], dict[Table, Guess]]:
     """Files with the joints of the robot, and meters' files."""
     from energy_opt.measured.names import joint_columns
     from energy_opt.measured.presets import told_names
 
     joints: dict[Table, Guess] = {}
     meters: dict[Table, Guess] = {}
-    has = {table: "position" in joint_columns(table.header, robot.joints, told_names(table)) for table in tables}
+    has = {
+        table: "position" in joint_columns(table.header, robot.joints, told_names(table)) or hand.positions(table, {})
+        for table in tables
+    }
     for table in sorted(tables, key=lambda t: not has[t]):
         if table.faults:
             raise BadInput(table.faults[0])
         if has[table]:
-            joints[table] = guess_joints(table, robot)
+            joints[table] = guess_joints(table, robot, hand)
         else:
             spans = [guess.last - guess.first for guess in joints.values()]
-            meters[table] = guess_meter(table, float(np.median(spans)) if spans else None)
+            meters[table] = guess_meter(table, float(np.median(spans)) if spans else None, hand)
         if table.faults:
             raise BadInput(table.faults[0])
     return joints, meters
@@ -194,7 +203,7 @@ def _kinds(document: dict[str, Any], runs: Sequence[Run], words: list[str]) -> N
     """Which runs are static, and whether long recordings are to be cut; written into the document."""
     still = {run.file.partition("#")[0]: True for run in runs}
     for run in runs:
-        still[run.file.partition("#")[0]] &= float(np.ptp(run.position, axis=0).max()) <= MOVES
+        still[run.file.partition("#")[0]] &= stands_still(run.time, run.position)
     for row in document["run"]:
         row["kind"] = "static" if still.get(row["file"], False) else "motion"
     motions = [sum(piece.kind == "motion" for piece in cut_at_standstill(run)) for run in runs]

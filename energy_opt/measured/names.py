@@ -193,7 +193,7 @@ def _best(
         unit = known_unit(kind, h.unit)
         have = set(h.words) & words
         foreign = h.unit and unit is None and any(known_unit(k, h.unit) for k in UNITS)
-        if not (have or unit) or set(h.words) & never or foreign:
+        if not (have or unit) or set(h.words) & never or foreign or not _whole(h, header, good):
             continue
         value = 1 + (1.0 if unit else 0.0) + sum(good.get(word, 0) for word in h.words) - 0.1 * len(h.words)
         value += 0.5 if have - {"p"} else 0.0
@@ -201,6 +201,25 @@ def _best(
         if value > score:
             best, score = text, value
     return best
+
+
+def _whole(h: Header, header: Sequence[str], good: Iterable[str]) -> bool:
+    """Whether a meter's column may be the whole robot's: no single motor's, nor one of several of its kind."""
+    words = set(h.words)
+    if words & w.WHOLE & set(good):
+        return True
+    alike = [other for other in map(cut, header) if other.words == h.words and other.numbers != h.numbers]
+    return not words & w.SINGLE and not (h.numbers and alike)
+
+
+def robots_own(pair: Sequence[str]) -> bool:
+    """Whether both headers say that they are the robot's."""
+    return all(set(cut(name).words) & {"robot", "arm", "controller"} for name in pair)
+
+
+def alternating(header: Iterable[str]) -> bool:
+    """Whether a table has what is known of an alternating supply only."""
+    return any(set(cut(text).words) & w.ALTERNATING for text in header)
 
 
 def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
@@ -215,7 +234,9 @@ def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
             named = set(ampere.words) & w.AMPERE or known_unit("current", ampere.unit)
             if not named or ampere.text == volt.text or ampere.numbers != volt.numbers:
                 continue
-            if set(ampere.words) & w.COMMANDED or set(volt.words) & (w.COMMANDED | {"joint", "tool"}):
+            if set(ampere.words) & w.COMMANDED or set(volt.words) & w.COMMANDED:
+                continue
+            if not _whole(volt, header, good) or not _whole(ampere, header, good):
                 continue
             other_v, other_a = set(volt.words) - w.VOLT, set(ampere.words) - w.AMPERE
             if other_v != other_a:

@@ -20,6 +20,13 @@ MOVES = 0.005  # [rad] a piece in which no joint moves further is static
 FEWEST_ROWS = 8  # joint rows a piece has beyond its first
 
 
+def stands_still(time: np.ndarray, position: np.ndarray) -> bool:
+    """Whether no joint moves further than `MOVES` over rows (N,), (N, n); noise of single rows is no motion."""
+    wide = max(1, min(len(time), round(0.1 / max(float(np.median(np.diff(time))), 1e-9)))) if len(time) > 1 else 1
+    sums = np.cumsum(np.vstack([np.zeros(position.shape[1]), position - position[0]]), axis=0)
+    return bool(np.ptp((sums[wide:] - sums[:-wide]) / wide, axis=0).max() <= MOVES)
+
+
 def standstills(time: np.ndarray, position: np.ndarray) -> list[tuple[int, int]]:
     """Index ranges [first, last] in which no joint moves for at least `SHORTEST`.
 
@@ -70,7 +77,7 @@ def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> 
     of its window lies, and that piece's joint rows reach back as far as the window does. Where `strict`, readings
     whose window lies in no piece are left out.
     """
-    still = [bool(np.ptp(run.position[a : b + 1], axis=0).max() <= MOVES) for a, b in spans]
+    still = [stands_still(run.time[a : b + 1], run.position[a : b + 1]) for a, b in spans]
     end = run.power_time
     begin = np.maximum.accumulate(end - run.window) if len(end) else end
     most, owner = np.full(len(end), -np.inf), np.full(len(end), -1)

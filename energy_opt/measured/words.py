@@ -20,6 +20,7 @@ SIGNALS: dict[str, frozenset[str]] = {
 }
 # What is measured is meant; these are commanded values.
 COMMANDED = _words(
+    "computed calculated calc model modelled modeled simulated sim estimated est theoretical feedforward predicted "
     "target desired des command commanded cmd ref reference setpoint goal d soll error err planned nominal"
 )
 STRANGE = _words(  # beside these words the others mean no joint's signal
@@ -34,4 +35,10 @@ POWER = _words("power watt watts leistung puissance p pwr")
 ENERGY = _words("energy joule joules wh kwh energie counter arbeit")
 VOLT = _words("voltage volt volts u v spannung")
 AMPERE = _words("current ampere amperes amps amp i a strom")
+# One motor's, and not the robot's, unless the header says so.
+SINGLE = _words(
+    "joint motor axis axes achse actuator drive servo gripper tool finger elbow shoulder wrist antrieb j m link"
+)
+WHOLE = _words("robot arm total whole sum main gesamt")
+ALTERNATING = _words("pf cos phi apparent reactive frequency hz va var")
 NOT_POWER = _words("apparent reactive factor max min peak limit state mode on off status button")

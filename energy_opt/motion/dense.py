@@ -15,8 +15,8 @@ from energy_opt.robot import RigidBody, Tool
 class Dense:
     """A trajectory on a grid that is `factor` times denser than its rows, by Pinocchio's torque and the exact laws.
 
-    time (M,) [s] from 0; q, v, a, jerk (M, n); effort (M, n) [N m] the motors' torque; power (M,) [W] and its parts
-    by effect (M, parts). Every `factor`-th of them is a row.
+    time (M,) [s] from 0; q, v, a, jerk (M, n); rigid (M, n) [N m] the rigid body's torque, effort (M, n) the motors';
+    power (M,) [W] and its parts by effect (M, parts). Every `factor`-th of them is a row.
     """
 
     trajectory: Trajectory
@@ -27,6 +27,7 @@ class Dense:
     v: np.ndarray
     a: np.ndarray
     jerk: np.ndarray
+    rigid: np.ndarray
     effort: np.ndarray
     power: np.ndarray
     parts: np.ndarray

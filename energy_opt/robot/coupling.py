@@ -59,6 +59,10 @@ class Coupling:
         """How far each joint can go (..., L) while those that move by themselves go at most `far` (..., n)."""
         return far if self.trivial else far @ np.abs(self.matrix).T
 
+    def reach_back(self, x: np.ndarray) -> np.ndarray:
+        """How large torques by the n joints can be (..., n) where those of all joints are at most x (..., L)."""
+        return x if self.trivial else x @ np.abs(self.matrix)
+
     def joined(self, x: np.ndarray, axis: int = -1) -> np.ndarray:
         """G^T x along an axis of length L: torques or derivatives, by the n joints that move by themselves."""
         return x if self.trivial else np.moveaxis(np.moveaxis(x, axis, -1) @ self.matrix, -1, axis)

@@ -10,6 +10,7 @@ import numpy as np
 from energy_opt.cell.cell import Clearance
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer, blocks
+from energy_opt.motion.judge.proven import proven
 from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.trajectory import Trajectory
 
@@ -22,13 +23,15 @@ class Certificate:
     """How far a trajectory stays inside its limits.
 
     `found` is the worst place under each limit, in the order of the limits; `peak_power` [W] of the whole arm;
-    `clearance` from all that the arm must not touch, None where that was not asked.
+    `clearance` from all that the arm must not touch, None where that was not asked; `proven`: what was found holds
+    between the samples too.
     """
 
     samples: int
     found: tuple[Violation, ...]
     peak_power: float
     clearance: Clearance | None = None
+    proven: bool = False
 
     @property
     def max_violation(self) -> dict[str, float | None]:
@@ -66,7 +69,8 @@ class Certificate:
     def document(self) -> dict[str, object]:
         """As it stands in result.json."""
         clearance = None if self.clearance is None else self.clearance.document()
-        limits = {"max_violation": self.max_violation, "worst": self.worst}
+        how = "proven" if self.proven else "sampled"
+        limits = {"limits": how, "max_violation": self.max_violation, "worst": self.worst}
         return {"samples": self.samples, **limits, "clearance": clearance}
 
     def tightened(self, limits: Sequence[Limit]) -> tuple[Limit, ...]:
@@ -97,7 +101,7 @@ def certify(
 
     Long ones are looked at block by block, in bounded memory; laws with a memory begin anew with each.
     """
-    factor = DENSER if samples is None else max(DENSER, -(-samples // (len(trajectory.time) - 1)))
+    factor = DENSER if samples is None else DENSER * max(1, -(-samples // (DENSER * (len(trajectory.time) - 1))))
     factor = 1 if rows_only else factor
     return _pieces(trajectory, scorer, limits, factor, lambda dense: None)
 
@@ -138,13 +142,15 @@ def _pieces(
     worst = iter([max(places, key=_size) for places in zip(*(c.found for c in found), strict=True)])
     rows = scorer.dense(trajectory, 1) if any(limit.via.size for limit in limits) else None
     whole = tuple(limit.worst(rows) if rows is not None and limit.via.size else next(worst) for limit in limits)
-    return Certificate((len(trajectory.time) - 1) * factor + 1, whole, max(c.peak_power for c in found))
+    sure = all(c.proven for c in found) and rows is None
+    return Certificate((len(trajectory.time) - 1) * factor + 1, whole, max(c.peak_power for c in found), proven=sure)
 
 
 def certificate_of(dense: Dense, limits: Sequence[Limit], scorer: Scorer) -> Certificate:
     """The certificate of a trajectory that lies on a dense grid already."""
     found = tuple(_peak(limit, limit.worst(dense), dense, scorer) for limit in limits)
-    return Certificate(len(dense.time), found, _peak_power(dense, scorer))
+    found, sure = proven(dense, scorer, limits, found) if dense.factor > 1 else (found, False)
+    return Certificate(len(dense.time), found, _peak_power(dense, scorer), proven=sure)
 
 
 def _peak(limit: Limit, found: Violation, dense: Dense, scorer: Scorer) -> Violation:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from energy_opt.effects.kinks import MOVING_SPEED
 from energy_opt.motion.dense import Dense
+from energy_opt.motion.judge.analytic import TorqueBound
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_function
@@ -59,8 +61,35 @@ class Scorer:
     def __init__(self, robot: Robot, model: PowerModel) -> None:
         model.check(robot.n)
         self.robot, self.model = robot, model
+        self._laws: dict[str, ca.Function] = {}
         self._drive, self.parts = drive_function(model, robot.n, past=True, holds=True)
         self._values = model.values(robot.n)
+
+    @cached_property
+    def adds_torque(self) -> bool:
+        """Whether any effect adds to the rigid body's torque, or takes from it."""
+        return any(e.stage == "torque" for _, member in self.model.weighted for e in member.effects)
+
+    @cached_property
+    def remembers(self) -> bool:
+        """Whether power depends on what went before: a store, or what is drawn for a while after a motion."""
+        effects = [effect for _, member in self.model.weighted for effect in member.effects]
+        return store_of(self.model) is not None or any(effect.follows for effect in effects)
+
+    @cached_property
+    def torque_bound(self) -> TorqueBound:
+        """Bounds for the rigid body's torque between places."""
+        return TorqueBound(self.model, self.robot.body)
+
+    def law_of(self, name: str) -> ca.Function:
+        """The law's output "tau_m" or "power" as a function of (q, v, a, tau, t), of models without a memory."""
+        if name not in self._laws:
+            n = self.robot.n
+            q, v, a, tau = (ca.SX.sym(word, n) for word in ("q", "v", "a", "tau"))
+            t = ca.SX.sym("t")
+            out = self._drive(q=q, v=v, a=a, tau=tau, t=t, idle=-1, returned=0, p=self._values)[name]
+            self._laws[name] = ca.Function(name, [q, v, a, tau, t], [out])
+        return self._laws[name]
 
     def drive(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray
@@ -70,23 +99,23 @@ class Scorer:
         Friction holds what stands still: that is in the power, not in the torque, which limits are held against.
         Instants are in order of time; each stands for half the time to both neighbours.
         """
-        return self._law(q, v, a, t, *self._past(q, v, a, t))[:3]
+        return self._law(q, v, a, t, *self._past(q, v, a, t))[1:4]
 
     def _past(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What went before instants in order: time since motion ended (N,) [s], and power that a store returns (N,)."""
         idle, back = idle_time(t, v), np.zeros(len(q))
         if store_of(self.model) is None or len(q) < 2:
             return idle, back
-        return idle, returned_power(self.model, np.gradient(t), self._law(q, v, a, t, idle, back)[3])
+        return idle, returned_power(self.model, np.gradient(t), self._law(q, v, a, t, idle, back)[4])
 
     def _law(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray, idle: np.ndarray, back: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Motor torque, power, its parts, and the power (N,) at the DC link."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Rigid-body torque, motor torque, power, its parts, and the power (N,) at the DC link."""
         tau = rigid_torque(self.model, self.robot.body, q, v, a)
         law = Batch(self._drive, len(q))
         tau_m, power, parts, bus = law(q, v, a, tau, t[:, None], idle[:, None], back[:, None], self._values)
-        return tau_m, power[:, 0], parts, bus[:, 0]
+        return tau, tau_m, power[:, 0], parts, bus[:, 0]
 
     def alone(self, dense: Dense, joint: int) -> np.ndarray:
         """Parts of the power (N, len(self.parts)) [W] on a dense grid as if only one joint moved and had a torque."""
@@ -121,7 +150,17 @@ class Scorer:
         q, v, a, jerk = trajectory.sample_denser(factor)
         before, at = trajectory.jerk_before_rows(), jerk[factor::factor]  # it jumps there: the larger of both counts
         jerk[factor::factor] = np.where(np.abs(before) > np.abs(at), before, at)
-        return Dense(trajectory, self.robot.body, factor, time, q, v, a, jerk, *self.drive(q, v, a, time))
+        return Dense(
+            trajectory,
+            self.robot.body,
+            factor,
+            time,
+            q,
+            v,
+            a,
+            jerk,
+            *self._law(q, v, a, time, *self._past(q, v, a, time))[:4],
+        )
 
     def between(self, dense: Dense, time: np.ndarray) -> Dense:
         """A trajectory that lies on a dense grid at other times (M,) of it; the past is that of the places before."""
@@ -130,7 +169,7 @@ class Scorer:
         before = np.searchsorted(dense.time, time, side="right") - 1
         still = (np.abs(v).max(axis=1) <= MOVING_SPEED) & (idle[before] >= 0)
         idle = np.where(still, idle[before] + time - dense.time[before], -1.0)
-        driven = self._law(q, v, a, time, idle, np.interp(time, dense.time, back))[:3]
+        driven = self._law(q, v, a, time, idle, np.interp(time, dense.time, back))[:4]
         return Dense(dense.trajectory, dense.body, 1, time, q, v, a, jerk, *driven)
 
     def energy(self, trajectory: Trajectory) -> Energy:

@@ -1,0 +1,197 @@
+"""Limits of the whole continuous motion, between the judge's places too: proven, or the place that breaks one found.
+
+Position, velocity, acceleration and jerk are polynomials between rows: their largest values are exact to rounding.
+The rigid body's torque is a polynomial up to an error that is bounded (see `analytic`); where no effect adds to it, so
+is effort. Other effort, and power, lie within half a piece's length times the largest rate of their value in its middle
+(see `enclosure`); pieces that may pass a bound are cut until they do not, or their middle does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.judge.bernstein import peak, quintics, slope, split, through
+from energy_opt.motion.judge.enclosure import Range, Unknown, enclosed
+from energy_opt.motion.limits.acceleration import Acceleration
+from energy_opt.motion.limits.base import Limit, Violation
+from energy_opt.motion.limits.effort import Effort
+from energy_opt.motion.limits.jerk import Jerk
+from energy_opt.motion.limits.joint import JointLimit
+from energy_opt.motion.limits.position import Position
+from energy_opt.motion.limits.power import Power
+from energy_opt.motion.limits.velocity import Velocity
+
+if TYPE_CHECKING:
+    from energy_opt.motion.judge.energy import Scorer
+
+TOLERANCE = 5e-7  # share of a bound that a proof may leave open
+EXACT = 1e-10  # of a bound: how exactly the peaks of polynomials are found
+PARTS, MOST = 8, 20_000  # into which a piece is cut, and how many are looked at before a proof is given up
+DEGREE = 10  # of the polynomial that stands for torque: the judge has so many places between two rows
+DERIVATIVES = {Velocity: 1, Acceleration: 2, Jerk: 3}
+
+
+class Proof:
+    """The pieces of one motion between rows, and what is proven of them."""
+
+    def __init__(self, dense: Dense, scorer: Scorer) -> None:
+        self._dense, self._scorer = dense, scorer
+        c, self._h = quintics(dense.trajectory)
+        self._derivatives = [c]  # of orders 0 ... 5, the first less each piece's first position
+        for _ in range(5):
+            self._derivatives.append(slope(self._derivatives[-1], self._h))
+        self._begin = dense.time[:: dense.factor][:-1]
+
+    def worst(self, limit: Limit, found: Violation) -> tuple[Violation, bool]:
+        """The worst place under a limit, `found` or one between the judge's places, and whether it is proven."""
+        if found.excess is None:
+            return found, False
+        if limit.via.size:
+            return found, True  # a row lies there, or does not
+        if isinstance(limit, (Position, *DERIVATIVES)):
+            return self._of_polynomials(limit, found), True
+        if isinstance(limit, Effort) and not self._scorer.adds_torque:
+            return self._of_torque(limit, found)
+        if isinstance(limit, (Effort, Power)):
+            try:
+                return self._of_law(limit, found)
+            except Unknown:
+                return found, False
+        return found, False
+
+    def _used(self, c: np.ndarray, limit: Limit) -> tuple[np.ndarray, np.ndarray]:
+        """Excess coefficients (d + 1, K * 2 n) of a bound on both signs of polynomials, and the bounds (2 n,)."""
+        if isinstance(limit, Position):
+            span = limit.upper - limit.lower
+            span = np.where(np.isfinite(span), span, 1.0)
+            first = self._dense.trajectory.position[:-1]
+            over, under = (c + (first - limit.upper)) / span, ((limit.lower - first) - c) / span
+            out, bounds = np.concatenate([over, under], axis=2), np.concatenate([limit.upper, limit.lower])
+        else:
+            assert isinstance(limit, JointLimit)
+            bound = limit.bound
+            out, bounds = np.concatenate([c, -c], axis=2) / np.concatenate([bound, bound]) - 1, np.tile(bound, 2)
+        out = np.where(np.isfinite(bounds), out, -1.0)
+        return out.reshape(len(c), -1), bounds
+
+    def _of_polynomials(self, limit: Limit, found: Violation) -> Violation:
+        c = self._derivatives[next((k for kind, k in DERIVATIVES.items() if isinstance(limit, kind)), 0)]
+        return self._peak(c, limit, found, EXACT)
+
+    def _peak(self, c: np.ndarray, limit: Limit, found: Violation, tolerance: float) -> Violation:
+        """`found`, or a higher peak of polynomials (d + 1, K, n)."""
+        used, bounds = self._used(c, limit)
+        excess, column, x = peak(used, _excess(found), tolerance)
+        if excess <= _excess(found):
+            return found
+        k, j = divmod(column, len(bounds))
+        n, sign = len(bounds) // 2, 1.0 if j < len(bounds) // 2 else -1.0
+        value = sign * (excess + 1) * float(bounds[j])
+        if isinstance(limit, Position):
+            span = float(limit.upper[j % n] - limit.lower[j % n])
+            value = float(bounds[j]) + sign * excess * (span if np.isfinite(span) else 1.0)
+        time = float(self._begin[k] + x * self._h[k, 0])
+        return Violation(found.limit, excess, self._dense.joints[j % n], time, value, float(bounds[j]))
+
+    def _torque(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Polynomials (d + 1, K, n) near rigid-body torque, and bounds (K, n) of their and their rates' errors."""
+        d = self._dense
+        rigid = d.rigid[:: d.factor // DEGREE]
+        rows = rigid[:-1].reshape(len(self._begin), DEGREE, -1)
+        values = np.concatenate([rows.transpose(1, 0, 2), rigid[None, DEGREE::DEGREE]])
+        sizes = [np.abs(c).max(axis=0) for c in self._derivatives[1:]]
+        slide = np.abs(self._derivatives[0] + d.trajectory.position[:-1]).max(axis=0)
+        return (through(values), *self._scorer.torque_bound.errors(sizes, slide, self._h, DEGREE))
+
+    def _of_torque(self, limit: Effort, found: Violation) -> tuple[Violation, bool]:
+        c, error, _ = self._torque()
+        out = self._peak(c, limit, found, TOLERANCE)
+        open_ = float(np.max(error / limit.bound, initial=0.0, where=np.isfinite(error / limit.bound)))
+        return out, bool(np.isfinite(error).all()) and open_ <= TOLERANCE
+
+    def _of_law(self, limit: Effort | Power, found: Violation) -> tuple[Violation, bool]:
+        """By the law's ranges on pieces, cut where they may pass the bound."""
+        power = isinstance(limit, Power)
+        if power and self._scorer.remembers:
+            return found, False
+        function = self._scorer.law_of("power" if power else "tau_m")
+        torque, error, rates = self._torque()
+        bound = limit.scale if isinstance(limit, Power) else limit.bound
+        count = len(self._begin)
+        piece, low, high, looked = np.arange(count), np.zeros(count), np.ones(count), 0
+        middle = self._dense.power[:, None] if power else self._dense.effort
+        middle = middle[self._dense.factor // 2 :: self._dense.factor]
+        while len(piece):
+            looked += len(piece)
+            if looked > MOST + count:
+                return found, False
+            ranges = enclosed(function, self._inputs(piece, low, high, torque, error, rates))[0]
+            half = (self._h[piece, 0] * (high - low) / 2)[:, None]
+            near, rate = middle, half * np.stack([r.rate for r in ranges], axis=1)
+            most = np.minimum(np.stack([r.high for r in ranges], axis=1), near + rate) / bound - 1
+            if not power:
+                least = np.maximum(np.stack([r.low for r in ranges], axis=1), near - rate) / bound
+                most = np.maximum(most, -least - 1)
+            left = np.flatnonzero(~(most.max(axis=1) <= max(_excess(found), 0.0) + TOLERANCE))
+            cuts = low[left, None] + (high - low)[left, None] * np.linspace(0, 1, PARTS + 1)
+            piece, low, high = np.repeat(piece[left], PARTS), cuts[:, :-1].ravel(), cuts[:, 1:].ravel()
+            if not len(piece):
+                return found, True
+            if looked + len(piece) > MOST + count:
+                return found, False
+            places = self._begin[piece] + self._h[piece, 0] * (low + high) / 2
+            there = self._scorer.between(self._dense, places)
+            worse = limit.worst(there)
+            if _excess(worse) > _excess(found):
+                found = worse
+            middle = there.power[:, None] if power else there.effort
+        return found, True
+
+    def _inputs(
+        self, piece: np.ndarray, low: np.ndarray, high: np.ndarray,
+        torque: np.ndarray, error: np.ndarray, rates: np.ndarray,
+    ) -> list[list[Range]]:  # fmt: skip
+        """Ranges of q, v, a, tau and t on parts of pieces."""
+        first = self._dense.trajectory.position[:-1][piece]
+        hulls = [_hull(_part(c[:, piece], low, high)) for c in self._derivatives[:4]]
+        hulls[0] = hulls[0][0] + first, hulls[0][1] + first
+        tau = _part(torque[:, piece], low, high)
+        length = self._h[piece] * (high - low)[:, None]
+        tau_low, tau_high = _hull(tau)
+        rate_low, rate_high = _hull(slope(tau, length))
+        own = [(*hulls[k], *hulls[k + 1]) for k in range(3)]
+        own.append((tau_low - error[piece], tau_high + error[piece], rate_low - rates[piece], rate_high + rates[piece]))
+        begin, one = self._begin[piece], np.ones(len(piece))
+        time = Range(begin + self._h[piece, 0] * low, begin + self._h[piece, 0] * high, one, one)
+        columns = range(first.shape[1])
+        return [[Range(*(x[:, j] for x in group)) for j in columns] for group in own] + [[time]]
+
+
+def _excess(found: Violation) -> float:
+    return -np.inf if found.excess is None else found.excess
+
+
+def _part(c: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Coefficients (d + 1, K, n) of pieces from x = low to high, (K,) each."""
+    if (low == 0).all() and (high == 1).all():
+        return c
+    left = split(c, high[:, None])[0]
+    return split(left, (low / high)[:, None])[1]
+
+
+def _hull(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the largest coefficients."""
+    return c.min(axis=0), c.max(axis=0)
+
+
+def proven(
+    dense: Dense, scorer: Scorer, limits: Sequence[Limit], found: Sequence[Violation]
+) -> tuple[tuple[Violation, ...], bool]:
+    """The worst place under each limit, between the judge's places too, and whether all of them are proven."""
+    proof = Proof(dense, scorer)
+    out = [proof.worst(limit, worst) for limit, worst in zip(limits, found, strict=True)]
+    return tuple(worst for worst, _ in out), all(sure for _, sure in out)

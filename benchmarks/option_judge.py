@@ -1,0 +1,278 @@
+"""An evaluator of answers that imports nothing of the package: URDF, SRDF, result.json and the files beside it.
+
+Dynamics are those of tests/independent.py, which reads the URDF itself; bodies are Pinocchio's and coal's. Places
+between rows are so many that a peak between two is below what is tolerated. What touches is convicted, never acquitted.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import yaml
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from independent import Arm, curve
+
+DATA = next(Path(sys.prefix).rglob("cmeel.prefix/share/example-robot-data/robots"))
+OWN = Path(__file__).resolve().parents[1] / "energy_opt" / "robot" / "data" / "urdf"
+SRDF = {"panda": "panda", "ur5": "ur5", "xarm7": "xarm7", "z1": "z1", "kinova": "kinova"}
+TOLERANCE = 2e-6  # of a bound, or of an energy
+PLACES, POSES = 24, 400  # between two rows, and of a motion whose contacts are looked for
+OFTEN = 80  # random poses, in all of which links that touch are one by construction
+HALF = 50.0  # [m] of the edge of a box that stands for what is below a floor
+
+
+class Robot:
+    """An arm by the name that the command knows it by; `stated` is what `energy-opt robots NAME --json` says."""
+
+    def __init__(self, stated: Mapping[str, Any]) -> None:
+        self.name, self.locked = stated["name"], dict(stated["locked"])
+        self.joints = [joint["name"] for joint in stated["joints"]]
+        found = [*OWN.rglob(stated["urdf"]), *DATA.rglob(stated["urdf"])]
+        self.urdf = found[0]
+        rows = stated["joints"]
+
+        def of(key: str, default: float) -> np.ndarray:
+            return np.array([default if row[key] is None else float(row[key]) for row in rows])
+
+        self.bounds = {
+            "lower": of("lower", -np.inf), "upper": of("upper", np.inf),
+            **{key: of(key, np.inf) for key in ("velocity", "acceleration", "jerk", "effort")},
+        }  # fmt: skip
+        self.n = len(self.joints)
+
+    def arm(self, payload: Sequence[float] | None) -> Arm:
+        """Its dynamics with a payload: mass and centre of mass in the last joint's frame."""
+        arm = Arm(self.urdf.read_text(), self.joints, self.locked)
+        if payload is not None:
+            arm.carry(payload[0], np.array(payload[1:]))
+        return arm
+
+    def tool(self, q: np.ndarray) -> np.ndarray:
+        """Poses (M, 4, 4) of the last joint's frame."""
+        model, _ = _bodies(str(self.urdf), self.name, tuple(sorted(self.locked.items())))
+        data = model.createData()
+        out = []
+        for row in q:
+            pin.forwardKinematics(model, data, _configured(model, row))
+            out.append(data.oMi[model.njoints - 1].homogeneous.copy())
+        return np.array(out)
+
+    def touching(self, q: np.ndarray, scene: Sequence[Mapping[str, Any]], floor: float | None) -> str | None:
+        """The first pair that touches at positions (M, n); None where nothing does."""
+        model, geometry = _bodies(str(self.urdf), self.name, tuple(sorted(self.locked.items())))
+        geometry = geometry.copy()
+        links = geometry.ngeoms
+        for name, shape, at in _things(scene, floor):
+            k = geometry.addGeometryObject(pin.GeometryObject(name, 0, at, shape))
+            for link in range(links):
+                if geometry.geometryObjects[link].parentJoint > 0:
+                    geometry.addCollisionPair(pin.CollisionPair(link, k))
+        data, found = model.createData(), geometry.createData()
+        for row in q:
+            if pin.computeCollisions(model, data, geometry, found, _configured(model, row), True):
+                k = next(k for k, result in enumerate(found.collisionResults) if result.isCollision())
+                pair, things = geometry.collisionPairs[k], geometry.geometryObjects
+                return f"{things[pair.first].name} and {things[pair.second].name}"
+        return None
+
+
+def _configured(model: Any, q: np.ndarray) -> np.ndarray:
+    out: list[float] = []
+    for joint, value in zip(list(model.joints)[1:], q, strict=True):
+        out += [np.cos(value), np.sin(value)] if joint.nq == 2 else [value]
+    return np.array(out)
+
+
+@cache
+def _bodies(urdf: str, name: str, locked: tuple[tuple[str, float], ...]) -> tuple[Any, Any]:
+    folders = [str(folder) for folder in Path(urdf).resolve().parents]
+    model = pin.buildModelFromUrdf(urdf)
+    geometry = pin.buildGeomFromUrdf(model, urdf, pin.GeometryType.COLLISION, package_dirs=[*folders, str(DATA)])
+    fixed = pin.neutral(model)
+    for joint, value in locked:
+        at = model.joints[model.getJointId(joint)]
+        fixed[at.idx_q : at.idx_q + at.nq] = [np.cos(value), np.sin(value)] if at.nq == 2 else [value]
+    model, geometry = pin.buildReducedModel(model, geometry, [model.getJointId(j) for j, _ in locked], fixed)
+    geometry.addAllCollisionPairs()
+    if name in SRDF:
+        pin.removeCollisionPairs(model, geometry, str(next(DATA.rglob(f"{SRDF[name]}.srdf"))))
+    objects, data, found = geometry.geometryObjects, model.createData(), geometry.createData()
+    low, high = (np.clip(x, -np.pi, np.pi) for x in (model.lowerPositionLimit, model.upperPositionLimit))
+    rng, always = np.random.default_rng(7), np.ones(len(geometry.collisionPairs), dtype=bool)
+    for _ in range(OFTEN):
+        pin.computeCollisions(model, data, geometry, found, rng.uniform(low, high), False)
+        always &= [result.isCollision() for result in found.collisionResults]
+    for pair, touch in zip(list(geometry.collisionPairs), always, strict=True):
+        a, b = objects[pair.first].parentJoint, objects[pair.second].parentJoint
+        if touch or model.parents[a] == b or model.parents[b] == a:
+            geometry.removeCollisionPair(pair)
+    return model, geometry
+
+
+def _things(scene: Sequence[Mapping[str, Any]], floor: float | None) -> list[tuple[str, Any, Any]]:
+    out = []
+    if floor is not None:
+        box = coal.Box(2 * HALF, 2 * HALF, HALF)
+        out.append(("floor", box, pin.SE3(np.eye(3), np.array([0, 0, floor - HALF / 2]))))
+    for thing in scene:
+        at = pin.SE3(np.eye(3), np.array(thing["position"], dtype=float))
+        shape = coal.Box(*thing["size"]) if thing["type"] == "box" else coal.Sphere(thing["radius"])
+        out.append((thing["name"], shape, at))
+    return out
+
+
+def rows_of(path: Path, joints: Sequence[str]) -> list[np.ndarray]:
+    """time (N,), positions, velocities and accelerations (N, n) of a trajectory.csv."""
+    with path.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    return [np.array([float(row["time"]) for row in rows])] + [
+        np.array([[float(row[f"{joint}.{what}"]) for joint in joints] for row in rows])
+        for what in ("position", "velocity", "acceleration")
+    ]
+
+
+def faults_of_files(out: Path, document: str = "result.json") -> list[str]:
+    """Files of the folder that the document does not list with their digest, and the other way round."""
+    listed = {row["name"]: row["sha256"] for row in json.loads((out / document).read_text()).get("files", [])}
+    there = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in out.iterdir() if p.name != document}
+    return [f"files: {name}" for name in sorted({*listed, *there}) if listed.get(name) != there.get(name)]
+
+
+def judge(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
+    """What is wrong with the answer in a folder to what was asked for; empty where nothing is.
+
+    Args:
+        asked: start, goal; and where they were asked for duration, max_duration, payload, max_power, tool_speed,
+            tool_acceleration, keep, tube, via, floor, scene (objects), write, self_collision.
+    """
+    found = json.loads((out / "result.json").read_text())
+    t, q, v, a = rows_of(out / "trajectory.csv", robot.joints)
+    _, (x, dx, ddx, jerk) = curve(t, q, v, a, PLACES)
+    arm, faults = robot.arm(asked.get("payload")), faults_of_files(out)
+    tau = arm.torque(*(y.reshape(-1, robot.n) for y in (x, dx, ddx))).reshape(x.shape)
+    model = {effect["name"]: effect for effect in found["request"]["model"]["effect"]}
+    plain = set(model) <= {"standby", "copper_loss", "payload"}
+
+    def holds(what: str, excess: float) -> None:
+        if not excess <= TOLERANCE:
+            faults.append(f"{what}: {excess:.3e} beyond")
+
+    span = np.where(
+        np.isfinite(robot.bounds["upper"] - robot.bounds["lower"]), robot.bounds["upper"] - robot.bounds["lower"], 1
+    )
+    holds("position", float(np.max(np.maximum(x - robot.bounds["upper"], robot.bounds["lower"] - x) / span)))
+    values = {"velocity": dx, "acceleration": ddx, "jerk": jerk, **({"effort": tau} if plain else {})}
+    for name, value in values.items():
+        holds(name, float(np.max(np.abs(value) / robot.bounds[name])) - 1)
+    holds("start", float(np.abs(q[0] - asked["start"]).max()) + float(np.abs(v[0]).max()))
+    holds("goal", float(np.abs(q[-1] - asked["goal"]).max()) + float(np.abs(v[-1]).max()))
+    if asked.get("duration") is not None:
+        holds("duration", abs(t[-1] - t[0] - asked["duration"]))
+    if asked.get("max_duration") is not None:
+        holds("max_duration", t[-1] - t[0] - asked["max_duration"])
+    if plain:
+        copper = np.atleast_1d(model["copper_loss"]["r_over_kt2"]) if "copper_loss" in model else np.zeros(1)
+        power = model["standby"]["power"] + np.sum(tau * dx + copper * tau**2, axis=2)
+        nodes = np.linspace(0, 1, 9)
+        _, (y, dy, ddy, _) = curve(t, q, v, a, 9)
+        load = arm.torque(*(z.reshape(-1, robot.n) for z in (y, dy, ddy))).reshape(y.shape)
+        each = model["standby"]["power"] + np.sum(load * dy + copper * load**2, axis=2)
+        weight = np.linalg.solve(np.vander(nodes, increasing=True).T, 1 / (np.arange(9) + 1))
+        energy = float(np.sum((each @ weight) * np.diff(t)))
+        holds("energy", abs(energy - found["energy"]["total"]) / max(abs(energy), 1.0))
+        if asked.get("max_power") is not None:
+            holds("power", float(power.max()) / asked["max_power"] - 1)
+    for point in asked.get("via", []):
+        holds("via", float(np.abs(q - point).max(axis=1).min()))
+    faults += _conditions(robot, asked, t, q, v, a)
+    if asked.get("self_collision", True):
+        many = np.linspace(t[0], t[-1], POSES)
+        k = np.clip(np.searchsorted(t, many, side="right") - 1, 0, len(t) - 2)
+        poses = x[k, np.round((many - t[k]) / (t[k + 1] - t[k]) * (PLACES - 1)).astype(int)]
+        pair = robot.touching(poses, asked.get("scene", []), asked.get("floor"))
+        if pair is not None:
+            faults.append(f"touches: {pair}")
+    for path in out.glob("trajectory.*"):
+        faults += _written(path, robot, asked)
+    return faults
+
+
+def _conditions(
+    robot: Robot, asked: Mapping[str, Any], t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> list[str]:
+    """What is asked of the tool and of the path, at three places between rows; speeds by differences of its poses."""
+    faults: list[str] = []
+    if not {"tool_speed", "tool_acceleration", "keep", "tube"} & set(asked):
+        return faults
+    _, (x, *_) = curve(t, q, v, a, 4)
+    poses = robot.tool(x.reshape(-1, robot.n))
+    place, turn = poses[:, :3, 3], poses[:, :3, :3]
+    if "tube" in asked:
+        width = float(asked["tube"].rstrip("radm"))
+        start, along = np.array(asked["start"]), np.array(asked["goal"]) - asked["start"]
+        flat = x.reshape(-1, robot.n)
+        if asked["tube"].endswith("rad"):
+            foot = np.clip((flat - start) @ along / (along @ along), 0, 1)
+            off = float(np.abs(flat - start - foot[:, None] * along).max())
+        else:
+            path = robot.tool(start + np.linspace(0, 1, 2001)[:, None] * along)[:, :3, 3]
+            off = max(float(np.linalg.norm(path - p, axis=1).min()) for p in place[::7])
+        if off > width * (1 + 1e-4) + 2e-6:
+            faults.append(f"tube: {off:g}")
+    for word in asked.get("keep", []):
+        kind, _, most = word.partition(":")
+        if kind == "upright":
+            axis = turn[0].T @ np.array([0, 0, 1.0])
+            off, limit = np.degrees(np.arccos(np.clip((turn @ axis)[:, 2], -1, 1))).max(), float(most or 5)
+        elif kind == "orientation":
+            cosine = (np.einsum("kij,ij->k", turn, turn[0]) - 1) / 2
+            off, limit = np.degrees(np.arccos(np.clip(cosine, -1, 1))).max(), float(most or 2)
+        else:
+            line = place[-1] - place[0]
+            share = np.clip((place - place[0]) @ line / (line @ line), 0, 1)
+            off, limit = 1000 * np.linalg.norm(place - place[0] - share[:, None] * line, axis=1).max(), float(most or 1)
+        if off > limit * (1 + 1e-4) + 1e-6:
+            faults.append(f"keep {word}: {off:g}")
+    for name, order in (("tool_speed", 1), ("tool_acceleration", 2)):
+        if name in asked:
+            many = np.linspace(t[0], t[-1], 4000)
+            k, step = np.clip(np.searchsorted(t, many, side="right") - 1, 0, len(t) - 2), many[1] - many[0]
+            h = t[k + 1] - t[k]
+            _, (y, *_) = curve(t, q, v, a, 65)
+            whole = y[k, np.round((many - t[k]) / h * 64).astype(int)]
+            exact = t[k] + h * np.round((many - t[k]) / h * 64) / 64
+            path, size = robot.tool(whole)[:, :3, 3], None
+            for _ in range(order):
+                path = np.gradient(path, exact, axis=0)
+            size = float(np.linalg.norm(path[4:-4], axis=1).max())
+            if size > asked[name] * 1.02 + 3 * step:
+                faults.append(f"{name}: {size:g}")
+    return faults
+
+
+def _written(path: Path, robot: Robot, asked: Mapping[str, Any]) -> list[str]:
+    """Whether a written file begins at the start and ends at the goal."""
+    text = path.read_bytes()
+    if path.name.endswith(".franka.csv"):
+        rows = [[float(x) for x in line.split(",")] for line in text.decode().splitlines() if line[:1] in "-0123456789"]
+        ends = np.array([rows[0][-robot.n :], rows[-1][-robot.n :]])
+    elif path.suffix in (".yaml", ".json"):
+        document = yaml.safe_load(text) if path.suffix == ".yaml" else json.loads(text)
+        plan = document.get("trajectory", document)
+        order = [plan["joint_names"].index(joint) for joint in robot.joints]
+        ends = np.array([plan["points"][k]["positions"] for k in (0, -1)])[:, order]
+    else:
+        return [] if text else [f"{path.name}: empty"]
+    off = float(np.abs(ends - [asked["start"], asked["goal"]]).max())
+    return [f"{path.name}: its ends are {off:g} off"] if off > 1e-6 else []

@@ -36,7 +36,7 @@ def test_careful_is_published_friction_and_no_regeneration():
         assert power[0] == pytest.approx(88.04 + max(drive, 0.0), rel=1e-12)
     still = function(0 * v, 0 * v, 0 * v, tau, 0.0, model.values(7))[0]
     np.testing.assert_allclose(np.array(still).ravel(), tau, atol=1e-15)
-    assert "sigmoid_friction" in names and careful("ur5").get("sigmoid_friction") is None and careful("ur5").assumed
+    assert "sigmoid_friction" in names and careful("ur5").get("sigmoid_friction") is None
 
 
 def test_names_are_taken_everywhere(tmp_path, capsys):

@@ -181,12 +181,11 @@ def test_source_paper_models(tmp_path: Path) -> None:
     for model, standby, copper in ((source_method_1(), 92.3, None), (source_method_2(), 88.04, 0.0036)):
         model.save(tmp_path / "model.toml")
         again = load_model(tmp_path / "model.toml")
-        assert again.robot == "panda" and not again.assumed
+        assert again.robot == "panda"
         assert again.get("standby").values["power"] == [standby]
         assert (None if copper is None else [copper]) == (
             again.get("copper_loss") and again.get("copper_loss").values["r_over_kt2"].tolist()
         )
-    assert source_method_2("ur5").assumed
 
 
 HEAD = 'format = "energy-opt/model/1"\nrobot = "panda"\n'

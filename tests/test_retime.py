@@ -40,9 +40,10 @@ ONE_JOINT = f"""<robot name="wheel">
 
 @pytest.fixture
 def wheel(tmp_path: Path) -> Robot:
-    """One joint about a vertical axis: gravity does no work, tau = I a."""
+    """One joint about a vertical axis: gravity does no work, tau = I a. Neither acceleration nor jerk is bounded."""
     (tmp_path / "wheel.urdf").write_text(ONE_JOINT)
-    return load_robot(str(tmp_path / "wheel.urdf"))
+    robot, free = load_robot(str(tmp_path / "wheel.urdf")), np.full(1, np.inf)
+    return replace(robot, limits=robot.limits.replace(acceleration=free, jerk=free))
 
 
 def copper(power: float = 0.0) -> PowerModel:

@@ -160,9 +160,9 @@ def test_e_series_urdf_holds_the_published_numbers(name: str) -> None:
 def test_placeholder_limits_are_replaced_and_named(tmp_path: Path) -> None:
     robot = load_robot(two_joints(tmp_path, effort="0", velocity="1e9"))
     assert robot.limits.effort[0] == np.inf and robot.limits.velocity[0] == pytest.approx(np.pi)
-    assert robot.limits.acceleration[0] == 10 and robot.limits.acceleration[1] == np.inf
+    np.testing.assert_allclose(robot.limits.acceleration, [5 * np.pi, 5])
     first = [w for w in robot.warnings if w.startswith("first:")]
-    assert len(first) == 3 and all("assumed" in w for w in first)
+    assert len(first) == 2 and all("assumed" in w for w in first)
     assert not any(w.startswith("second:") for w in robot.warnings)
 
 
@@ -189,7 +189,7 @@ def test_limits_file_overrides_by_name(tmp_path: Path) -> None:
     )
     robot = load_robot(two_joints(tmp_path), limits=path)
     np.testing.assert_array_equal(robot.limits.velocity, [2, 0.25])
-    np.testing.assert_array_equal(robot.limits.jerk, [np.inf, 40])
+    np.testing.assert_allclose(robot.limits.jerk, [100 * 5 * 2, 40])  # the first as assumed
     assert robot.limits.effort[0] == np.inf
     np.testing.assert_allclose(robot.limits.lower, [-math.pi / 6, -1])
     np.testing.assert_allclose(robot.limits.upper, [0.5, 1])
@@ -214,7 +214,7 @@ def test_every_key_of_a_limits_file_counts(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.limits.acceleration, [0.8, 3.0])
     np.testing.assert_allclose(robot.limits.lower, [-0.5, stated.lower[1]])
     np.testing.assert_allclose(robot.limits.upper, stated.upper)
-    assert np.isinf(robot.limits.jerk).all()
+    np.testing.assert_allclose(robot.limits.jerk, [80, 300])  # none is given
     assert sum("scaling_factor" in w for w in robot.warnings) == 2
 
 

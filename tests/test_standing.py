@@ -33,7 +33,7 @@ def heat(model: PowerModel, v: float, kinks: Kinks, holds: bool) -> np.ndarray:
     ids=lambda friction: friction.name,
 )
 def test_no_creeping_is_cheaper_than_standing(friction: Effect) -> None:
-    model = source_method_2("arm").replaced(friction)
+    model = source_method_2().replaced(friction)
     for kinks, slack in ((EXACT, 1e-12), (Smooth(), 2e-4)):  # W; a hundredth of what the free ride was worth
         standing = heat(model, 0.0, kinks, holds=True)
         for v in np.outer([-1, 1], [1e-6, 1e-4, 6e-4, 2e-3, 1e-2, 3e-2]).ravel():
@@ -43,12 +43,12 @@ def test_no_creeping_is_cheaper_than_standing(friction: Effect) -> None:
 
 
 def test_friction_holds_at_rest_and_is_the_declared_law_in_motion() -> None:
-    model = source_method_2("arm").replaced(CoulombFriction(tau_c=2.0))
+    model = source_method_2().replaced(CoulombFriction(tau_c=2.0))
     r = 0.0036
     expected = 88.04 + r * np.maximum(np.abs(LOADS) - 2.0, 0) ** 2
     np.testing.assert_allclose(heat(model, 0.0, EXACT, holds=True), expected, rtol=1e-12)
     for friction in (CoulombFriction(tau_c=2.0), AsymmetricFriction(tau_plus=2.0, tau_minus=1.0)):
-        other = source_method_2("arm").replaced(friction)
+        other = source_method_2().replaced(friction)
         for v in (-0.3, -1.1e-3, 1.1e-3, 0.3):
             assert (heat(other, v, EXACT, holds=True) == heat(other, v, EXACT, holds=False)).all()
 

@@ -14,7 +14,7 @@ from energy_opt.bench.task import MODES, OBJECTIVES, Duration, RobotSource
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text
 from energy_opt.power import PowerModel, load_model
-from energy_opt.power.named import NAMED, is_named, named_model
+from energy_opt.power.named import NAMED, is_named
 from energy_opt.robot import Robot, known_robots
 
 LISTS = {
@@ -42,7 +42,7 @@ class Group:
     modes: list[Literal["retime", "reshape"]]
     timings: list[Duration]
     payloads: list[tuple[float, ...]]
-    models: list[tuple[str, PowerModel]]
+    models: list[tuple[str, PowerModel | None]]
     objectives: list[str]
     settings: tuple[tuple[str, Any], ...]
     surroundings: Surroundings
@@ -141,10 +141,11 @@ def _payload(value: Any, faults: Faults) -> tuple[float, ...] | None:
     return numbers if len(numbers) == 4 else (numbers[0], 0.0, 0.0, 0.0)
 
 
-def _model(name: Any, files: Files, faults: Faults) -> tuple[str, PowerModel] | None:
+def _model(name: Any, files: Files, faults: Faults) -> tuple[str, PowerModel | None] | None:
+    """A model's name and, of a file, the model; those known by name are made for each robot."""
     try:
         if isinstance(name, str) and is_named(name):
-            return name, named_model(name, "")  # made anew for each robot
+            return name, None
         if isinstance(name, str) and files.path(name, "models").is_file():
             return Path(name).name if Path(name).is_absolute() else name, load_model(files.path(name, "models"))
         raise BadInput(f"{name!r} is neither a model file beside the suite nor one of {', '.join(NAMED)}")

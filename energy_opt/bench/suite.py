@@ -40,7 +40,7 @@ from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml, to_json
 from energy_opt.power.locked import of_joints
-from energy_opt.power.named import is_named, named_model
+from energy_opt.power.named import named_model
 from energy_opt.robot import Robot
 
 FORMAT = "energy-opt/suite/1"
@@ -155,7 +155,7 @@ def _unknown(table: Mapping[str, Any], where: str, faults: Faults) -> None:
 def _product(suite: str, group: Group, at: int, files: Files, faults: Faults) -> Iterator[Task]:
     """All rows of a group, in the order robot, move, mode, duration, payload, model, objective."""
     for source, robot in group.robots:
-        named = [(name, named_model(name, robot.name) if is_named(name) else model) for name, model in group.models]
+        named = [(name, named_model(name, robot) if model is None else model) for name, model in group.models]
         models = []
         for name, effects in named:
             try:

@@ -125,7 +125,7 @@ def _declared(args: argparse.Namespace, measured: MeasuredSet) -> tuple[PowerMod
     if own.is_file():
         return of_joints(load_model(own), measured.robot), (), f"No --model: starting from the set's own {own.name}."
     if not _has_meter(measured):
-        return source_method_2(measured.robot.name), (), "No --model: standby and copper loss are source-method-2's."
+        return source_method_2(measured.robot), (), "No --model: standby and copper loss are source-method-2's."
     level = float(np.quantile(np.concatenate([run.power for run in measured.runs]), 0.2))
     start = PowerModel(measured.robot.name, (Standby(power=max(level, 0.0)), CopperLoss(r_over_kt2=_heat(measured))))
     said = "No --model: starting from mechanical power; standby and copper loss are fitted and not called causes."

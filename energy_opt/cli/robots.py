@@ -15,6 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; returns the exit code."""
+    import numpy as np
+
     from energy_opt.files import to_json
     from energy_opt.robot import known_robots, load_robot
 
@@ -45,7 +47,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"  {'joint':<24}{'position':>24}{'velocity':>10}{'accel.':>9}{'jerk':>9}{'effort':>9}")
         for j, joint in enumerate(r.joints):
             m = r.limits
-            span = f"{m.lower[j]:.4g} … {m.upper[j]:.4g} {r.units[j]}"
+            bounded = np.isfinite([m.lower[j], m.upper[j]]).all()
+            span = f"{m.lower[j]:.4g} … {m.upper[j]:.4g} {r.units[j]}" if bounded else "continuous"
             rates = f"{m.velocity[j]:>10.4g}{m.acceleration[j]:>9.4g}{m.jerk[j]:>9.4g}"
             print(f"  {joint:<24}{span:>24}{rates}{m.effort[j]:>9.4g}")
         for name, (leader, ratio, offset) in r.followers.items():

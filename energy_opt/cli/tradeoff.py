@@ -63,11 +63,6 @@ def run(args: argparse.Namespace) -> int:
     cycle = cycle_for(robot, model, move, args.cycle, args.idle_power)
     for warning in robot.warnings:
         say(args, f"warning: {warning}")
-    if model.assumed:
-        say(
-            args, f"warning: {robot.name}: electrical values are assumed (those of the Panda); give --model for its own"
-        )
-
     named = {"path": args.path, "limits": args.limits, "scene": args.scene}
     named["cell"] = cell_of(args).document()
     over: dict[str, Any] = {

@@ -84,7 +84,7 @@ class CopperLoss(HeatEffect):
     """r_over_kt2 * tau_m^2 in every joint: Joule heat of the current that makes the torque (R / Kt^2)."""
 
     name = "copper_loss"
-    parameters = (Parameter("r_over_kt2", "W/(N m)^2", 0.0, 0.0, 1e3, "joint"),)
+    parameters = (Parameter("r_over_kt2", "W/(N m)^2", 0.0, 0.0, 1e6, "joint", fit=(0.0, 1e3)),)
     dissipates = True
 
     @classmethod

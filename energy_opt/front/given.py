@@ -43,7 +43,7 @@ def model_from(given: AnyModel, robot: Robot) -> PowerModel:
     Raises:
         BadInput: no such name or file, or a model of another number of joints.
     """
-    model = given if isinstance(given, PowerModel) else model_of(DEFAULT if given is None else given, robot.name)
+    model = given if isinstance(given, PowerModel) else model_of(DEFAULT if given is None else given, robot)
     model = of_joints(model, robot)
     model.check(robot.n)
     return model
@@ -54,7 +54,7 @@ def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
     name = f"source-method-{method}"
     if not is_named(name):
         raise BadInput(f"--method {method}; expected 1 or 2")
-    return named_model(name, robot.name if isinstance(robot, Robot) else str(robot))
+    return named_model(name, robot if isinstance(robot, Robot) else str(robot))
 
 
 def payload_from(given: AnyPayload) -> Payload:

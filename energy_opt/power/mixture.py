@@ -45,7 +45,7 @@ class Mixture(PowerModel):
         rigid = tuple(effect for effect in first.effects if effect.stage == "rigid")
         same = (first, *(_carrying(member, rigid) for member in members[1:]))
         effects = tuple(effect for member in same for effect in member.effects)
-        return cls(first.robot, effects, any(m.assumed for m in same), members=same, weights=w / w.sum())
+        return cls(first.robot, effects, members=same, weights=w / w.sum())
 
     def __post_init__(self) -> None:
         """Members were checked when they were made."""

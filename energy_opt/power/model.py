@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import EXACT, BaseTilt, CopperLoss, Effect, PowerEffect, Standby, SupplyEffect, effect_class
+from energy_opt.effects import EXACT, BaseTilt, Effect, PowerEffect, SupplyEffect, effect_class
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml, write_toml
 
@@ -40,13 +40,11 @@ class PowerModel:
     Attributes:
         robot: the robot's name (a label; joints are the robot's own, in its order).
         effects: at most one of each kind.
-        assumed: True where the values are not this robot's own but taken over for want of better.
         doubt: how sure the values are, where data said; it does not change what the model says.
     """
 
     robot: str
     effects: tuple[Effect, ...]
-    assumed: bool = False
     doubt: Doubt | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -69,9 +67,9 @@ class PowerModel:
     def replaced(self, effect: Effect) -> PowerModel:
         """The model with `effect` in place of the one of its name, or added to the others."""
         if self.get(effect.name) is None:
-            return PowerModel(self.robot, (*self.effects, effect), self.assumed)
+            return PowerModel(self.robot, (*self.effects, effect))
         kept = tuple(effect if e.name == effect.name else e for e in self.effects)
-        return PowerModel(self.robot, kept, self.assumed)
+        return PowerModel(self.robot, kept)
 
     def for_move(self, effect: Effect) -> PowerModel:
         """The model, and those that explain its data as well, with what belongs to a move: a payload or a tilt.
@@ -94,7 +92,7 @@ class PowerModel:
         if not isinstance(other, (Effect, PowerModel)):
             return NotImplemented
         more = (other,) if isinstance(other, Effect) else other.effects
-        return PowerModel(self.robot, (*self.effects, *more), self.assumed)
+        return PowerModel(self.robot, (*self.effects, *more))
 
     def __sub__(self, other: str | Effect | type[Effect]) -> PowerModel:
         """The model less the effect of a name or class.
@@ -130,7 +128,7 @@ class PowerModel:
 
     def without(self, name: str) -> PowerModel:
         """The model less the effect of that name."""
-        return PowerModel(self.robot, tuple(e for e in self.effects if e.name != name), self.assumed)
+        return PowerModel(self.robot, tuple(e for e in self.effects if e.name != name))
 
     @property
     def structure(self) -> tuple[tuple[str, ...], ...]:
@@ -163,7 +161,7 @@ class PowerModel:
             type(e).from_full(np.asarray(vector)[s], joints, **e.choices, **e.extents)
             for e, s in zip(self.effects, self.slices(joints), strict=True)
         )
-        return PowerModel(self.robot, effects, self.assumed)
+        return PowerModel(self.robot, effects)
 
     def constant_power(self, joints: int) -> float:
         """Power [W] at the meter of what is drawn at every instant, whatever the arm does."""
@@ -176,7 +174,7 @@ class PowerModel:
 
     def kept(self, wanted: Callable[[Effect], bool]) -> PowerModel:
         """The model with only the effects for which `wanted` is true."""
-        return PowerModel(self.robot, tuple(e for e in self.effects if wanted(e)), self.assumed)
+        return PowerModel(self.robot, tuple(e for e in self.effects if wanted(e)))
 
     def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
         """What the power is a weighted sum of: weight, model and its part of `p`; the model itself, here."""
@@ -291,14 +289,3 @@ def load_model(path: str | PathLike[str]) -> PowerModel:
         BadInput: names the file, the effect and the parameter at fault.
     """
     return model_from_document(read_toml(Path(path)), str(path))
-
-
-def source_method_1(robot: str = "panda") -> PowerModel:
-    """Method 1 of Petrichenko et al. 2024 (arXiv 2411.03194): R = 0, the mean overhead of eight static poses."""
-    return PowerModel(robot, (Standby(power=92.3),), robot != "panda")
-
-
-def source_method_2(robot: str = "panda") -> PowerModel:
-    """Method 2 of the same paper: least squares of static power over |gravity torque|^2, Franka Panda."""
-    standby, copper = Standby(power=88.04), CopperLoss(r_over_kt2=0.0036)
-    return PowerModel(robot, (standby, copper), robot != "panda")

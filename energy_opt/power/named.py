@@ -6,29 +6,49 @@ from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 
-from energy_opt.effects import Regeneration, SigmoidFriction
+from energy_opt.effects import Regeneration, Standby
 from energy_opt.errors import BadInput, near
-from energy_opt.power.model import PowerModel, load_model, source_method_1, source_method_2
+from energy_opt.power.known import by_name, electrical, friction
+from energy_opt.power.model import PowerModel, load_model
+from energy_opt.robot import Robot
 
-# Friction as published for whole arms: a [N m], k [s/rad] and c [rad/s] of each joint.
-PUBLISHED = {
-    # Gaz et al., IEEE RA-L 4(4), 2019, table of friction parameters of the Franka Emika Panda
-    "panda": SigmoidFriction(
-        a=[0.54615, 0.87224, 0.64068, 1.2794, 0.83904, 0.30301, 0.56489],
-        k=[5.1181, 9.0657, 10.136, 5.5903, 8.3469, 17.133, 10.336],
-        c=[0.039533, 0.025882, -0.04607, 0.036194, 0.026226, -0.021047, 0.0035526],
-    )
-}
+MEAN_OVERHEAD = 92.3  # [W] of the eight static poses of Method 1, on a Panda
 
 
-def careful(robot: str) -> PowerModel:
-    """The source paper's Method 2 with published friction, where there is any, and no regeneration."""
-    model = source_method_2(robot).replaced(Regeneration(efficiency=0.0))
-    return model.replaced(PUBLISHED[robot]) if robot in PUBLISHED else model
+def source_method_1(robot: Robot | str = "panda") -> PowerModel:
+    """Method 1 of Petrichenko et al. 2024 (arXiv 2411.03194): R = 0, the mean overhead of eight static poses.
+
+    Of other arms than the Panda the overhead is what `known.electrical` has for standby.
+    """
+    arm = _arm(robot)
+    standby = Standby(power=MEAN_OVERHEAD) if arm.name == "panda" else electrical(arm)[0].effect
+    return PowerModel(arm.name, (standby,))
 
 
-# Each is made for a robot's name.
-NAMED: dict[str, Callable[[str], PowerModel]] = {
+def source_method_2(robot: Robot | str = "panda") -> PowerModel:
+    """Method 2 of the same paper: least squares of static power over |gravity torque|^2, Franka Panda.
+
+    Of other arms standby and copper loss are what `known.electrical` has.
+    """
+    arm = _arm(robot)
+    return PowerModel(arm.name, tuple(known.effect for known in electrical(arm)))
+
+
+def careful(robot: Robot | str) -> PowerModel:
+    """The source paper's Method 2 with friction, published or assumed, and no regeneration."""
+    arm = _arm(robot)
+    model = source_method_2(arm).replaced(Regeneration(efficiency=0.0))
+    for known in friction(arm):
+        model = model.replaced(known.effect)
+    return model
+
+
+def _arm(robot: Robot | str) -> Robot:
+    return by_name(robot) if isinstance(robot, str) else robot
+
+
+# Each is made for a robot.
+NAMED: dict[str, Callable[[Robot | str], PowerModel]] = {
     "source-method-1": source_method_1,
     "source-method-2": source_method_2,
     "careful": careful,
@@ -40,12 +60,12 @@ def is_named(word: str) -> bool:
     return word.replace("_", "-") in NAMED
 
 
-def named_model(word: str, robot: str) -> PowerModel:
-    """The model of that name for the robot of a name; check with `is_named` first."""
+def named_model(word: str, robot: Robot | str) -> PowerModel:
+    """The model of that name for a robot, or the robot of a name; check with `is_named` first."""
     return NAMED[word.replace("_", "-")](robot)
 
 
-def model_of(word: str | PathLike[str], robot: str) -> PowerModel:
+def model_of(word: str | PathLike[str], robot: Robot | str) -> PowerModel:
     """The model of a name, or of a model file.
 
     Raises:

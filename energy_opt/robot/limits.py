@@ -11,7 +11,8 @@ import numpy as np
 from energy_opt.robot.units import unit_of
 
 ASSUMED_VELOCITY = np.pi  # [rad/s] where no limit is known
-ASSUMED_ACCELERATION = 10.0  # [rad/s^2] where neither acceleration nor effort is limited
+RAMP = 5.0  # [1/s] acceleration over velocity limit where none is known: full speed in no less than 0.2 s
+SHARPNESS = 100.0  # [1/s] jerk over acceleration limit where none is known: full acceleration in no less than 0.01 s
 SMALLEST = 1e-6  # in SI units: slower, weaker than this nothing moves
 PLACEHOLDER = 1e4  # a velocity or effort limit of this size or more is no limit
 DOUBTFUL_VELOCITY = 100.0  # [rad/s] a limit from here on is named, but used
@@ -63,16 +64,17 @@ def look_like_degrees(
 def with_assumptions(
     limits: Limits, joints: Sequence[str], holding: float, slides: Sequence[bool]
 ) -> tuple[Limits, list[str]]:
-    """Replace zero, missing and placeholder limits by assumptions, each named in a warning; doubtful ones are named.
+    """Replace zero, missing and placeholder limits by assumptions, and name those and doubtful ones in warnings.
 
+    Acceleration and jerk always have a bound; that these are assumed is said with the robot's `sources`.
     `holding` is the torque [N m] that holds the whole arm out straight, as a measure of what an effort limit can be;
     `slides` (n,) are the joints with m in place of rad.
     """
     warnings: list[str] = []
     lower, upper = limits.lower.copy(), limits.upper.copy()
-    velocity, effort, acceleration = limits.velocity.copy(), limits.effort.copy(), limits.acceleration.copy()
+    velocity, effort = limits.velocity.copy(), limits.effort.copy()
     for j, joint in enumerate(joints):
-        speed, force, change = (unit_of(kind, slides[j]) for kind in ("velocity", "effort", "acceleration"))
+        speed, force = (unit_of(kind, slides[j]) for kind in ("velocity", "effort"))
         if not lower[j] < upper[j]:
             warnings.append(f"{joint}: position limits [{lower[j]:g}, {upper[j]:g}] are empty; assumed: none")
             lower[j], upper[j] = -np.inf, np.inf
@@ -90,11 +92,6 @@ def with_assumptions(
         else:
             warnings.append(f"{joint}: effort limit {effort[j]:g} {force}; assumed: none")
             effort[j] = np.inf
-            if not np.isfinite(acceleration[j]):
-                warnings.append(
-                    f"{joint}: neither effort nor acceleration is limited; "
-                    f"assumed: acceleration {ASSUMED_ACCELERATION:g} {change}"
-                )
-                acceleration[j] = ASSUMED_ACCELERATION
-    checked = limits.replace(lower=lower, upper=upper, velocity=velocity, effort=effort, acceleration=acceleration)
-    return checked, warnings
+    acceleration = np.where(np.isfinite(limits.acceleration), limits.acceleration, RAMP * velocity)
+    jerk = np.where(np.isfinite(limits.jerk), limits.jerk, SHARPNESS * acceleration)
+    return Limits(lower, upper, velocity, acceleration, jerk, effort), warnings

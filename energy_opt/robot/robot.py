@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from energy_opt.robot.masses import check_masses
 from energy_opt.robot.meshes import mesh_files
 from energy_opt.robot.mimic import followers, leaders_limits
 from energy_opt.robot.plain_urdf import plain_urdf
+from energy_opt.robot.rating import Rating, rating_of
 from energy_opt.robot.rigid_body import RigidBody
 from energy_opt.robot.units import unit_of
 
@@ -34,6 +36,9 @@ class Robot:
         unlocked: the joints that would move by themselves if none were locked that is not locked by default.
         warnings: one line for each limit or inertia that is missing, zero or a placeholder, with what is assumed.
         description: links, joints and collision bodies as they are in the file.
+        rated: what its drives are rated for, which a user's lower limits do not change.
+        sources: where each joint's "velocity", "acceleration", "jerk" and "effort" limit comes from: "urdf", "limits"
+            (the user's file), "published" or "assumed".
         locked: joints that stay where they are, with their positions; those that follow one of them too.
     """
 
@@ -41,6 +46,8 @@ class Robot:
     limits: Limits
     body: RigidBody
     description: Description
+    rated: Rating
+    sources: Mapping[str, tuple[str, ...]]
     locked: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     unlocked: tuple[str, ...] = ()
@@ -146,15 +153,34 @@ def load_robot(
     links, stated = body.tree(), body.urdf_limits()
     free = np.full(len(links), np.inf)
     merged = Limits(stated.lower, stated.upper, stated.velocity, free, free.copy(), stated.effort)
-    scaled: list[str] = []
+    steps, scaled = [merged], []
     for file, before in ((published, ""), (limits, prefix)):
+        said: list[str] = []
         if file is not None:
             merged, said = overlay(merged, [link.name for link in links], file, before, locked)
-            scaled += said
-    merged, led = leaders_limits(merged, links)
-    merged, warnings = with_assumptions(merged, body.joints, _holding(links), body.slides)
+        steps.append(merged)
+        scaled += said
+    led = leaders_limits(merged, links)[1]
+    reduced = [leaders_limits(step, links)[0] for step in steps]
+    known = [with_assumptions(step, body.joints, _holding(links), body.slides) for step in reduced[1:]]
+    held, warnings = known[1]
+    own = known[0][0]
+    rated = rating_of(own, own.velocity == reduced[1].velocity, held, body)
+    sources = _sources([*reduced, held])
     warnings += check_masses(description, locked, links)
-    return Robot(name, merged, body, description, locked, (*scaled, *led, *warnings), unlocked)
+    return Robot(name, held, body, description, rated, sources, locked, (*scaled, *led, *warnings), unlocked)
+
+
+def _sources(steps: Sequence[Limits]) -> dict[str, tuple[str, ...]]:
+    """Who has the last word on each joint's limits: `steps` are the URDF's, then published, the user's, assumed."""
+    out = {}
+    for kind in ("velocity", "acceleration", "jerk", "effort"):
+        values = [getattr(step, kind) for step in steps]
+        names = np.full(len(values[0]), "urdf", dtype=object)
+        for source, (before, after) in zip(("published", "limits", "assumed"), pairwise(values), strict=True):
+            names[before != after] = source
+        out[kind] = tuple(names.tolist())
+    return out
 
 
 def _body(description: Description, lock: Mapping[str, float]) -> tuple[RigidBody, dict[str, float]]:

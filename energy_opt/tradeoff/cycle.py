@@ -55,8 +55,7 @@ class Cycle:
         if idle_power is not None:
             if not 0 <= idle_power < np.inf:
                 raise BadInput(f"--idle-power {idle_power:g}: expected 0 W or more")
-            rest = tuple(e for e in model.effects if not e.overhead)
-            model = PowerModel(model.robot, (Standby(power=idle_power), *rest), model.assumed)
+            model = model.kept(lambda effect: not effect.overhead).replaced(Standby(power=idle_power))
         self.length, self.idle_power = length, idle_power
         self._goal = np.atleast_2d(np.asarray(goal, dtype=float))
         self._scorer = Scorer(robot, model)

@@ -181,10 +181,6 @@ def _optimality(move: Move, name: str, best: Judged, solution: RetimeSolution | 
 
 def _warnings(context: Context) -> list[str]:
     out = list(context.robot.warnings)
-    if context.model.assumed:
-        out.append(
-            f"{context.robot.name}: electrical values are assumed (those of the Panda); give --model for its own"
-        )
     meter = [effect.name for effect in context.model.effects if effect.stage == "meter"]
     if meter:
         out.append(f"{', '.join(meter)}: of the meter, not of the arm; left out of all energies")

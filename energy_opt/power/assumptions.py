@@ -1,0 +1,120 @@
+"""What a plan rests on that nobody gave: bounds, friction and electrical values, each with its source."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.power.known import Known, electrical, friction
+from energy_opt.power.model import PowerModel
+from energy_opt.robot import Robot
+from energy_opt.robot.units import sliding
+
+BOUNDS = ("velocity", "acceleration", "jerk", "effort")
+NOTES = {
+    ("acceleration", "assumed"): "full speed in no less than 0.2 s",
+    ("jerk", "assumed"): "full acceleration in no less than 0.01 s",
+    ("velocity", "assumed"): "no usable limit is stated",
+    ("effort", "assumed"): "no limit is held; a measure of the drive, for friction and electrical values",
+}
+ELECTRICAL, FRICTION = "electrical values", "friction"
+SIGNS = {"rad/s^2": "rad/s²", "m/s^2": "m/s²"}
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """One value: `what` it is, of which joint (None: of the whole arm), in `unit`, and where it comes from.
+
+    `source` is "urdf", "limits" (the user's file), "published" or "assumed"; `note` says it in words.
+    """
+
+    what: str
+    joint: str | None
+    value: float
+    unit: str
+    source: str
+    note: str = ""
+
+
+def assumptions(robot: Robot, models: Sequence[PowerModel]) -> tuple[Assumption, ...]:
+    """What a plan of `robot` under `models` rests on: bounds, and of the models what is not the user's own.
+
+    Acceleration, jerk and effort of every joint stand there with their source; velocities where they are assumed.
+    """
+    out = []
+    for kind in BOUNDS:
+        for j, joint in enumerate(robot.joints):
+            source, value = robot.sources[kind][j], float(getattr(robot.limits, kind)[j])
+            if not np.isfinite(value):
+                source, value = "assumed", float(robot.rated.effort[j])
+            if kind != "velocity" or source == "assumed":
+                unit, note = robot.unit(kind, joint), NOTES.get((kind, source), "")
+                out.append(Assumption(kind, joint, value, unit, source, note))
+    for what, found in ((ELECTRICAL, electrical(robot)), (FRICTION, friction(robot))):
+        for known in found:
+            if any(model.get(known.effect.name) == known.effect for model in models):
+                out += _rows(robot, what, known)
+    return tuple(out)
+
+
+def _rows(robot: Robot, what: str, known: Known) -> list[Assumption]:
+    """The first parameter of an effect that has a size; of a table, its first column."""
+    effect, n = known.effect, robot.n
+    p = next(p for p in effect.parameters if not p.shapes)
+    note = f"{effect.name.replace('_', ' ')}: {known.note}"
+    values = effect.values[p.name]
+    if not p.per_joint:
+        return [Assumption(what, None, float(values[0]), p.unit, known.source, note)]
+    if values.ndim > 1:
+        note = f"{note}; the value is that when creeping"
+        values = values[:, 0]
+    numbers = np.broadcast_to(values, n).tolist()
+    units = [sliding(p.unit) if slides else p.unit for slides in robot.slides]
+    return [
+        Assumption(what, joint, value, unit, known.source, note)
+        for joint, value, unit in zip(robot.joints, numbers, units, strict=True)
+    ]
+
+
+def said(rows: Sequence[Assumption]) -> str:
+    """What is assumed, in one line with what to do about it; empty where nothing is."""
+    assumed = [row for row in rows if row.source == "assumed"]
+    kinds = list(dict.fromkeys(row.what for row in assumed))
+    bounds = [_span(kind, [row for row in assumed if row.what == kind]) for kind in kinds if kind in BOUNDS]
+    if bounds:
+        bounds[-1] += " (no source)"
+    models = [kind for kind in (FRICTION, ELECTRICAL) if kind in kinds]
+    if not bounds and not models:
+        return ""
+    options = ["`--limits`"] * bool(bounds) + ["`--model`"] * bool(models)
+    remedy = f"give {', '.join(options)}"
+    return f"assumed: {', '.join(bounds + models)}: {'run `diagnose` or ' if models else ''}{remedy}"
+
+
+def _span(kind: str, rows: Sequence[Assumption]) -> str:
+    """A bound with its value, or the least and the largest of its joints'."""
+    if kind not in ("acceleration", "velocity"):
+        return kind
+    units = {row.unit for row in rows}
+    if len(units) > 1:
+        return kind
+    ends = [f"{f([row.value for row in rows]):.3g}" for f in (min, max)]
+    unit = units.pop()
+    return f"{kind} {' to '.join(dict.fromkeys(ends))} {SIGNS.get(unit, unit)}"
+
+
+def grouped(rows: Sequence[Assumption]) -> list[tuple[str, str, str, str]]:
+    """Rows for a table: what, values with their unit, source and note; joints that share source and note in one."""
+    out: dict[tuple[str, str, str, str], list[Assumption]] = {}
+    for row in rows:
+        out.setdefault((row.what, row.unit, row.source, row.note), []).append(row)
+    table = []
+    for (what, unit, source, note), same in out.items():
+        numbers = [f"{row.value:.4g}" for row in same]
+        shown = numbers[0] if len(set(numbers)) == 1 else ", ".join(numbers)
+        names = [row.joint for row in same if row.joint is not None]
+        partly = 0 < len(names) < len({row.joint for row in rows} - {None})
+        table.append((what, f"{shown} {unit}" + (f" ({', '.join(names)})" if partly else ""), source, note))
+    return table

@@ -1,0 +1,140 @@
+"""Electrical values and friction of an arm that nobody has measured: published ones, else values scaled with the arm.
+
+Nothing published: copper loss at the effort limit is 10 % of effort times full speed, r_j = 0.1 v_j / effort_j (a Panda
+gets 0.0025 to 0.022 W/(N m)^2 beside 0.0036 measured, a UR5e 0.0021 and 0.0112 beside 0.0018 and 0.0155); standby is
+3 sqrt(sum of effort v [W]) W (a Panda 87, measured 88); dry friction is 4 % of the effort limit, viscous friction 8 %
+of it at full speed. Friction is measured at 1 % (a Panda) to 5 % (UR arms) of the effort limit when creeping, and at 2
+to 15 % at full speed. Effort and speed are what the drives are rated for (`Robot.rated`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from energy_opt.effects import CopperLoss, CoulombFriction, Effect, FrictionCurve, Standby, ViscousFriction
+from energy_opt.files import read_toml
+from energy_opt.power.model import PowerModel, load_model
+from energy_opt.robot import Robot, load_robot
+
+FILES = Path(__file__).parent / "published"
+SERIES = {"ur3e": "ur5e", "ur10e": "ur5e"}  # drives of one design: friction goes with the effort limit
+COPPER, STANDBY = 0.1, 3.0
+DRY, VISCOUS = 0.04, 0.08  # shares of the effort limit
+DRY_RANGE, VISCOUS_RANGE = (0.01, 0.06), (0.02, 0.12)
+
+
+@dataclass(frozen=True)
+class Known:
+    """An effect with where its values come from; `note` says it in words."""
+
+    effect: Effect
+    source: Literal["published", "assumed"]
+    note: str
+
+
+def published_file(name: str) -> Path | None:
+    """The model file of what is published of a robot by name; None where nothing is."""
+    file = FILES / f"{name}.toml"
+    return file if file.is_file() else None
+
+
+@cache
+def _file_of(name: str) -> tuple[PowerModel, dict[str, str], tuple[str, ...], np.ndarray]:
+    """A published model, the sources of its effects, its joints, and their effort limits (n,) [N m]."""
+    file = FILES / f"{name}.toml"
+    sources = {row["name"]: str(row.get("source", "")) for row in read_toml(file)["effect"]}
+    robot = load_robot(name)
+    return load_model(file), sources, robot.joints, robot.rated.effort
+
+
+def _published(robot: Robot, name: str) -> tuple[list[Known], np.ndarray | None]:
+    """What the file of `name` says of the robot's joints, and those joints' effort limits; nothing of other joints."""
+    if published_file(name) is None:
+        return [], None
+    model, sources, joints, effort = _file_of(name)
+    places = [next((k for k, known in enumerate(joints) if own.endswith(known)), -1) for own in robot.joints]
+    if -1 in places:
+        return [], None
+    return [Known(_of_joints(e, places), "published", sources[e.name]) for e in model.effects], effort[places]
+
+
+def _of_joints(effect: Effect, places: Sequence[int]) -> Effect:
+    """The effect of some joints alone."""
+    values = {}
+    for p in effect.parameters:
+        value = effect.values[p.name]
+        values[p.name] = value[list(places)] if p.per_joint and len(value) > 1 else value
+    return type(effect)(**values, **effect.choices)
+
+
+def electrical(robot: Robot) -> tuple[Known, Known]:
+    """Standby and copper loss."""
+    found = {known.effect.name: known for known in _published(robot, robot.name)[0]}
+    rated = robot.rated
+    scaled = Known(Standby(power=STANDBY * np.sqrt(rated.power)), "assumed", "3 sqrt(sum of effort times speed [W])")
+    heat = Known(
+        CopperLoss(r_over_kt2=COPPER * rated.velocity / rated.effort), "assumed",
+        "at the effort limit 10 % of effort times speed",
+    )  # fmt: skip
+    return found.get("standby", scaled), found.get("copper_loss", heat)
+
+
+def friction(robot: Robot) -> tuple[Known, ...]:
+    """Friction in the joints: published, of the arm's series, or the prior."""
+    found = [known for known in _published(robot, robot.name)[0] if known.effect.stage == "torque"]
+    if found:
+        return tuple(found)
+    like = SERIES.get(robot.name, "")
+    of_series, effort = _published(robot, like)
+    for known in of_series:
+        if isinstance(known.effect, FrictionCurve) and effort is not None:
+            torque = known.effect.values["torque"] * (robot.rated.effort / effort)[:, None]
+            note = f"{like}'s, scaled by the effort limit: {known.note}"
+            return (Known(FrictionCurve(speed=known.effect.values["speed"], torque=torque), "published", note),)
+    notes = [
+        f"{what}, {100 * share:g} % of the effort limit{at} (between {100 * low:g} and {100 * high:g} %)"
+        for what, share, at, (low, high) in (
+            ("dry", DRY, "", DRY_RANGE), ("viscous", VISCOUS, " at full speed", VISCOUS_RANGE),
+        )
+    ]  # fmt: skip
+    effects = prior(robot, DRY, VISCOUS)
+    return tuple(Known(effect, "assumed", note) for effect, note in zip(effects, notes, strict=True))
+
+
+def prior(robot: Robot, dry: float, viscous: float) -> tuple[CoulombFriction, ViscousFriction]:
+    """Friction as shares of the effort limits: dry, and viscous at full speed."""
+    rated = robot.rated
+    return CoulombFriction(tau_c=dry * rated.effort), ViscousFriction(b=viscous * rated.effort / rated.velocity)
+
+
+def friction_range(model: PowerModel, robot: Robot) -> tuple[tuple[str, PowerModel], ...]:
+    """The model at the four corners of the prior's range, by name; none where its friction is not the prior's."""
+    held = prior(robot, DRY, VISCOUS)
+    if any(model.get(effect.name) != effect for effect in held):
+        return ()
+    out = []
+    for dry in DRY_RANGE:
+        for viscous in VISCOUS_RANGE:
+            other = model
+            for effect in prior(robot, dry, viscous):
+                other = other.replaced(effect)
+            name = f"friction {100 * dry:g} % dry, {100 * viscous:g} % viscous"
+            out.append((name, replace(other, doubt=None)))
+    return tuple(out)
+
+
+def has_friction(model: PowerModel) -> bool:
+    """Does any effect of the model take energy from motion at the joints?"""
+    return any(effect.dissipates and effect.stage == "torque" for effect in model.effects)
+
+
+@cache
+def by_name(name: str) -> Robot:
+    """The robot of a name in the catalogue, loaded once."""
+    return load_robot(name)

@@ -1,0 +1,124 @@
+"""What nobody gave: bounds on acceleration and jerk, friction and electrical values, and that each is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from energy_opt.effects import CoulombFriction
+from energy_opt.power.assumptions import assumptions, grouped, said
+from energy_opt.power.known import friction_range
+from energy_opt.power.named import careful, source_method_1, source_method_2
+from energy_opt.robot import Robot, known_robots, load_robot
+
+ARM = """<robot name="arm">
+  <link name="base"/>
+  {links}
+</robot>"""
+LINK = """<link name="l{k}"><inertial><origin xyz="0 0 0.2"/><mass value="{mass}"/>
+    <inertia ixx="0.5" iyy="0.5" izz="0.4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/><origin xyz="0 0 0.4"/>
+    <axis xyz="{axis}"/><limit lower="-2" upper="2" velocity="{velocity}" effort="{effort}"/></joint>"""
+
+
+def arm(folder: Path, effort: float = 2000.0, velocity: float = 2.0, limits: str = "") -> Robot:
+    """Two joints, of the size asked for."""
+    links = [
+        LINK.format(k=k, parent="base" if k == 1 else "l1", axis=axis, mass=20, velocity=velocity, effort=effort)
+        for k, axis in ((1, "0 0 1"), (2, "0 1 0"))
+    ]
+    (folder / "arm.urdf").write_text(ARM.format(links="\n".join(links)))
+    if limits:
+        (folder / "limits.yaml").write_text("joint_limits:\n" + limits)
+    return load_robot(folder / "arm.urdf", limits=folder / "limits.yaml" if limits else None)
+
+
+@pytest.mark.parametrize("name", known_robots())
+def test_no_robot_by_name_has_an_infinite_bound(name: str) -> None:
+    robot = load_robot(name)
+    for kind in ("velocity", "acceleration", "jerk", "effort"):
+        assert np.isfinite(getattr(robot.limits, kind)).all(), kind
+    for model in (source_method_1(robot), source_method_2(robot), careful(robot)):
+        assert np.isfinite(model.values(robot.n)).all()
+    assert any(effect.stage == "torque" and effect.dissipates for effect in careful(robot).effects)
+
+
+def test_acceleration_and_jerk_are_given_else_assumed(tmp_path: Path) -> None:
+    robot = arm(tmp_path, velocity=2.5)
+    np.testing.assert_allclose(robot.limits.acceleration, 12.5)
+    np.testing.assert_allclose(robot.limits.jerk, 1250.0)
+    assert robot.sources["acceleration"] == robot.sources["jerk"] == ("assumed", "assumed")
+    assert robot.sources["effort"] == robot.sources["velocity"] == ("urdf", "urdf")
+    raised = arm(tmp_path, velocity=2.5, limits="  j2: {max_acceleration: 40}\n")
+    np.testing.assert_allclose(raised.limits.acceleration, [12.5, 40])
+    np.testing.assert_allclose(raised.limits.jerk, [1250, 4000])
+    assert raised.sources["acceleration"] == ("assumed", "limits") and raised.sources["jerk"] == ("assumed", "assumed")
+    freed = arm(tmp_path, velocity=2.5, limits="  j2: {has_acceleration_limits: false, max_acceleration: 0}\n")
+    np.testing.assert_allclose(freed.limits.acceleration, 12.5)
+    assert load_robot("panda").sources["jerk"] == ("published",) * 7
+
+
+def test_electrical_values_and_friction_go_with_the_size_of_the_arm(tmp_path: Path) -> None:
+    robot = arm(tmp_path, effort=2000.0, velocity=2.0)
+    model = careful(robot)
+    np.testing.assert_allclose(model.get("copper_loss").values["r_over_kt2"], 0.1 * 2.0 / 2000)
+    np.testing.assert_allclose(model.get("standby").values["power"], 3 * np.sqrt(2 * 2000 * 2.0))
+    np.testing.assert_allclose(source_method_1(robot).get("standby").values["power"], 3 * np.sqrt(8000))
+    np.testing.assert_allclose(model.get("coulomb_friction").values["tau_c"], 0.04 * 2000)
+    np.testing.assert_allclose(model.get("viscous_friction").values["b"] * 2.0, 0.08 * 2000)
+    corners = {
+        (float(m.get("coulomb_friction").full(2)[0]) / 2000, float(m.get("viscous_friction").full(2)[0]) * 2.0 / 2000)
+        for _, m in friction_range(model, robot)
+    }
+    assert {(round(a, 9), round(b, 9)) for a, b in corners} == {(0.01, 0.02), (0.01, 0.12), (0.06, 0.02), (0.06, 0.12)}
+    assert CoulombFriction(tau_c=0.06 * 50_000).full(1) == 3000  # of the largest arms: inside the effect's bounds
+
+
+def test_a_user_who_slows_the_arm_changes_no_motor(tmp_path: Path) -> None:
+    plain = careful(arm(tmp_path))
+    slowed = arm(tmp_path, limits="  j1: {max_velocity: 0.2, max_effort: 100}\n  j2: {max_velocity: 0.2}\n")
+    assert careful(slowed) == plain
+    assert slowed.limits.velocity[0] == 0.2 and slowed.limits.effort[0] == 100
+
+
+def test_an_arm_without_effort_limits_has_a_rating_of_its_own_weight(tmp_path: Path) -> None:
+    robot = arm(tmp_path, effort=0.0)
+    lifts = 20 * 9.81 * 0.2  # N m, by the second joint, which is the only one that gravity loads
+    assert np.isinf(robot.limits.effort).all() and robot.rated.estimated.all()
+    assert lifts < robot.rated.effort[1] < 5 * lifts
+    assert 0.1 * robot.rated.effort[1] <= robot.rated.effort[0]
+    rows = [row for row in assumptions(robot, [careful(robot)]) if row.what == "effort"]
+    assert [row.source for row in rows] == ["assumed"] * 2 and rows[1].value == robot.rated.effort[1]
+
+
+def test_every_assumption_is_said_with_its_source(tmp_path: Path) -> None:
+    robot = arm(tmp_path)
+    rows = assumptions(robot, [source_method_2(robot), careful(robot)])
+    assumed = [(row.what, row.joint) for row in rows if row.source == "assumed"]
+    assert {what for what, _ in assumed} == {"acceleration", "jerk", "friction", "electrical values"}
+    assert {joint for what, joint in assumed if what == "friction"} == {"j1", "j2"}
+    assert said(rows) == (
+        "assumed: acceleration 10 rad/s², jerk (no source), friction, electrical values: "
+        "run `diagnose` or give `--limits`, `--model`"
+    )
+    own = source_method_2("panda")  # a user's own values: neither friction nor electrical values are assumed
+    assert "friction" not in said(assumptions(robot, [own])) and "electrical" not in said(assumptions(robot, [own]))
+    assert all(row.source in ("published", "urdf") for row in assumptions(load_robot("panda"), [careful("panda")]))
+    assert said(assumptions(load_robot("panda"), [careful("panda")])) == ""
+    assert len(grouped(rows)) < len(rows)
+
+
+@pytest.mark.parametrize(("name", "creeping", "fast"), [("ur5e", 5.8, 17.9), ("ur3e", 5.8 * 54 / 150, 17.9 * 54 / 150)])
+def test_friction_of_the_ur_e_series_is_the_published_one(name: str, creeping: float, fast: float) -> None:
+    """Published for the UR5e at 0.01 and 3.2 rad/s; the smaller arm's goes with the effort limit."""
+    curve = careful(name).get("friction_curve").values
+    np.testing.assert_allclose(curve["torque"][0][[0, -1]], [creeping, fast])
+    assert curve["speed"].tolist() == [0, 0.5, 1.5, 3.2]
+
+
+def test_a_locked_joint_takes_its_published_values_along() -> None:
+    robot = load_robot("ur5e", lock={"shoulder_pan_joint": 0.0})
+    np.testing.assert_allclose(source_method_2(robot).get("copper_loss").values["r_over_kt2"][:2], [0.0018, 0.0019])
+    np.testing.assert_allclose(careful(robot).get("friction_curve").values["torque"][:, 0], [6.6, 5.1, 1.4, 1.2, 1.3])

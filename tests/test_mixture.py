@@ -54,7 +54,7 @@ def test_the_law_is_the_weighted_mean(panda: Robot) -> None:
 def test_payload_is_shared_and_weights_build_nothing_again(panda: Robot) -> None:
     mix = Mixture.of([source_method_2(), _careful(panda)]).replaced(Payload(mass=2.0, com=[0, 0, 0.1]))
     assert all(member.get("payload") is not None for member in mix.members)
-    other = mix.reweighted(np.array([0.9, 0.1]))
+    other = Mixture.of(mix.members, [0.9, 0.1])
     assert other.structure == mix.structure and not np.array_equal(other.values(7), mix.values(7))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.front.given import DEFAULT, AnyModel, AnyPayload, model_from, payload_from
+from energy_opt.front.grounds import grounded
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Kind, Rival, row_of
@@ -134,14 +135,16 @@ def said(rows: Sequence[Mapping[str, Any]], what: str) -> list[str]:
 
 
 def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
-    """The result with what models that were not planned with make of it, and a warning where it is dear under one.
+    """The result with what models that were not planned with make of it, and what it rests on (see `grounds`).
+
+    A warning says where the move costs more than the evenly slowed one under a model.
 
     These are the model itself; where that is one of the source paper's, which knows no friction, the careful one; and
     where it carries its doubt, the models that explain its data as well. The doubt gives the saving's interval, too.
     """
     if result.models:
         first, *others = result.models
-        return replace(result, models=({**first, **_interval(result, rivals[0], robot)}, *others))
+        return grounded(replace(result, models=({**first, **_interval(result, rivals[0], robot)}, *others)), rivals, robot)
     judges = _with_careful(rivals, robot)
     judges += _explaining(rivals[0])
     slowed = result.baseline("scaled")
@@ -158,4 +161,4 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
                 f"under the model {rival.name!r} this move takes {-joules:.3g} J more than the same move slowed "
                 "evenly; plan with --robust mean, or with a model that was calibrated"
             )
-    return replace(result, models=tuple(rows), warnings=tuple(warnings))
+    return grounded(replace(result, models=tuple(rows), warnings=tuple(warnings)), rivals[:1], robot)

@@ -107,6 +107,10 @@ class Result:
         robust: what was minimised where that is not `energy.total` but the "mean" or "worst" (`kind`) of the models'
             totals, its value (`total`) [J], and a bound below it (`lower_bound`) or None; the gap in `optimality` is
             between these.
+        assumptions: what was not given: what, joint, value, unit, source, note.
+        break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving beside
+            "scaled"; None where no share below 0.2 does.
+        travel: joints that go more than 1.5 times as far as they need: joint, path and straight [rad, m].
     """
 
     status: str
@@ -126,6 +130,9 @@ class Result:
     models: tuple[Mapping[str, object], ...] = ()
     robust: Mapping[str, object] | None = None
     first_path: FirstPath | None = None
+    assumptions: tuple[Mapping[str, object], ...] = ()
+    break_even_friction: float | None = None
+    travel: tuple[Mapping[str, object], ...] = ()
 
     def baseline(self, name: str) -> Baseline | None:
         """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
@@ -233,6 +240,9 @@ class Result:
             "chosen": self.chosen,
             "models": [dict(row) for row in self.models],
             **({} if self.robust is None else {"robust": dict(self.robust)}),
+            "assumptions": [dict(row) for row in self.assumptions],
+            "break_even_friction": self.break_even_friction,
+            "travel": [dict(row) for row in self.travel],
             "message": self.message,
             "warnings": list(self.warnings),
             **({} if self.moves is None else {"moves": self.moves}),

@@ -50,10 +50,6 @@ class Mixture(PowerModel):
     def __post_init__(self) -> None:
         """Members were checked when they were made."""
 
-    def reweighted(self, weights: np.ndarray) -> Mixture:
-        """The same members under other weights."""
-        return Mixture.of(self.members, weights)
-
     @property
     def weighted(self) -> tuple[tuple[float, PowerModel], ...]:
         """The members with their weights."""

@@ -1,9 +1,14 @@
 """Moves that hold under more than one model: the mean of their energies is minimised, or the largest of them.
 
-The mean is one program, with the mean of the models' powers as its cost. No answer may be dearer than a valid evenly
-slowed move under any of the models; where one is, that model's weight grows and the move is solved again. The largest
-energy is minimised in the same way, by weights that move towards the models under which the move is dearest: at the
+The mean is one program, with the mean of the models' powers as its cost. No answer may cost more than a valid evenly
+slowed move under any of the models; where one does, that model's weight grows and the move is solved again. The largest
+energy is minimised in the same way, by weights that move towards the models under which the move costs most: at the
 minimum of the largest, a mixture of the models is minimised (the minimax theorem, where energies are convex).
+
+Where a model's friction is assumed, the corners of its range (`power.known.friction_range`) are held in the same way:
+they take no part in the mean, but the answer costs no more than the evenly slowed move under any of them, and the
+largest energy is taken over them too. A corner under which a move costs too much takes its model's place in the next
+solve: it has the same effects, so that nothing is built again.
 """
 
 from __future__ import annotations
@@ -24,6 +29,7 @@ from energy_opt.motion.result import Optimality, Result
 from energy_opt.motion.retime.solve import GLOBAL_GAP
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import Mixture, PowerModel
+from energy_opt.power.known import friction_range
 from energy_opt.robot import Robot
 
 Kind = Literal["mean", "worst"]
@@ -42,27 +48,33 @@ class Rival:
 
 @dataclass(frozen=True)
 class _Answer:
-    """A result with what each rival says: energies of the move, and of the evenly slowed one where that is valid.
+    """A result with what each judge says: energies of the move, and of the evenly slowed one where that is valid.
 
-    `bound` [J]: no timing of the path has a lower mean of the rivals' energies, or largest of them; None: not known.
+    Judges are the `planned` models of the mean, then the corners of their friction's range. `bound` [J]: no timing of
+    the path has a lower mean of the planned models' energies, or largest of all; None: not known.
     """
 
     result: Result
+    planned: int
     energies: list[Energy]
     slowed: list[Energy] | None
     bound: float | None = None
 
+    @property
+    def totals(self) -> np.ndarray:
+        """(K,) J by every judge."""
+        return np.array([energy.total for energy in self.energies])
+
     def dearer(self) -> np.ndarray:
-        """(K,) is the move dearer than the evenly slowed one?"""
+        """(K,) does the move cost more than the evenly slowed one?"""
         if self.slowed is None:
             return np.zeros(len(self.energies), dtype=bool)
-        pairs = zip(self.energies, self.slowed, strict=True)
-        return np.array([e.total > s.total + SAME * abs(s.total) for e, s in pairs])
+        slowed = np.array([energy.total for energy in self.slowed])
+        return self.totals > slowed + SAME * np.abs(slowed)
 
     def value(self, kind: Kind) -> float:
         """What is minimised, J."""
-        totals = [e.total for e in self.energies]
-        return float(np.mean(totals) if kind == "mean" else np.max(totals))
+        return float(self.totals[: self.planned].mean() if kind == "mean" else self.totals.max())
 
 
 class RobustPlanner:
@@ -90,7 +102,15 @@ class RobustPlanner:
         self.robot, self.rivals, self.kind = robot, tuple(rivals), kind
         self._mixture = Mixture.of([rival.model for rival in rivals])
         self._planner = Planner(robot, self._mixture, settings, batch=batch, cell=cell, stopped=stopped)
-        self._scorers = [Scorer(robot, model) for model in self._mixture.members]
+        corners = [
+            (place, Rival(f"{rival.name}, {name}", corner))
+            for place, (rival, member) in enumerate(zip(self.rivals, self._mixture.members, strict=True))
+            for name, corner in friction_range(member, robot)
+        ]
+        members = zip(self.rivals, self._mixture.members, strict=True)
+        self._judges = (*(Rival(r.name, model) for r, model in members), *(corner for _, corner in corners))
+        self._places = np.array([*range(len(self.rivals)), *(place for place, _ in corners)])
+        self._scorers = [Scorer(robot, judge.model) for judge in self._judges]
         self._stopped = stopped
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
@@ -107,16 +127,16 @@ class RobustPlanner:
         """
         best = self._least(lambda planner, _: find(planner))
         result = self._stated(best)
-        dear = [rival.name for rival, more in zip(self.rivals, best.dearer(), strict=True) if more]
+        dear = [judge.name for judge, more in zip(self._judges, best.dearer(), strict=True) if more]
         said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in dear]
         return replace(result, warnings=(*result.warnings, *said))
 
     def _least(self, find: Callable[[Planner, list[Trajectory]], Result]) -> _Answer:
-        weights = np.ones(len(self.rivals)) / len(self.rivals)
+        weights, members = np.ones(len(self.rivals)) / len(self.rivals), list(self._mixture.members)
         best: _Answer | None = None
         bounds: list[float] = []
         for number in range(ROUNDS[self.kind]):
-            self._planner.set_model(self._mixture.reweighted(weights))
+            self._planner.set_model(Mixture.of(members, weights))
             answer = self._answer(find(self._planner, [] if best is None else [best.result.trajectory]))
             if best is None or self._rank(answer) < self._rank(best):
                 best = answer
@@ -126,7 +146,7 @@ class RobustPlanner:
             dearer = answer.dearer()
             if self._stopped() or (self.kind == "mean" and not dearer.any()):
                 break
-            weights = self._moved(weights, answer, dearer)
+            weights, members = self._moved(weights, answer, dearer)
         assert best is not None
         return replace(best, bound=max(bounds, default=None))
 
@@ -134,6 +154,7 @@ class RobustPlanner:
         slowed = next((b for b in result.baselines if b.name == "scaled" and b.valid), None)
         return _Answer(
             result,
+            len(self.rivals),
             [scorer.energy(result.trajectory) for scorer in self._scorers],
             None if slowed is None else [scorer.energy(slowed.trajectory) for scorer in self._scorers],
         )
@@ -141,19 +162,34 @@ class RobustPlanner:
     def _rank(self, answer: _Answer) -> tuple[bool, float]:
         return bool(answer.dearer().any()), answer.value(self.kind)
 
-    def _moved(self, weights: np.ndarray, answer: _Answer, dearer: np.ndarray) -> np.ndarray:
-        totals = np.array([e.total for e in answer.energies])
+    def _moved(
+        self, weights: np.ndarray, answer: _Answer, dearer: np.ndarray
+    ) -> tuple[np.ndarray, list[PowerModel]]:
+        """Weights and members of the next solve: of each model the values under which the move does worst."""
+        totals = answer.totals
         if self.kind == "mean":
-            return weights * np.where(dearer, 3.0, 1.0)
-        spread = totals.std()
-        return weights * np.exp(STEP * (totals - totals.mean()) / spread) if spread > 0 else weights
+            assert answer.slowed is not None
+            excess = np.where(dearer, totals - np.array([energy.total for energy in answer.slowed]), 0.0)
+            worst = self._worst(excess)
+            weights = weights * np.where(excess[worst] > 0, 3.0, 1.0)
+        else:
+            worst = self._worst(totals)
+            spread = totals[worst].std()
+            if spread > 0:
+                weights = weights * np.exp(STEP * (totals[worst] - totals[worst].mean()) / spread)
+        return weights, [self._judges[k].model for k in worst]
+
+    def _worst(self, values: np.ndarray) -> list[int]:
+        """For every model the judge in its place with the largest value; itself where none is larger."""
+        own = range(len(self.rivals))
+        return [max(np.flatnonzero(self._places == k).tolist(), key=lambda i: (values[i], i == k)) for k in own]
 
     def _stated(self, answer: _Answer) -> Result:
         """The result with the first model's energies, and a row for every model."""
         result, scorer = answer.result, self._scorers[0]
         rows = [
             row_of(rival.name, energy, None if answer.slowed is None else answer.slowed[k])
-            for k, (rival, energy) in enumerate(zip(self.rivals, answer.energies, strict=True))
+            for k, (rival, energy) in enumerate(zip(self._judges, answer.energies, strict=True))
         ]
         several = len(self.rivals) > 1
         return replace(
@@ -179,7 +215,7 @@ class RobustPlanner:
         return [
             f"under the model {rival.name!r} power reaches {peak:.5g} W; the limit of {limit:g} W is held in the mean "
             "of the models: plan under that model alone, or with so much less"
-            for rival, peak in zip(self.rivals, peaks, strict=True)
+            for rival, peak in zip(self._judges, peaks, strict=True)
             if peak > limit * (1 + ALLOWED)
         ]
 

@@ -12,6 +12,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
+from energy_opt.power.assumptions import grouped, rests_on
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot.postures import postures
 
@@ -75,8 +76,10 @@ def inspect_robot(request: RobotInspection) -> Inspected:
         assert cell is not None
         raise BadInput(f"{robot.urdf}: in all of {len(held)} postures {cell.touching(candidates[held[0]])}")
     posture, holding = candidates[free], torque[free]
-    remarks = (_bodies(robot, cell), _held(robot, posture, holding), *robot.warnings, *(cell.warnings if cell else ()))
-    return Inspected(robot, posture, holding, remarks)
+    rows = grouped(row for row in rests_on(robot) if row.source == "assumed")
+    assumed = (f"assumed: {what} {value} ({note})" for what, value, _, note in rows)
+    said = (*robot.warnings, *(cell.warnings if cell else ()), *assumed)
+    return Inspected(robot, posture, holding, (_bodies(robot, cell), _held(robot, posture, holding), *said))
 
 
 def _bodies(robot: Robot, cell: Cell | None) -> str:

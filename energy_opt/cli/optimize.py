@@ -14,6 +14,7 @@ from energy_opt.cli.common import (
     move_of,
     rivals_of,
     say,
+    say_assumed,
     settings_of,
 )
 from energy_opt.cli.controllers import add_controllers, check_controllers, moves_of, write_controllers
@@ -91,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
         with written_whole(args.out, "result.json") as aside:
             result.save(aside)
             write_controllers(args, planner, move, result, moves, aside)
+    say_assumed(args, result.assumptions)
     for warning in result.warnings:
         say(args, f"warning: {warning}")
     if result.message:

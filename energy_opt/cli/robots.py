@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import asdict
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +19,7 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from energy_opt.files import to_json
+    from energy_opt.power.assumptions import grouped, rests_on
     from energy_opt.robot import known_robots, load_robot
 
     robots = [load_robot(name) for name in (args.names or known_robots())]
@@ -33,6 +35,7 @@ def run(args: argparse.Namespace) -> int:
                     for name, (leader, ratio, offset) in r.followers.items()
                 },
                 "warnings": r.warnings,
+                "assumptions": [asdict(row) for row in rests_on(r)],
                 "joints": [
                     {"name": joint, "unit": r.units[j], **{kind: getattr(r.limits, kind)[j] for kind in kinds}}
                     for j, joint in enumerate(r.joints)
@@ -53,6 +56,8 @@ def run(args: argparse.Namespace) -> int:
             print(f"  {joint:<24}{span:>24}{rates}{m.effort[j]:>9.4g}")
         for name, (leader, ratio, offset) in r.followers.items():
             print(f"  {name:<24} follows: {ratio:g} times {leader}" + (f" plus {offset:g}" if offset else ""))
+        for what, value, source, note in grouped(row for row in rests_on(r) if row.source in ("published", "assumed")):
+            print(f"  {source}: {what} {value}" + (f" ({note})" if note else ""))
         if not args.quiet:
             for warning in r.warnings:
                 print(f"  warning: {warning}", file=sys.stderr)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,7 +35,7 @@ def grounded(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     share = break_even_friction(result, rivals[0].model, robot)
     return replace(
         result,
-        assumptions=tuple(asdict(row) for row in assumptions(robot, [rival.model for rival in rivals])),
+        assumptions=assumptions(robot, [rival.model for rival in rivals]),
         break_even_friction=share,
         travel=tuple(detours(result.trajectory)),
         warnings=(*result.warnings, *_beyond_belief(result, robot), *_frictionless(result, rivals, share)),
@@ -111,7 +111,8 @@ def _beyond_belief(result: Result, robot: Robot) -> list[str]:
 
 def _frictionless(result: Result, rivals: Sequence[Rival], share: float | None) -> list[str]:
     """What to say where no model that the move was planned with has friction."""
-    if any(has_friction(rival.model) for rival in rivals) or result.saving is None:
+    saving = (result.saving or {}).get("joules")
+    if any(has_friction(rival.model) for rival in rivals) or not saving or saving <= 0:
         return []
     name = rivals[0].name
     return [f"the model {name!r} has no friction: {until(share)}; give a model with friction, or plan under several"]
@@ -120,5 +121,5 @@ def _frictionless(result: Result, rivals: Sequence[Rival], share: float | None) 
 def until(share: float | None) -> str:
     """Up to what dry friction a plan saves, in words."""
     if share is None:
-        return f"it breaks even at no dry friction below {100 * MOST_FRICTION:g} % of the effort limits"
+        return f"the plan saves at any dry friction up to {100 * MOST_FRICTION:g} % of the effort limits"
     return f"the plan saves as long as dry friction is below {100 * share:.2g} % of the effort limits"

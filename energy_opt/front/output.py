@@ -13,6 +13,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import own_body
 from energy_opt.files import replacing, write_json
 from energy_opt.folders import written_whole
+from energy_opt.front.grounds import until
 from energy_opt.motion import Result
 from energy_opt.motion.judge.by_joint import loss_by_joint
 from energy_opt.motion.judge.energy import Scorer
@@ -122,10 +123,15 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     lines += [beside] if beside else _why_less(result)
     several = len(result.models) > 1
     lines.append(f"{result.saved} (under {result.models[0]['name']})" if several else result.saved)
+    if ((result.saving or {}).get("joules") or 0.0) > 0:
+        lines.append(until(result.break_even_friction))
     lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]
     lines += [year] if year else []
     certificate = result.certificate.document()
     lines.append(limits_words(certificate, robot.unit))
+    for row in result.travel:
+        units = robot.unit("position", str(row["joint"]))
+        lines.append(f"{row['joint']} travels {row['path']:.3g} {units}; its goal is {row['straight']:.3g} {units} away")
     if result.certificate.clearance is not None:
         lines.append(clearance_words(result.certificate.clearance.document()))
     if result.bound:

@@ -144,7 +144,9 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     """
     if result.models:
         first, *others = result.models
-        return grounded(replace(result, models=({**first, **_interval(result, rivals[0], robot)}, *others)), rivals, robot)
+        return grounded(
+            replace(result, models=({**first, **_interval(result, rivals[0], robot)}, *others)), rivals, robot
+        )
     judges = _with_careful(rivals, robot)
     judges += _explaining(rivals[0])
     slowed = result.baseline("scaled")

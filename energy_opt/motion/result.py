@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from html import escape
 
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power.assumptions import Assumption
 
 
 @dataclass(frozen=True)
@@ -107,9 +108,9 @@ class Result:
         robust: what was minimised where that is not `energy.total` but the "mean" or "worst" (`kind`) of the models'
             totals, its value (`total`) [J], and a bound below it (`lower_bound`) or None; the gap in `optimality` is
             between these.
-        assumptions: what was not given: what, joint, value, unit, source, note.
-        break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving beside
-            "scaled"; None where no share below 0.2 does.
+        assumptions: what was not given, with its source.
+        break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving
+            beside "scaled"; None where no share below 0.2 does.
         travel: joints that go more than 1.5 times as far as they need: joint, path and straight [rad, m].
     """
 
@@ -130,7 +131,7 @@ class Result:
     models: tuple[Mapping[str, object], ...] = ()
     robust: Mapping[str, object] | None = None
     first_path: FirstPath | None = None
-    assumptions: tuple[Mapping[str, object], ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
     break_even_friction: float | None = None
     travel: tuple[Mapping[str, object], ...] = ()
 
@@ -240,7 +241,7 @@ class Result:
             "chosen": self.chosen,
             "models": [dict(row) for row in self.models],
             **({} if self.robust is None else {"robust": dict(self.robust)}),
-            "assumptions": [dict(row) for row in self.assumptions],
+            "assumptions": [asdict(row) for row in self.assumptions],
             "break_even_friction": self.break_even_friction,
             "travel": [dict(row) for row in self.travel],
             "message": self.message,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from energy_opt.power.known import Known, electrical, friction
 from energy_opt.power.model import PowerModel
+from energy_opt.power.named import careful, source_method_2
 from energy_opt.robot import Robot
 from energy_opt.robot.units import sliding
 
@@ -59,6 +60,11 @@ def assumptions(robot: Robot, models: Sequence[PowerModel]) -> tuple[Assumption,
     return tuple(out)
 
 
+def rests_on(robot: Robot) -> tuple[Assumption, ...]:
+    """What a plan of `robot` rests on where no model is given: under source-method-2 and careful."""
+    return assumptions(robot, [source_method_2(robot), careful(robot)])
+
+
 def _rows(robot: Robot, what: str, known: Known) -> list[Assumption]:
     """The first parameter of an effect that has a size; of a table, its first column."""
     effect, n = known.effect, robot.n
@@ -105,8 +111,9 @@ def _span(kind: str, rows: Sequence[Assumption]) -> str:
     return f"{kind} {' to '.join(dict.fromkeys(ends))} {SIGNS.get(unit, unit)}"
 
 
-def grouped(rows: Sequence[Assumption]) -> list[tuple[str, str, str, str]]:
+def grouped(given: Iterable[Assumption]) -> list[tuple[str, str, str, str]]:
     """Rows for a table: what, values with their unit, source and note; joints that share source and note in one."""
+    rows = tuple(given)
     out: dict[tuple[str, str, str, str], list[Assumption]] = {}
     for row in rows:
         out.setdefault((row.what, row.unit, row.source, row.note), []).append(row)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.power.assumptions import Assumption, grouped
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
 from energy_opt.reports.page import Report
@@ -47,6 +48,7 @@ def page(
     standby = document["energy"]["standby"] / document["duration"]
     report.charts(_cumulative(result, beside, standby), *_by_joint(lost or {}, robot))
     _models(report, document)
+    assumed(report, document)
     _certificate(report, document, robot)
     report.section("How it was found")
     optimality, solver = document["optimality"], document["solver"]
@@ -208,6 +210,20 @@ def _models(report: Report, document: Mapping[str, Any]) -> None:
         ["model", "total [J]", "loss [J]", "loss saved [%]", "95 % interval [%]"],
         [[m["name"], m["total"], m["loss"], m["saving_loss_percent"], m.get("saving_interval")] for m in models],
     )
+
+
+def assumed(report: Report, document: Mapping[str, Any]) -> None:
+    """The section of what was not given, with sources; and of what is known to end the saving."""
+    rows = [Assumption(**row) for row in document.get("assumptions", ())]
+    if not rows:
+        return
+    report.section("What was not given")
+    report.table(["what", "value", "source", "note"], [list(row) for row in grouped(rows)])
+    share = document.get("break_even_friction")
+    if share is not None:
+        report.text(f"The move saves as long as dry friction is below {100 * share:.2g} % of the effort limits.")
+    for row in document.get("travel", ()):
+        report.text(f"{row['joint']} travels {row['path']:.3g}; its goal is {row['straight']:.3g} away [rad, m].")
 
 
 def _certificate(report: Report, document: Mapping[str, Any], robot: Robot) -> None:

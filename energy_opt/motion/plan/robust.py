@@ -162,9 +162,7 @@ class RobustPlanner:
     def _rank(self, answer: _Answer) -> tuple[bool, float]:
         return bool(answer.dearer().any()), answer.value(self.kind)
 
-    def _moved(
-        self, weights: np.ndarray, answer: _Answer, dearer: np.ndarray
-    ) -> tuple[np.ndarray, list[PowerModel]]:
+    def _moved(self, weights: np.ndarray, answer: _Answer, dearer: np.ndarray) -> tuple[np.ndarray, list[PowerModel]]:
         """Weights and members of the next solve: of each model the values under which the move does worst."""
         totals = answer.totals
         if self.kind == "mean":
@@ -191,7 +189,7 @@ class RobustPlanner:
             row_of(rival.name, energy, None if answer.slowed is None else answer.slowed[k])
             for k, (rival, energy) in enumerate(zip(self._judges, answer.energies, strict=True))
         ]
-        several = len(self.rivals) > 1
+        several = len(self.rivals if self.kind == "mean" else self._judges) > 1
         return replace(
             result,
             trajectory=scorer.filled(result.trajectory),

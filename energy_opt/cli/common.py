@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from energy_opt.motion import Move, Settings
     from energy_opt.motion.plan.robust import Kind, Rival
     from energy_opt.power import PowerModel
-    from energy_opt.power.assumptions import Assumption
     from energy_opt.robot import Robot
 
 
@@ -137,15 +136,6 @@ def say(args: argparse.Namespace, text: str) -> None:
     """A message on stderr, unless --quiet."""
     if not args.quiet:
         print(printable(text), file=sys.stderr)
-
-
-def say_assumed(args: argparse.Namespace, rows: Sequence[Assumption]) -> None:
-    """One line on stderr of what is assumed, unless --quiet or nothing is."""
-    from energy_opt.power.assumptions import said
-
-    line = said(rows)
-    if line:
-        say(args, line)
 
 
 def load_robot_of(args: argparse.Namespace, name: str = "") -> Robot:

@@ -14,7 +14,6 @@ from energy_opt.cli.common import (
     move_of,
     rivals_of,
     say,
-    say_assumed,
     settings_of,
 )
 from energy_opt.cli.controllers import add_controllers, check_controllers, moves_of, write_controllers
@@ -54,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.front.rivals import compared, robust_of
     from energy_opt.motion import Planner
     from energy_opt.motion.plan.robust import RobustPlanner
+    from energy_opt.power.assumptions import said
 
     check_controllers(args)
     worth = per_year_from(args)
@@ -92,7 +92,8 @@ def run(args: argparse.Namespace) -> int:
         with written_whole(args.out, "result.json") as aside:
             result.save(aside)
             write_controllers(args, planner, move, result, moves, aside)
-    say_assumed(args, result.assumptions)
+    if line := said(result.assumptions):
+        say(args, line)
     for warning in result.warnings:
         say(args, f"warning: {warning}")
     if result.message:

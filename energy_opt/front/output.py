@@ -131,7 +131,9 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     lines.append(limits_words(certificate, robot.unit))
     for row in result.travel:
         units = robot.unit("position", str(row["joint"]))
-        lines.append(f"{row['joint']} travels {row['path']:.3g} {units}; its goal is {row['straight']:.3g} {units} away")
+        lines.append(
+            f"{row['joint']} travels {row['path']:.3g} {units}; its goal is {row['straight']:.3g} {units} away"
+        )
     if result.certificate.clearance is not None:
         lines.append(clearance_words(result.certificate.clearance.document()))
     if result.bound:

@@ -14,6 +14,8 @@ from energy_opt.files import read_toml
 from energy_opt.passport.drives import friction
 from energy_opt.power import PowerModel, load_model
 from energy_opt.power.draws import draws_of
+from energy_opt.power.known import electrical
+from energy_opt.power.known import friction as friction_of
 from energy_opt.power.named import careful, is_named, named_model
 from energy_opt.robot import Robot, known_robots, load_robot
 
@@ -106,8 +108,11 @@ class Arm:
             return "unknown"
         if self.measured(effect):
             return "measured"
-        if self.model.assumed:
-            return "assumed"
+        given = next(
+            (k for k in (*electrical(self.robot), *friction_of(self.robot)) if k.effect == self.model.get(effect)), None
+        )
+        if given is not None:
+            return given.source
         return "published" if effect in self.sources else "declared"
 
     def number(self, effect: str, parameter: str, index: int = 0) -> Number:
@@ -185,7 +190,7 @@ def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) 
     if is_named(word):
         if robot is None:
             raise BadInput(f"{word}: which robot's? give --robot")
-        return Arm(word, robot, named_model(word, robot.name), "", {})
+        return Arm(word, robot, named_model(word, robot), "", {})
     if not file.is_file():
         if file.suffix or word not in known_robots():
             raise BadInput(f"{word}: neither a model file nor a robot's name{near(word, known_robots())}")

@@ -1,0 +1,72 @@
+"""Which effort limits of a URDF are real? A placeholder shows beside the others, and beside what gravity takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from energy_opt.robot.units import unit_of
+
+SMALLEST = 1e-6  # [N m or N] weaker than this nothing moves
+EQUAL = 100.0  # limits that are equal on all joints and this many times what holds the whole arm are placeholders
+ABSURD = 1e4  # likewise one alone; between the two it is named, but used
+MOST = 0.5  # share of postures: a drive that cannot hold its arm in more of them is another one
+DENSEST = 150.0  # [kg/m^2] mass over squared reach: industrial arms have 10 to 70
+SHORTEST = 0.3  # [m] below it the rule says nothing of use
+REMEDY = "--limits with max_effort gives the real one"
+
+
+def believed_efforts(
+    effort: np.ndarray, given: np.ndarray, gravity: np.ndarray, holding: float, joints: Sequence[str],
+    slides: Sequence[bool],
+) -> tuple[np.ndarray, list[str]]:  # fmt: skip
+    """Effort limits (n,) with inf in place of placeholders, and a line for each that is replaced or doubtful.
+
+    Args:
+        effort: stated (n,) [N m or N].
+        given: (n,) those that a limits file states: nobody's number is overruled.
+        gravity: (N, n) what holds the arm in postures all over its range.
+        holding: what holds the whole arm out straight [N m].
+    """
+    out, said = effort.copy(), []
+    turning = ~np.asarray(slides, dtype=bool) & ~given
+    same = turning.sum() > 1 and bool((effort[turning] == effort[turning][0]).all())
+    for j, joint in enumerate(joints):
+        unit = unit_of("effort", slides[j])
+        stated, times = f"{joint}: effort limit {effort[j]:g} {unit}", effort[j] / max(holding, SMALLEST)
+        large = f"{stated}, {times:.0f} times what holds the arm out straight"
+        weak = float(np.mean(np.abs(gravity[:, j]) > effort[j]))
+        if not np.isfinite(effort[j]) or effort[j] < SMALLEST:
+            said.append(f"{stated}; assumed: none")
+        elif given[j]:
+            continue
+        elif holding > 0 and (times >= ABSURD or (times >= EQUAL and same and turning[j])):
+            also = " and the same on all joints" if same else ""
+            said.append(f"{large}{also}: a placeholder; assumed: none; {REMEDY}")
+        elif weak > MOST:
+            said.append(
+                f"{stated} does not hold the arm in {100 * weak:.0f} % of its postures (up to "
+                f"{np.abs(gravity[:, j]).max():.3g} {unit}): a placeholder, or masses that are wrong; assumed: none; "
+                f"{REMEDY}"
+            )
+        else:
+            if holding > 0 and times >= EQUAL:
+                said.append(f"{large} (a placeholder?); assumed: as stated")
+            continue
+        out[j] = np.inf
+    return out, said
+
+
+def too_heavy(effort: np.ndarray, gravity: np.ndarray, mass: float, reach: float) -> list[str]:
+    """Lines where an arm of `mass` [kg] and summed offsets `reach` [m] is too heavy for its drives, or its size."""
+    out, stated = [], effort[np.isfinite(effort) & (effort >= SMALLEST)]
+    share = float(np.mean(np.abs(gravity).max(axis=1) > stated.max())) if len(stated) else 0.0
+    if share > MOST:
+        out.append(
+            f"{mass:.4g} kg move: holding them takes more than every effort limit ({stated.max():g} at most) in "
+            f"{100 * share:.0f} % of the postures; masses or effort limits are wrong"
+        )
+    if mass > DENSEST * max(reach, SHORTEST) ** 2:
+        out.append(f"{mass:.4g} kg move on an arm of {reach:.3g} m: several times what such arms weigh; used as it is")
+    return out

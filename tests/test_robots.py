@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -342,3 +343,38 @@ def test_joints_that_slide_show_metres_and_newtons(tmp_path, capsys):
     assert main(words) == 0
     said = capsys.readouterr().out
     assert "all limits kept; tightest: rail " in said and "rad" not in said
+
+
+def test_effort_limits_of_ten_thousand_newton_metres_are_a_large_arms_own(tmp_path: Path) -> None:
+    path = two_joints(tmp_path, effort="17880", mass="900", inertia="30")
+    robot = load_robot(path)
+    assert robot.limits.effort[0] == 17880 and not any("effort limit 17880" in w for w in robot.warnings)
+
+
+def test_the_same_effort_on_all_joints_and_far_above_gravity_is_a_placeholder(tmp_path: Path) -> None:
+    text = Path(two_joints(tmp_path, effort="2000")).read_text()
+    path = tmp_path / "same.urdf"
+    path.write_text(re.sub(r'effort="[0-9.]+"', 'effort="2000"', text))
+    robot = load_robot(path)
+    assert np.isinf(robot.limits.effort).all()
+    said = [w for w in robot.warnings if "the same on all joints: a placeholder" in w]
+    assert len(said) == 2 and all("limits with max_effort" in w for w in said)
+
+
+def test_an_effort_that_cannot_hold_the_arm_is_a_placeholder_unless_a_limits_file_says_so(tmp_path: Path) -> None:
+    path = two_joints(tmp_path, effort="0.1")
+    Path(path).write_text(Path(path).read_text().replace('axis xyz="0 0 1"', 'axis xyz="0 1 0"'))
+    robot = load_robot(path)
+    assert np.isinf(robot.limits.effort[0])
+    (said,) = [w for w in robot.warnings if "does not hold the arm" in w]
+    assert said.startswith("first: effort limit 0.1 N m") and "limits with max_effort" in said
+    limits = tmp_path / "joint_limits.yaml"
+    limits.write_text("joint_limits: {first: {max_effort: 0.2}}\n")
+    assert load_robot(path, limits=limits).limits.effort[0] == 0.2
+
+
+def test_an_arm_that_is_too_heavy_for_its_size_or_drives_is_named(tmp_path: Path) -> None:
+    heavy = load_robot(two_joints(tmp_path, effort="50", mass="3300", inertia="100"))
+    assert any("more than every effort limit" in w for w in heavy.warnings)
+    assert any("several times what such arms weigh" in w for w in heavy.warnings)
+    assert not any("kg move" in w for name in known_robots() for w in load_robot(name).warnings)

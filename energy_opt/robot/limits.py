@@ -14,9 +14,8 @@ ASSUMED_VELOCITY = np.pi  # [rad/s] where no limit is known
 RAMP = 5.0  # [1/s] acceleration over velocity limit where none is known: full speed in no less than 0.2 s
 SHARPNESS = 100.0  # [1/s] jerk over acceleration limit where none is known: full acceleration in no less than 0.01 s
 SMALLEST = 1e-6  # in SI units: slower, weaker than this nothing moves
-PLACEHOLDER = 1e4  # a velocity or effort limit of this size or more is no limit
+PLACEHOLDER = 1e4  # a velocity limit of this size or more is no limit
 DOUBTFUL_VELOCITY = 100.0  # [rad/s] a limit from here on is named, but used
-DOUBTFUL_EFFORT = 100.0  # likewise, in multiples of the torque that holds the whole arm out straight
 TURNS = 50.0  # [rad] further no joint without limits is turned; eight turns
 
 
@@ -61,20 +60,17 @@ def look_like_degrees(
     return row, joint
 
 
-def with_assumptions(
-    limits: Limits, joints: Sequence[str], holding: float, slides: Sequence[bool]
-) -> tuple[Limits, list[str]]:
-    """Replace zero, missing and placeholder limits by assumptions, and name those and doubtful ones in warnings.
+def with_assumptions(limits: Limits, joints: Sequence[str], slides: Sequence[bool]) -> tuple[Limits, list[str]]:
+    """Replace zero, missing and placeholder limits of position and velocity by assumptions, and name them in warnings.
 
     Acceleration and jerk always have a bound; that these are assumed is said with the robot's `sources`.
-    `holding` is the torque [N m] that holds the whole arm out straight, as a measure of what an effort limit can be;
-    `slides` (n,) are the joints with m in place of rad.
+    Efforts are those that `believed_efforts` leaves. `slides` (n,) are the joints with m in place of rad.
     """
     warnings: list[str] = []
     lower, upper = limits.lower.copy(), limits.upper.copy()
-    velocity, effort = limits.velocity.copy(), limits.effort.copy()
+    velocity = limits.velocity.copy()
     for j, joint in enumerate(joints):
-        speed, force = (unit_of(kind, slides[j]) for kind in ("velocity", "effort"))
+        speed = unit_of("velocity", slides[j])
         if not lower[j] < upper[j]:
             warnings.append(f"{joint}: position limits [{lower[j]:g}, {upper[j]:g}] are empty; assumed: none")
             lower[j], upper[j] = -np.inf, np.inf
@@ -83,15 +79,6 @@ def with_assumptions(
             velocity[j] = ASSUMED_VELOCITY
         elif velocity[j] >= DOUBTFUL_VELOCITY:
             warnings.append(f"{joint}: velocity limit {velocity[j]:g} {speed} (a placeholder?); assumed: as stated")
-        if SMALLEST <= effort[j] < PLACEHOLDER:
-            if holding > 0 and effort[j] >= DOUBTFUL_EFFORT * holding:
-                warnings.append(
-                    f"{joint}: effort limit {effort[j]:g} {force}, {effort[j] / holding:.0f} times what holds the arm "
-                    "out straight (a placeholder?); assumed: as stated"
-                )
-        else:
-            warnings.append(f"{joint}: effort limit {effort[j]:g} {force}; assumed: none")
-            effort[j] = np.inf
     acceleration = np.where(np.isfinite(limits.acceleration), limits.acceleration, RAMP * velocity)
     jerk = np.where(np.isfinite(limits.jerk), limits.jerk, SHARPNESS * acceleration)
-    return Limits(lower, upper, velocity, acceleration, jerk, effort), warnings
+    return Limits(lower, upper, velocity, acceleration, jerk, limits.effort), warnings

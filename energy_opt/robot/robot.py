@@ -14,13 +14,14 @@ from energy_opt.errors import BadInput, near
 from energy_opt.files import inside, write_text
 from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
 from energy_opt.robot.description import Description, read_description
+from energy_opt.robot.efforts import believed_efforts, too_heavy
 from energy_opt.robot.limits import Limits, with_assumptions
 from energy_opt.robot.limits_file import overlay
-from energy_opt.robot.links import Link
 from energy_opt.robot.masses import check_masses
 from energy_opt.robot.meshes import mesh_files
 from energy_opt.robot.mimic import followers, leaders_limits
 from energy_opt.robot.plain_urdf import plain_urdf
+from energy_opt.robot.postures import postures
 from energy_opt.robot.rating import Rating, rating_of
 from energy_opt.robot.rigid_body import RigidBody
 from energy_opt.robot.units import unit_of
@@ -162,7 +163,7 @@ def load_robot(
         scaled += said
     led = leaders_limits(merged, links)[1]
     reduced = [leaders_limits(step, links)[0] for step in steps]
-    known = [with_assumptions(step, body.joints, _holding(links), body.slides) for step in reduced[1:]]
+    known = [_completed(step, reduced[0].effort, body) for step in reduced[1:]]
     held, warnings = known[1]
     own = known[0][0]
     rated = rating_of(own, own.velocity == reduced[1].velocity, held, body)
@@ -189,7 +190,13 @@ def _body(description: Description, lock: Mapping[str, float]) -> tuple[RigidBod
     return RigidBody.of(description, locked, following), locked
 
 
-def _holding(links: Sequence[Link]) -> float:
-    """Weight of the moving links times their summed reach (1 m at least), N m."""
+def _completed(limits: Limits, stated: np.ndarray, body: RigidBody) -> tuple[Limits, list[str]]:
+    """Limits with assumptions for what is missing or a placeholder; `stated` (n,) are the URDF's efforts."""
+    links, q = body.tree(), postures(limits)
     reach = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in links)
-    return 9.81 * sum(link.mass for link in links) * max(reach, 1.0)
+    mass = sum(link.mass for link in links)
+    gravity = body.torque(q, np.zeros_like(q), np.zeros_like(q))
+    holding = 9.81 * mass * max(reach, 1.0)
+    effort, said = believed_efforts(limits.effort, limits.effort != stated, gravity, holding, body.joints, body.slides)
+    completed, warnings = with_assumptions(limits.replace(effort=effort), body.joints, body.slides)
+    return completed, [*warnings, *said, *too_heavy(limits.effort, gravity, mass, reach)]

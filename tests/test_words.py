@@ -1,5 +1,7 @@
 """What the console and reports say of a result, and where its losses come from."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import source_method_2
 from energy_opt.reports.optimize import headline
+from energy_opt.reports.timeline import timeline
 from energy_opt.reports.words import clearance_words, limits_words
 from energy_opt.robot import load_robot
 
@@ -100,3 +103,24 @@ def test_a_given_trajectory_is_answered_at_its_own_duration(tmp_path):
     answer = optimize(robot, "source-method-2", path=fast, mode="retime", compile="never")
     assert answer.status == "solved" and answer.trajectory.duration > 0.13
     assert any("0.12 s of the given trajectory are too short" in warning for warning in answer.warnings)
+
+
+def test_a_timeline_shows_each_step_where_it_is():
+    steps = [
+        {"name": "to <A>", "kind": "move", "start": 0.0, "duration": 2.0, "payload": 0.0},
+        {"name": "grip", "kind": "wait", "start": 2.0, "duration": 0.5, "payload": 1.5},
+        {"name": "back", "kind": "move", "start": 2.5, "duration": 1.5, "payload": 1.5},
+        {"name": "rest", "kind": "standby", "start": 4.0, "duration": 1.0, "payload": 0.0},
+    ]
+    drawing = ElementTree.fromstring(timeline(steps, 5.0, (np.linspace(0, 5, 9), np.linspace(50, 90, 9))))
+    blocks = {g.find("title").text: g.find("rect") for g in drawing.iter("g")}
+    assert set(blocks) == {"to <A>", "grip", "back", "rest", "1.5 kg"}
+    per_second = float(blocks["to <A>"].get("width")) / 2
+    for name, begin, took in (("grip", 2.0, 0.5), ("back", 2.5, 1.5), ("rest", 4.0, 1.0), ("1.5 kg", 2.0, 2.0)):
+        begins = float(blocks[name].get("x")) - float(blocks["to <A>"].get("x"))
+        assert begins == pytest.approx(per_second * begin, abs=0.2)
+        assert float(blocks[name].get("width")) == pytest.approx(per_second * took, abs=0.2)
+    lanes = {name: blocks[name].get("y") for name in blocks}
+    assert lanes["to <A>"] == lanes["back"] and len({*lanes.values()}) == 4
+    line = [tuple(map(float, point.split(","))) for point in next(drawing.iter("polyline")).get("points").split()]
+    assert line[0][0] == pytest.approx(float(blocks["to <A>"].get("x")), abs=0.1) and line[-1][1] < line[0][1]

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for degrees: two turns
 
 
-def add_common(parser: argparse.ArgumentParser, out: str, default: str = "source-method-2") -> None:
+def add_common(parser: argparse.ArgumentParser, out: str, default: str = "source-method-2", alone: bool = True) -> None:
     """Options of every verb that plans; `default`: which model it plans under where none is given."""
     group = parser.add_argument_group("robot and model")
-    group.add_argument("--robot", required=True, metavar="NAME_OR_URDF", help="a name (`energy-opt robots`) or a URDF")
+    group.add_argument("--robot", required=alone, metavar="NAME_OR_URDF", help="a name (`energy-opt robots`) or a URDF")
     limits = "MoveIt's joint_limits.yaml (default: published or the URDF's)"
     group.add_argument("--limits", type=Path, metavar="FILE", help=limits)
     add_lock(group)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from energy_opt.cli.common import (
@@ -17,6 +18,7 @@ from energy_opt.cli.common import (
     say,
     settings_of,
 )
+from energy_opt.cli.job_front import run_job_front
 from energy_opt.cli.per_year import add_per_year, per_year_from
 from energy_opt.errors import BadInput
 
@@ -29,7 +31,8 @@ EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
-    add_common(parser, "energy_opt_tradeoff")
+    parser.add_argument("job", nargs="?", type=Path, metavar="JOB.toml", help="a job over its cycle time, not one move")
+    add_common(parser, "energy_opt_tradeoff", alone=False)
     add_move(parser)
     add_cell(parser)
     add_per_year(parser)
@@ -57,6 +60,10 @@ def run(args: argparse.Namespace) -> int:
     if args.objective != "energy":
         raise BadInput(f"--objective {args.objective}: a front of energy minimises energy; leave it out")
     durations, worth = _durations(args), per_year_from(args)
+    if args.job is not None:
+        return run_job_front(args, durations)
+    if args.robot is None:
+        raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF; or give a JOB.toml")
     robot = load_robot_of(args)
     model = load_model_of(args, robot)
     move = move_of(args, robot)

@@ -56,6 +56,7 @@ def rows(result: JobResult) -> list[dict[str, Any]]:
         for part in split(piece, result):
             row = {
                 "name": part.name,
+                "kind": _kind(part, result),
                 "start": at,
                 "duration": part.trajectory.duration,
                 "energy_total": part.energy,
@@ -67,6 +68,14 @@ def rows(result: JobResult) -> list[dict[str, Any]]:
             out.append(row)
             at += part.trajectory.duration
     return out
+
+
+def _kind(piece: Piece, result: JobResult) -> str:
+    """ "move", "wait" (held by the motors) or "standby" (held by brakes)."""
+    if piece.source != "wait":
+        return "move"
+    brakes = result.job.steps[piece.steps[0]].brakes if piece.steps else result.plan.rest.brakes
+    return "standby" if brakes else "wait"
 
 
 def split(piece: Piece, result: JobResult) -> list[Piece]:

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.charts import Chart
 from energy_opt.reports.motion import Motion, Played, Solid, player
 from energy_opt.reports.optimize import motion_charts
 from energy_opt.reports.page import Report
+from energy_opt.reports.timeline import timeline
 from energy_opt.robot import Robot
 
 COLUMNS = ("start", "duration", "energy_total", "payload", "source")
@@ -42,6 +43,7 @@ def page(
     names = [f"{k}. {row['name']}" for k, row in enumerate(steps, start=1)]
     phases = [(row["start"], name) for name, row in zip(names, steps, strict=True)]
     report.player(player(robot, [Played("result", cycle)], bodies, scene, phases=phases))
+    report.section("Timeline").drawing(timeline(steps, document["cycle_time"], power))
     durations, energies = (_by(names, steps, key) for key in ("duration", "energy_total"))
     report.section("Where the cycle goes").charts(
         Chart("Time of each step", "duration [s]", "", bars={"result": durations}),
@@ -71,8 +73,6 @@ def page(
             [[m["name"], m["total"], m["saving_joules"], m["saving_total_percent"]] for m in models],
         )
     charts = [chart for chart in motion_charts(cycle, {}, robot) if not chart.empty]
-    if power is not None:
-        charts.append(Chart("Electrical power", "time [s]", "power [W]", [Line("result", *power)], timed=True))
     report.section("Motion").charts(*charts)
     return report.command(document.get("request"))
 

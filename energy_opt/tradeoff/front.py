@@ -20,6 +20,7 @@ from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.plan.neighbour import Neighbours, Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tradeoff.cycle import Cycle, Waiting
+from energy_opt.tradeoff.dents import dents, mean_of
 
 if TYPE_CHECKING:
     from energy_opt.motion import Move, Planner
@@ -28,6 +29,7 @@ COUNT = 20  # points where none are asked for
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
 LOWER = 1e-6  # a point this much (relative) below the free optimum makes it solve again from there
 SAME = 1e-9  # relative difference of durations that count as equal
+ROUNDS = 3  # in which dents are looked at again
 SEARCH = 12  # solves that the search for the best duration in a cycle may take
 
 
@@ -161,6 +163,7 @@ class _Tracer:
         self.expected = len(grid) + 2 + (SEARCH if self.cycle else 0)
         front.points = [Point(float(d), "not_converged", reason="not computed") for d in grid]
         self._sweep()
+        self._even_out()
         self._keep_minimum()
         if self.cycle is not None:
             front.cycle_minimum = self._best_in_cycle(self.cycle)
@@ -238,6 +241,29 @@ class _Tracer:
             neighbour = best
             for k in [*order, *again]:
                 neighbour = self._improve(k, neighbour)
+
+    def _even_out(self) -> None:
+        """Where a point lies above the line between others, go on from their mean: it may be a poorer optimum."""
+        if self.free.mode == "retime":  # one program each, solved to its bound
+            return
+        points = self.front.points
+        for _ in range(ROUNDS):
+            known = [k for k, p in enumerate(points) if p.energy is not None]
+            loss = np.array([p.energy.loss for p in points if p.energy is not None])
+            found = dents(np.array([points[k].duration for k in known]), loss)
+            before = [p.total for p in points]
+            for k, a, b in [tuple(known[i] for i in row) for row in found]:
+                low, high, duration = points[a].optimum, points[b].optimum, points[k].duration
+                if low is not None and high is not None:
+                    mean = mean_of(low, high, duration, self.planner.score)
+                    for start in (Point(duration, "solved", mean), points[a], points[b]):
+                        self._improve(k, start)
+            lower = [k for k, p in enumerate(points) if p.total < before[k] * (1 - LOWER)]
+            for k in lower:
+                for beside in {max(k - 1, 0), min(k + 1, len(points) - 1)} - {k}:
+                    self._improve(beside, points[k])
+            if not lower:
+                return
 
     def _improve(self, k: int, neighbour: Point) -> Point:
         """Step to point k from a neighbour and keep the better; returns what the next point is to start from."""

@@ -1,0 +1,67 @@
+"""`tradeoff JOB.toml`: a job over its cycle time, and its knee."""
+
+import json
+
+import numpy as np
+import pytest
+
+from energy_opt.cli.main import main
+from energy_opt.job.over_time import knee
+
+JOB = """format = "energy-opt/job/1"
+robot = "z1"
+cycle_time = 6.0
+home = [0, 1, -1, 0, 0, 0]
+[[step]]
+name = "there"
+to = [0.8, 1.5, -1.3, 0.3, 0.2, 0.1]
+mode = "retime"
+[[step]]
+wait = 0.5
+[[step]]
+to = "home"
+mode = "retime"
+"""
+
+
+def test_a_straight_line_moves_no_knee():
+    time = np.linspace(1.0, 8.0, 29)
+    loss = 3.0 / time
+    k = knee(time, loss)
+    assert k == knee(time, loss + 88.0 * time)
+    assert abs(time[k] - np.sqrt(8.0)) < 0.26  # where the slope of c/t is that of the line between the ends
+    assert knee(time, 88.0 * time) is None and knee(time[:2], loss[:2]) is None
+
+
+def test_a_job_over_its_cycle_time(tmp_path, capsys):
+    (tmp_path / "job.toml").write_text(JOB)
+    words = [str(tmp_path / "job.toml"), "--model", "source-method-2", "--compile", "never", "--json", "--quiet"]
+    assert main(["tradeoff", *words, "--durations", "1:5:5", "--out", str(tmp_path / "front")]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [row["duration"] for row in found["points"]] == [1.0, 2.0, 3.0, 4.0, 5.0]
+    for row in found["points"]:
+        assert (row["status"] == "infeasible") == (row["duration"] < found["fastest"])
+        if row["status"] != "infeasible":
+            assert row["energy_total"] <= min(row["evenly_slowed"], row["fastest_then_wait"]) * (1 + 1e-9)
+            assert row["energy_total"] == pytest.approx(row["energy_standby"] + row["energy_loss"])
+    assert (tmp_path / "front/tradeoff.csv").read_text().splitlines()[0].startswith("duration,energy_total")
+    assert (tmp_path / "front/plot.png").is_file() and "cycle time" in (tmp_path / "front/report.html").read_text()
+
+    text = JOB.replace("cycle_time = 6.0", "cycle_time = 4.0")  # a point is what `job` makes of that cycle time
+    (tmp_path / "four.toml").write_text(text)
+    assert main(["job", str(tmp_path / "four.toml"), *words[1:], "--out", str(tmp_path / "four")]) == 0
+    assert json.loads(capsys.readouterr().out)["energy_total"] == pytest.approx(found["points"][3]["energy_total"])
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["job.toml", "--start", "0,1,-1,0,0,0"], "--start is of one move"),
+        (["job.toml", "--cycle", "3"], "--cycle is of one move"),
+        ([], "--robot is missing"),
+    ],
+)
+def test_what_does_not_go_together(words, expected, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "job.toml").write_text(JOB)
+    assert main(["tradeoff", *words, "--out", "front"]) == 2 and expected in capsys.readouterr().err

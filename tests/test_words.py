@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from energy_opt.effects import ViscousFriction
+from energy_opt.effects import CopperLoss, Standby, ViscousFriction
 from energy_opt.front.answer import answer_of
 from energy_opt.front.output import table
 from energy_opt.front.planning import optimize
@@ -13,11 +13,13 @@ from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.by_joint import loss_by_joint
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.power import source_method_2
+from energy_opt.power import PowerModel
 from energy_opt.reports.optimize import headline
 from energy_opt.reports.timeline import timeline
 from energy_opt.reports.words import clearance_words, limits_words
 from energy_opt.robot import load_robot
+
+MODEL = PowerModel("z1", (Standby(power=88.04), CopperLoss(r_over_kt2=0.0036)))
 
 
 def test_one_clearance_is_said_everywhere():
@@ -52,7 +54,7 @@ def test_limits_in_one_sentence(excess, text):
 
 
 def test_no_line_of_the_table_repeats_another(tmp_path):
-    robot, model = load_robot("z1"), source_method_2("z1")
+    robot, model = load_robot("z1"), MODEL
     move = Move(np.zeros(6) + [0, 1, -1, 0, 0, 0], np.array([0.8, 1.5, -1.3, 0.3, 0.2, 0.1]), "retime", 2.0)
     result = Planner(robot, model).solve(move)
     lines = table(answer_of(result, robot, {}), tmp_path, robot).splitlines()
@@ -72,7 +74,7 @@ def test_losses_by_joint_are_those_of_the_formula():
     way = np.array([0.5, 0.6, -0.4, 0.3, 0.2, -0.3])
     q = np.array([0.0, 1.0, -1.0, 0.0, 0.0, 0.0]) + s[:, None] * way
     motion = Trajectory(robot.joints, time, q, v[:, None] * way, a[:, None] * way)
-    model = source_method_2("z1").replaced(ViscousFriction(b=b))
+    model = MODEL.replaced(ViscousFriction(b=b))
     lost = loss_by_joint(Scorer(robot, model), motion)
     tau = robot.body.torque(motion.position, motion.velocity, motion.acceleration) + b * motion.velocity
     assert set(lost) == {"viscous_friction", "copper_loss"}
@@ -92,15 +94,15 @@ def test_a_given_trajectory_is_answered_at_its_own_duration(tmp_path):
     way = np.array([0.5, 0.6, -0.4, 0.3, 0.2, -0.3])
     rest = [np.outer(part, way) for part in (s, v, a)]
     given = Trajectory(robot.joints, time, home + rest[0], *rest[1:])
-    answer = optimize(robot, "source-method-2", path=given, mode="retime", compile="never")
+    answer = optimize(robot, MODEL, path=given, mode="retime", compile="never")
     assert answer.trajectory.duration == pytest.approx(2.4, abs=1e-9)
-    own = Scorer(robot, source_method_2("z1")).energy(given).total
+    own = Scorer(robot, MODEL).energy(given).total
     line = next(x for x in table(answer, tmp_path, robot).splitlines() if x.startswith("fastest allowed "))
     assert f"at your 2.4 s: {answer.energy.total:.5g} J, your own timing {own:.5g} J (saves " in line
     assert answer.energy.total < own
 
     fast = Trajectory(robot.joints, time / 20, home + rest[0], 20 * rest[1], 400 * rest[2])
-    answer = optimize(robot, "source-method-2", path=fast, mode="retime", compile="never")
+    answer = optimize(robot, MODEL, path=fast, mode="retime", compile="never")
     assert answer.status == "solved" and answer.trajectory.duration > 0.13
     assert any("0.12 s of the given trajectory are too short" in warning for warning in answer.warnings)
 

@@ -131,10 +131,11 @@ def _without_what_always_touches(model: Any, geometry: Any) -> None:
     for _ in range(OFTEN):
         pin.computeCollisions(model, data, geometry, found, rng.uniform(low, high), False)
         always &= [result.isCollision() for result in found.collisionResults]
-    for pair, touch in zip(list(geometry.collisionPairs), always, strict=True):
-        a, b = objects[pair.first].parentJoint, objects[pair.second].parentJoint
+    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]  # numbers: removing one moves the others
+    for (first, second), touch in zip(pairs, always, strict=True):
+        a, b = objects[first].parentJoint, objects[second].parentJoint
         if touch or model.parents[a] == b or model.parents[b] == a:
-            geometry.removeCollisionPair(pair)
+            geometry.removeCollisionPair(pin.CollisionPair(first, second))
 
 
 def shapes(scene: dict[str, Any]) -> list[tuple[str, Any, Any]]:

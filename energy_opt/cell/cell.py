@@ -167,6 +167,8 @@ class Cell:
 
     def distances(self, q: np.ndarray, reach: float) -> list[tuple[int, float]]:
         """Pairs that are nearer than `reach` [m] at q (n,): number and distance (0 or less: they touch)."""
+        if not self.checks:
+            return []
         scene = Scenery(self.bodies, q[None])
         pair = np.arange(len(self.bodies.pairs))
         floor, _, _ = scene.apart(np.zeros_like(pair), pair)

@@ -9,8 +9,8 @@ import numpy as np
 from energy_opt.robot.units import unit_of
 
 SMALLEST = 1e-6  # [N m or N] weaker than this nothing moves
-EQUAL = 100.0  # limits that are equal on all joints and this many times what holds the whole arm are placeholders
-ABSURD = 1e4  # likewise one alone; between the two it is named, but used
+EQUAL = 100.0  # limits that are equal on all joints and this many times what gravity ever takes are placeholders
+DOUBTFUL, ABSURD = 100.0, 1e4  # times what holds the arm out straight: named but used, and a placeholder if one alone
 MOST = 0.5  # share of postures: a drive that cannot hold its arm in more of them is another one
 DENSEST = 150.0  # [kg/m^2] mass over squared reach: industrial arms have 10 to 70
 SHORTEST = 0.3  # [m] below it the rule says nothing of use
@@ -30,20 +30,26 @@ def believed_efforts(
         holding: what holds the whole arm out straight [N m].
     """
     out, said = effort.copy(), []
+    most = float(np.abs(gravity).max()) or holding
     turning = ~np.asarray(slides, dtype=bool) & ~given
     same = turning.sum() > 1 and bool((effort[turning] == effort[turning][0]).all())
     for j, joint in enumerate(joints):
         unit = unit_of("effort", slides[j])
         stated, times = f"{joint}: effort limit {effort[j]:g} {unit}", effort[j] / max(holding, SMALLEST)
         large = f"{stated}, {times:.0f} times what holds the arm out straight"
+        alike = same and bool(turning[j]) and effort[j] >= EQUAL * most
         weak = float(np.mean(np.abs(gravity[:, j]) > effort[j]))
         if not np.isfinite(effort[j]) or effort[j] < SMALLEST:
             said.append(f"{stated}; assumed: none")
         elif given[j]:
             continue
-        elif holding > 0 and (times >= ABSURD or (times >= EQUAL and same and turning[j])):
-            also = " and the same on all joints" if same else ""
-            said.append(f"{large}{also}: a placeholder; assumed: none; {REMEDY}")
+        elif alike:
+            said.append(
+                f"{stated}, the same on all joints and {effort[j] / most:.0f} times what gravity takes at most: a "
+                f"placeholder; assumed: none; {REMEDY}"
+            )
+        elif holding > 0 and times >= ABSURD:
+            said.append(f"{large}: a placeholder; assumed: none; {REMEDY}")
         elif weak > MOST:
             said.append(
                 f"{stated} does not hold the arm in {100 * weak:.0f} % of its postures (up to "
@@ -51,7 +57,7 @@ def believed_efforts(
                 f"{REMEDY}"
             )
         else:
-            if holding > 0 and times >= EQUAL:
+            if holding > 0 and times >= DOUBTFUL:
                 said.append(f"{large} (a placeholder?); assumed: as stated")
             continue
         out[j] = np.inf

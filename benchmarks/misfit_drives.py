@@ -36,10 +36,14 @@ MORE = (
     "winding_temperature",
     "meter_delay",
     "meter_filter",
+    "winding_self_heating",
+    "temperature_friction",
+    "signal_power",
+    "payload_change",
 )
 UNSCALED = (
     "payload", "regeneration", "base_tilt", "supply_efficiency", "psu_loss", "dc_link", "idle_hold", "meter_delay",
-    "meter_filter", "gear_efficiency",
+    "meter_filter", "gear_efficiency", "payload_change",
 )  # fmt: skip
 
 
@@ -95,6 +99,9 @@ class Motors:
         more = np.random.default_rng([world.seed, 9])
         self.lag = more.uniform(0.06, 0.16)  # s
         self.soak = more.uniform(40.0, 90.0)  # s
+        self.cold, self.warm = more.uniform(18.0, 26.0), more.uniform(8.0, 16.0, n)  # degC, K
+        self.first = 1 + int(more.integers(2))  # dwell of a run at which a payload is picked up
+        self.switches = more.uniform(0, 6.28, 2)
         self.share = more.uniform(0.08, 0.14, n)  # of the load, in friction
 
     def values(self, size: float) -> dict[str, list[float]]:
@@ -107,6 +114,7 @@ class Motors:
             "motion_power": ("power", np.array([size * self.constant * 4.0])),
             "load_friction": ("mu", size * self.share),
             "gear_efficiency": ("eta", 1 - self.share),
+            "signal_power": ("power", np.array([size * 5 * self.constant])),
             "inverter_loss": ("c", np.array([size * 0.15 * self.constant])),
             "standby_drift": ("power", np.array([size * 5 * self.constant])),
             "meter_delay": ("delay", np.array([self.lag])),
@@ -140,6 +148,11 @@ class Motors:
             tau = tau + size * self.drag * (way + self.side * way**2)
         if c == "stribeck_friction":
             tau = tau + size * 2 * self.drag / np.exp((v / (0.25 * self.constant)) ** 2) * way
+        if c == "temperature_friction":
+            rubs = size * (self.drag * way + 0.6 * self.drag * v)
+            tau = tau + rubs * 2.0 ** (-(self.temperature(t) - 30.0) / 25.0)  # halves every 25 K
+        if c == "payload_change" and self.loaded is not None:
+            tau = np.where(self.holds(t, v)[:, None], self.loaded.inverse(q, v, a), tau)
         if c == "load_friction":
             tau = tau + size * self.share * np.abs(tau) * way
         if c == "gear_efficiency":
@@ -153,12 +166,52 @@ class Motors:
             tau = tau - size * self.spring * (q - self.rest)
         return tau
 
+    def temperature(self, t: np.ndarray) -> np.ndarray:
+        """Of the joints, degC, (N, n): they warm up with the session, each by its own amount."""
+        return self.cold + self.warm * (1 - np.exp(-t / self.soak))[:, None] * (1 + 0.2 * np.sin(t / 37.0))[:, None]
+
+    def gripper(self, t: np.ndarray) -> np.ndarray:
+        """A digital output, (N,) 0 or 1, that follows nothing else."""
+        return (np.sin(t / 2.3 + self.switches[0]) + np.sin(t / 5.1 + self.switches[1]) > 0.3).astype(float)
+
+    def holds(self, t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Is the payload held, (N,)? From the middle of the run's dwell number `first` on."""
+        moves = np.abs(v).max(axis=1) > 1e-3
+        stops = np.flatnonzero(moves[:-1] & ~moves[1:])
+        starts = [k for k in np.flatnonzero(~moves[:-1] & moves[1:]) if stops.size and k > stops[0]]
+        if len(starts) < self.first:
+            return np.zeros(len(t), dtype=bool)
+        return np.asarray(t >= (t[stops[self.first - 1]] + t[starts[self.first - 1]]) / 2)
+
+    def columns(self, t: np.ndarray, joints: tuple[str, ...]) -> dict[str, np.ndarray]:
+        """What the recorder logs beside, by the column's name, of causes that follow it."""
+        if self.cause == "temperature_friction":
+            return {f"{j}.temperature": x for j, x in zip(joints, self.temperature(t).T, strict=True)}
+        return {"gripper": self.gripper(t)} if self.cause == "signal_power" else {}
+
     def bus(self, tau: np.ndarray, v: np.ndarray, t: np.ndarray, size: float) -> np.ndarray:
         """What the joints take, W, (N,), of motors at `tau` (N, n) N m."""
         heat = self.resistance * (tau / self.kt) ** 2
+        if size and self.cause == "winding_self_heating":
+            heat = heat * (1 + size * 0.05 * self.theta(t, heat))
         if size and self.cause == "winding_temperature":
             heat = heat * (1 + size * 0.4 * (1 - np.exp(-t / self.soak)))[:, None]
         return (heat + tau * v).sum(axis=1)
+
+    def theta(self, t: np.ndarray, heat: np.ndarray) -> np.ndarray:
+        """Rise of each winding's own heat, W, (N, n); what went before the run is carried over by `past`."""
+        at, state = self.past
+        state = state[1] + np.exp(-max(t[0] - at, 0.0) / self.soak) * (state[0] - state[1])
+        out = np.empty_like(heat)
+        for k, now in enumerate(heat):
+            out[k] = state
+            state = state + STEP / self.soak * (now - state)
+        self.past = t[-1], (state, heat[-1])
+        return out
+
+    def begins(self) -> None:
+        """A session begins: windings are cold."""
+        self.past = 0.0, (np.zeros(len(self.kt)), np.zeros(len(self.kt)))
 
     def mains(self, t: np.ndarray, v: np.ndarray, tau: np.ndarray, bus: np.ndarray, size: float) -> np.ndarray:
         """Power at the mains, W, (N,), of motors at `tau` N m that take `bus` W; with size 0 without the cause."""
@@ -170,6 +223,8 @@ class Motors:
         total = self.drives.standby + bus
         if c == "motion_power":
             total = total + size * self.constant * 4.0 * (np.abs(v).max(axis=1) > 1e-4)
+        if c == "signal_power":
+            total = total + size * 5 * self.constant * self.gripper(t)
         if c == "inverter_loss":
             total = total + size * 0.15 * self.constant * np.abs(tau).sum(axis=1)
         if c == "iron_loss":

@@ -86,7 +86,7 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
     robot, drives = load_robot(world.arm), ARMS[world.arm]
     rng = np.random.default_rng([world.seed, 5])
     urdf = folder / "true.urdf"
-    mass = drives.load * rng.uniform(0.5, 1.1) if world.cause == "payload" else 0.0
+    mass = drives.load * rng.uniform(0.5, 1.1) if world.cause in ("payload", "payload_change") else 0.0
     com = rng.uniform([-0.04, -0.04, 0.03], [0.04, 0.04, 0.12])
     write_changed(robot, world.spread, rng, urdf)
     body, nominal = (
@@ -115,6 +115,7 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
         motor = [law.motor(p.t, p.q, p.v, p.a, p.tau, size) for p in parts]
         if wild and unlisted:
             motor = [m + x for m, x in zip(motor, wild.torque(parts, unlisted), strict=True)]
+        law.begins()
         bus = [law.bus(m, p.v, p.t, size) for m, p in zip(motor, parts, strict=True)]
         if wild and unlisted:
             bus = wild.mains(parts, motor, bus, unlisted)
@@ -170,6 +171,8 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
             current = law.motor(p.t, p.q, p.v, p.a, p.tau, size)[rows] / law.kt
             table += [*(current + 0.01 * np.abs(current).max(axis=0) * hand.normal(size=current.shape)).T]
             header += [f"{j}.current" for j in robot.joints]
+        for column, values in law.columns(p.t[rows], robot.joints).items():
+            header, table = [*header, column], [*table, values]
         if world.metered:
             header, table = [*header, "power"], [*table, shown]
         name = f"run{k + 1:02d}.csv"

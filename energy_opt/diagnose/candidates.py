@@ -9,9 +9,10 @@ from itertools import product
 import numpy as np
 
 from energy_opt.diagnose.fit import Fit, Free
-from energy_opt.diagnose.predict import predict
+from energy_opt.diagnose.predict import predict, recorded
+from energy_opt.diagnose.samples import Samples
 from energy_opt.diagnose.terms import USUAL, Chart, Term, chart, sized
-from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, StoreEffect, known_effects
+from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, StoreEffect, known_effects, words_of
 
 ALLOWED_FOR = (LinkInertia.name, RunOffset.name)  # in every hypothesis, and never a cause
 MOST_SHAPES = 6  # trials of an effect's shapes
@@ -44,7 +45,7 @@ def candidates(now: Fit) -> Iterator[Candidate]:
     drives = [e.name for e in model.effects if e.stage == "drive"]
     absent: list[tuple[type[Effect], Term]] = []
     for kind in known_effects().values():
-        if kind.name in taken or kind.name in ALLOWED_FOR or not kind.sought or any(p.free for p in kind.parameters):
+        if kind.name in taken or kind.name in ALLOWED_FOR or not kind.sought or not _sizes_known(kind):
             continue
         if declared.get(kind.name) is not None:
             yield from _declared(kind, now)
@@ -53,18 +54,24 @@ def candidates(now: Fit) -> Iterator[Candidate]:
         elif issubclass(kind, MeterEffect | StoreEffect):
             yield from _by_difference(kind, now)
         elif all(model.get(name) is not None for name in kind.needs):
-            absent += [(kind, term) for term in _variants(kind, now.world.samples.n)]
+            absent += [(kind, term) for term in _variants(kind, now.world.samples)]
     yield from _absent(absent, now)
 
 
-def _variants(kind: type[Effect], n: int) -> list[Term]:
-    """The effect under each of its options and trials of its shapes."""
-    neutral = kind.neutral(n).full(n)
-    entries = [p for p in kind.parameters for _ in range(p.count(n))]
+def _sizes_known(kind: type[Effect]) -> bool:
+    """Are its tables' lengths said by what it is offered with?"""
+    return not any(p.free for p in kind.parameters) or bool(kind.free_options)
+
+
+def _variants(kind: type[Effect], s: Samples) -> list[Term]:
+    """The effect under each of the options that the recording allows, and trials of its shapes."""
+    out, n = [], s.n
     tried = [p.trials if p.trials and (p.shapes or p.steps) else (None,) for p in kind.parameters]
-    out = []
-    for words in product(*kind.options.values()):
-        options = tuple(f"{key}={word}" for key, word in sorted(zip(kind.options, words, strict=True)))
+    for words in kind.offered(recorded(s)):
+        neutral = kind.neutral(n, **words).full(n)
+        lengths = {key: int(word) for key, word in words.items() if key not in kind.options}
+        entries = [p for p in kind.parameters for _ in range(p.count(n, lengths))]
+        options = tuple(f"{key}={word}" for key, word in sorted(words.items()))
         for trial in list(product(*tried))[:MOST_SHAPES]:
             value = dict(zip((p.name for p in kind.parameters), trial, strict=True))
             tries = [value[p.name] for p in entries]
@@ -92,7 +99,8 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
                 continue
             c = chart(term, w.declared, w.scale, n)
             idle = kind.idle(n, **dict(word.split("=") for word in term.options)).full(n)
-            entries = [p for p in kind.parameters for _ in range(p.count(n))]
+            lengths = {k: int(w) for k, w in words_of(term.options).items() if k not in kind.options}
+            entries = [p for p in kind.parameters for _ in range(p.count(n, lengths))]
             if term.trial:
                 chosen = np.array([p.shapes or p.steps for p in entries])
                 idle = np.where(chosen, term.trial, idle)
@@ -103,6 +111,8 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
         where = dict(zip((e.name for e in whole.effects), whole.slices(n), strict=True))
         for name, (c, z0, shapes) in charts.items():
             columns = jacobian[:, where[name]] @ c.slope(z0)
+            if not columns.any():  # as a dwell that no run has
+                continue
             c = sized(c, columns, w.scale)
             amount = ~np.array(shapes)[c.rows]
             way = np.eye(len(z0))[:, amount]

@@ -23,7 +23,7 @@ from energy_opt.diagnose.sides import side_remarks, side_rows, told_by
 from energy_opt.diagnose.split import split
 from energy_opt.diagnose.trace import Trace, excited, trace
 from energy_opt.diagnose.words import headline, news, next_step, remarks, speeds_seen
-from energy_opt.effects import Payload
+from energy_opt.effects import Effect, Payload
 from energy_opt.errors import BadInput
 from energy_opt.measured import MeasuredSet, Smoothing
 from energy_opt.power import PowerModel
@@ -214,7 +214,7 @@ def effect_rows(found: Trace) -> list[dict[str, Any]]:
         rows.append(
             {
                 "name": c.term.name,
-                **_parameters(c.term.kind, effect.full(n), deviation, n),
+                **_parameters(effect, deviation, n),
                 "share_of_residual": float(np.clip((size(less) - here) / explained, 0.0, 1.0)),
                 "p_value": float(1 / (1 + np.exp(min(claim.odds, 500.0)))),
                 "log_odds": float(claim.odds),
@@ -227,12 +227,12 @@ def effect_rows(found: Trace) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: -row["share_of_residual"])
 
 
-def _parameters(kind: Any, values: np.ndarray, deviation: np.ndarray, n: int) -> dict[str, Any]:
+def _parameters(effect: Effect, deviation: np.ndarray, n: int) -> dict[str, Any]:
     """Values and 95 % intervals by parameter."""
     out: dict[str, Any] = {"parameters": {}, "ci95": {}, "units": {}}
-    at = 0
-    for p in kind.parameters:
-        count = p.count(n)
+    at, values = 0, effect.full(n)
+    for p in effect.parameters:
+        count = p.count(n, effect.extents)
         value, width = values[at : at + count], WIDER * STUDENT * deviation[at : at + count]
         low, high = np.maximum(value - width, p.lower), np.minimum(value + width, p.upper)
         at += count

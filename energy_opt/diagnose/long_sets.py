@@ -53,7 +53,7 @@ def _first(run: Run, share: float) -> Run:
     index = run.rows[rows] if len(run.rows) == len(run.time) else run.rows
     return replace(
         run, time=run.time[rows], rows=index, power_time=run.power_time[read], power=run.power[read],
-        window=run.window[read], **signals,
+        window=run.window[read], logged=run.logged_at(rows), **signals,
     )  # fmt: skip
 
 

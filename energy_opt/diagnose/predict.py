@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from energy_opt.diagnose.samples import Samples, pieces
-from energy_opt.effects import MeterEffect, RigidEffect, Signals, of_form
+from energy_opt.effects import MeterEffect, RigidEffect, Signals, SoakingEffect, of_form
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
-from energy_opt.power.past import returned_power, store_of
+from energy_opt.power.past import heated, returned_power, store_of
 
-STORE_STEP = 1e-3  # share of a store's capacity by which its derivative is taken
+STORE_STEP = 1e-3  # share of a store's capacity, or of a time constant, by which a derivative is taken
 AT_ONCE = 2048  # nodes: a batch holds its arrays, and batches are kept
-PAST = ("idle", "returned", "run")
+PER_JOINT = ("temperature", "warmth", "heated")  # signals of which each joint has its own
+HOURS = 4 * 3600.0  # [s] a set that lasts as long may show the time of day
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,8 @@ def _drive(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...
     """
     model = PowerModel("", tuple(of_form(form, n) for form in structure))
     q, v, a, tau = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau"))
-    past = {name: ca.SX.sym(name, 1 if name in PAST else n) for name in known}
-    x = Signals(q, v, a, tau, ca.SX.sym("t"), **past)
+    past = {name: ca.SX.sym(name, n if name in PER_JOINT else 1) for name in known}
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), **_named(past))
     p = model.symbols(n)
     terms = drive_terms(model, x, p)
     by_p, by_tau = ca.gradient(terms.power, p), ca.gradient(terms.power, x.tau)
@@ -121,7 +123,27 @@ def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]
             slope[rows] += regressor @ by_phi[live]
             if by_gravity.any():
                 by_g[rows] += np.einsum("njpk,p->njk", own[..., 1:], phi.ravel()[live])
-    return tau, slope + by_g @ by_gravity
+    slope += by_g @ by_gravity
+    for effect, where in zip(rigid.effects, rigid.slices(s.n), strict=True):
+        added = _changing(effect.form, s.n)(s.dwell[None], effect.full(s.n))
+        mass, share, by_mass = (np.array(x) for x in added)
+        if share.any():
+            regressor = s.last_regressors[..., 0] + s.last_regressors[..., 1:] @ gravity.ravel()
+            tau += share.T * (regressor @ mass[:, 0])
+            slope[:, :, where] += share.T[:, :, None] * (regressor @ by_mass[:, : where.stop - where.start])
+    return tau, slope
+
+
+@lru_cache(maxsize=64)
+def _changing(form: tuple[str, ...], n: int) -> ca.Function:
+    """(dwell, p) of a rigid effect whose mass comes and goes -> inertial parameters (10,), share, Jacobian by p."""
+    effect = of_form(form, n)
+    p, dwell, none = ca.SX.sym("p", effect.size(n, effect.extents)), ca.SX.sym("dwell"), ca.SX.zeros(n)
+    assert isinstance(effect, RigidEffect)
+    held = effect.held(Signals(none, none, none, none, ca.SX(0), dwell=dwell), effect.named(p, n))
+    mass, com, share = held or (ca.SX(0), ca.SX.zeros(3), ca.SX(0))
+    phi = _inertial(mass, com, ca.SX.zeros(3, 3))
+    return ca.Function("held", [dwell, p], [ca.densify(phi), ca.densify(share), ca.densify(ca.jacobian(phi, p))])
 
 
 def predict(
@@ -136,7 +158,7 @@ def predict(
     tau, by_rigid = rigid_torque(model, s)
     if push is not None:
         tau = tau + push
-    known = _known(s)
+    known = {name: x for name, x in recorded(s).items() if name in ALWAYS or _followed(name, model)}
     state = [s.q, s.v, s.a, tau, s.t, *known.values()]
     structure = tuple(e.form for e in model.effects)
     values = model.values(s.n)
@@ -157,6 +179,17 @@ def predict(
         state[4 + 1 + list(known).index("returned")] = _returned(model, s, bus)
         out = law()
     n = s.n
+    if "heated" in known:
+        order = np.argsort(s.t, kind="stable")
+        warm, tau_m = state[5 + list(known).index("heated")], out[:, 2 : 2 + n].copy()
+        soaking = next(e for e in model.effects if isinstance(e, SoakingEffect))
+        at, step = where[soaking.name].stop - 1, STORE_STEP * float(soaking.full(n)[-1])
+        later = model.with_values(values + step * (np.arange(len(values)) == at), n)
+        warm[order] = heated(later, s.t[order], tau_m[order])
+        moved = law()[:, 0].copy()
+        warm[order] = heated(model, s.t[order], tau_m[order])
+        out = law()
+        out[:, 2 + 2 * n + at] = (moved - out[:, 0]) / step  # the law does not know how `heated` came about
     power, tau_m = out[:, 0].copy(), out[:, 2 : 2 + n].copy()
     by_tau, jacobian = out[:, 2 + n : 2 + 2 * n].copy(), out[:, 2 + 2 * n :].copy()
     if store is not None:
@@ -180,14 +213,39 @@ def predict(
     return Prediction(metered, reading, slopes[:, :count], slopes[:, count:], power, tau, tau_m, by_tau)
 
 
-def _known(s: Samples) -> dict[str, np.ndarray]:
-    """The signals of the past and the recording at the nodes."""
+ALWAYS = ("temperature", "warmth", "idle", "returned", "run")
+
+
+def recorded(s: Samples) -> dict[str, np.ndarray]:
+    """The signals of the past and the recording at the nodes, by the names of `Signals`; others as signal.<name>.
+
+    `returned` and `heated` follow from a model, and are zeros here.
+    """
     out: dict[str, np.ndarray] = {}
     if np.isfinite(s.temperature).all():
         out["temperature"] = s.temperature
         if np.isfinite(s.warmth).all():
             out["warmth"] = s.warmth
-    return {**out, "idle": s.idle, "returned": np.zeros(len(s.q)), "run": s.run.astype(float)}
+    out |= {"idle": s.idle, "returned": np.zeros(len(s.q)), "run": s.run.astype(float), "heated": np.zeros_like(s.q)}
+    if s.dwell.any():
+        out["dwell"] = s.dwell
+    if np.ptp(s.t) > HOURS:
+        out["day"] = s.t
+    logged = {f"signal.{name}": x for name, x in s.logged.items()}
+    return {**out, **logged, **({"logged": np.zeros(0)} if logged else {})}
+
+
+def _followed(name: str, model: PowerModel) -> bool:
+    """Does an effect of the model follow a signal?"""
+    kind = "logged" if name.startswith("signal.") else name
+    return name != "logged" and any(kind in effect.follows for effect in model.effects)
+
+
+def _named(past: dict[str, ca.SX]) -> dict[str, Any]:
+    """Symbols as `Signals` has them: those of further signals in one mapping."""
+    logged = {name.removeprefix("signal."): x for name, x in past.items() if name.startswith("signal.")}
+    own = {name: x for name, x in past.items() if not name.startswith("signal.")}
+    return {**own, **({"logged": logged} if logged else {})}
 
 
 def _returned(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:

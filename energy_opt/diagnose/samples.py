@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ import numpy as np
 from energy_opt.diagnose.long_sets import averaged, group_size, group_weight, per_bin
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
 from energy_opt.measured.meter import nodes, operator
-from energy_opt.power.past import idle_time
+from energy_opt.power.past import dwells, idle_time
 from energy_opt.robot import RigidBody
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ class Samples:
         noise: standard deviation of a reading's white noise, W. floor: of a single reading of the meter, W.
         clock: True where the log states every run's set time. files, kinds: of the runs.
         single: set time and power of every single reading of the meter, run by run.
+        logged: by name (K,) of further signals that every run has, and that change somewhere.
         group: how many neighbouring readings were averaged to one, 1 in all but long sets.
     """
 
@@ -64,6 +65,7 @@ class Samples:
     kinds: tuple[str, ...]
     single: tuple[tuple[np.ndarray, np.ndarray], ...]
     group: int = 1
+    logged: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def n(self) -> int:
@@ -79,9 +81,9 @@ class Samples:
             power=self.power[read], weight=self.weight[read], parts=laid([self.parts[r] for r in runs]),
             operators=tuple(self.operators[r] for r in runs), counts=tuple(self.counts[r] for r in runs),
             files=tuple(self.files[r] for r in runs), kinds=tuple(self.kinds[r] for r in runs),
-            single=tuple(self.single[r] for r in runs),
+            single=tuple(self.single[r] for r in runs), logged={k: x[rows] for k, x in self.logged.items()},
         )  # fmt: skip
-        for name in ("free_torque", "gravity_torque", "last_regressors", "regressors", "warmth", "idle"):
+        for name in ("free_torque", "gravity_torque", "last_regressors", "regressors", "warmth", "idle", "dwell"):
             if name in self.__dict__:
                 out.__dict__[name] = self.__dict__[name][rows]
         return out
@@ -122,6 +124,11 @@ class Samples:
     def idle(self) -> np.ndarray:
         """Time since the last motion of the run ended (K,) s; negative while moving and before."""
         return np.concatenate([idle_time(self.t[rows], self.v[rows]) for rows in self.slices])
+
+    @cached_property
+    def dwell(self) -> np.ndarray:
+        """How many standstills between motions the run has had (K,); each counts from its middle on."""
+        return np.concatenate([dwells(self.t[rows], self.v[rows]) for rows in self.slices])
 
     @cached_property
     def run(self) -> np.ndarray:
@@ -212,6 +219,7 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
         at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
         _meter_noise([(r.power_time, r.power) for r in measured.runs]), measured.clock,
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
+        _logged(measured.runs, [m[0] for m in motion]),
     )  # fmt: skip
     return samples, smoothing
 
@@ -281,6 +289,16 @@ def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarra
         for x in (run.temperature, logged)
     ]
     return run.start + time, q, v, a, *others
+
+
+def _logged(runs: Sequence[Run], times: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """Further signals that every run has, at set times of each, where they change; each stays until its next row."""
+    out: dict[str, np.ndarray] = {}
+    for name in sorted(set.intersection(*(set(run.logged) for run in runs))):
+        at = [np.searchsorted(r.time, t - r.start, side="right") - 1 for r, t in zip(runs, times, strict=True)]
+        values = np.concatenate([r.logged[name][np.maximum(k, 0)] for r, k in zip(runs, at, strict=True)])
+        out |= {name: values} if np.ptp(values) > 0 else {}
+    return out
 
 
 def _bin_mean(x: np.ndarray, count: int) -> np.ndarray:

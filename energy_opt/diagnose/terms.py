@@ -168,6 +168,7 @@ def usual(unit: str, joint: int, scale: Scale) -> float | None:
         "kg m^2": ROTOR * effort,
         "W/(N m)^2": HEAT / (HOLD * effort) ** 2,
         "1": 0.1,
+        "1/W": 0.1 / HEAT,  # of a winding that its heat warms
         "N m/rad": 2 * USUAL * effort,
         "rad": 2 * USUAL * effort,  # of a spring, whose chart is a torque
         "W s/rad": USUAL * effort / 2,

@@ -31,6 +31,7 @@ from energy_opt.effects.mechanics import Armature, GravitySpring
 from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain, MeterWindow
 from energy_opt.effects.parameter import Parameter
 from energy_opt.effects.past import DcLink, IdleHold, RunOffset
+from energy_opt.effects.payload_change import PayloadChange
 from energy_opt.effects.registry import (
     ALL_EFFECTS,
     BY_NAME,
@@ -45,16 +46,20 @@ from energy_opt.effects.registry import (
     words_of,
 )
 from energy_opt.effects.rigid import BaseTilt, Payload
+from energy_opt.effects.self_heating import WindingSelfHeating
+from energy_opt.effects.signal_power import SignalPower
 from energy_opt.effects.stages import (
     DriveEffect,
     HeatEffect,
     PowerEffect,
     RigidEffect,
+    SoakingEffect,
     StoreEffect,
     SupplyEffect,
     TorqueEffect,
     WindingEffect,
 )
+from energy_opt.effects.temperature_friction import DailyFriction, TemperatureFriction
 
 __all__ = [
     "ALL_EFFECTS",
@@ -65,6 +70,7 @@ __all__ = [
     "BaseTilt",
     "CopperLoss",
     "CoulombFriction",
+    "DailyFriction",
     "DcLink",
     "DriveEffect",
     "Effect",
@@ -87,6 +93,7 @@ __all__ = [
     "MotionPower",
     "Parameter",
     "Payload",
+    "PayloadChange",
     "PowerEffect",
     "PowerLawFriction",
     "PsuLoss",
@@ -94,18 +101,22 @@ __all__ = [
     "RigidEffect",
     "RunOffset",
     "SigmoidFriction",
+    "SignalPower",
     "Signals",
     "Smooth",
+    "SoakingEffect",
     "Standby",
     "StandbyDrift",
     "StoreEffect",
     "StribeckFriction",
     "SupplyEffect",
     "SupplyEfficiency",
+    "TemperatureFriction",
     "ThermalViscous",
     "TorqueEffect",
     "ViscousFriction",
     "WindingEffect",
+    "WindingSelfHeating",
     "WindingTemperature",
     "effect_class",
     "known_effects",

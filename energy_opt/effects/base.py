@@ -18,8 +18,9 @@ class: no code outside names one. The stages' base classes are in `stages`.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from types import SimpleNamespace
 from typing import Any, ClassVar, Literal
 
@@ -39,7 +40,9 @@ class Signals:
     What the past or the recording adds is None where it is unknown, as in planning: `temperature` (n, 1) [degC] of each
     joint; `warmth` (n, 1) how far that has come from the set's first to its highest, 0 to 1; `idle` [s] the time since
     the last motion ended (negative while moving and before any motion); `returned` [W] what a store gives back at this
-    instant; `run` the index of the run.
+    instant; `run` the index of the run; `dwell` how many standstills between motions the run has had; `day` [s] time
+    since the set's first sample, in a set of some hours; `heated` (n, 1) [W] of the heat that each joint had of late;
+    `logged` by name what else was recorded, 0 or 1 or a number.
     """
 
     q: ca.SX
@@ -52,6 +55,10 @@ class Signals:
     idle: ca.SX | None = None
     returned: ca.SX | None = None
     run: ca.SX | None = None
+    dwell: ca.SX | None = None
+    day: ca.SX | None = None
+    heated: ca.SX | None = None
+    logged: Mapping[str, ca.SX] | None = None
 
 
 class Effect:
@@ -66,6 +73,7 @@ class Effect:
     stage: ClassVar[Stage]
     parameters: ClassVar[tuple[Parameter, ...]]
     options: ClassVar[Mapping[str, tuple[str, ...]]] = {}  # words beside numbers, the first is the default
+    free_options: ClassVar[tuple[str, ...]] = ()  # options that take any word, as a signal's name
     extents_by_default: ClassVar[Mapping[str, int]] = {}  # lengths of free dimensions where no values are given
 
     # What others must know of it.
@@ -101,7 +109,7 @@ class Effect:
             self.values[key] = p.checked(self.name, values[key], self.extents)
         for key, words in self.options.items():
             word = values.get(key, words[0])
-            if word not in words:
+            if not isinstance(word, str) or (word not in words and key not in self.free_options):
                 raise BadInput(f"effect {self.name}: {key} = {word!r}; expected one of {', '.join(words)}")
             self.choices[key] = word
 
@@ -160,6 +168,16 @@ class Effect:
     @classmethod
     def _extents(cls, given: Mapping[str, int] | None) -> dict[str, int]:
         return {**cls.extents_by_default, **(given or {})}
+
+    @classmethod
+    def offered(cls, recorded: Collection[str]) -> list[dict[str, str]]:
+        """Options and lengths under which diagnosis may propose it, from the names of the signals that are recorded.
+
+        None of the signals that its law follows may be missing.
+        """
+        if not set(cls.follows) <= set(recorded):
+            return []
+        return [dict(zip(cls.options, words, strict=True)) for words in product(*cls.options.values())]
 
     @classmethod
     def stored(cls, q: ca.SX, v: ca.SX, p: SimpleNamespace) -> ca.SX:
@@ -230,7 +248,12 @@ def _signature(cls: type[Effect]) -> inspect.Signature:
         inspect.Parameter(p.name, inspect.Parameter.KEYWORD_ONLY, annotation=described(p)) for p in cls.parameters
     ]
     words = [
-        inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=choice[0], annotation=Literal[choice])
+        inspect.Parameter(
+            key,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=choice[0],
+            annotation=str if key in cls.free_options else Literal[choice],
+        )
         for key, choice in cls.options.items()
     ]
     return inspect.Signature([*numbers, *words])

@@ -16,6 +16,7 @@ from energy_opt.effects.stages import (
     HeatEffect,
     PowerEffect,
     RigidEffect,
+    SoakingEffect,
     StoreEffect,
     SupplyEffect,
     TorqueEffect,
@@ -30,6 +31,9 @@ DRAWN = {  # what the past and the recording may hold
     "warmth": lambda rng, shape: rng.uniform(0, 1, shape),
     "idle": lambda rng, shape: rng.uniform(-1, 2, shape),
     "returned": lambda rng, shape: np.zeros(shape),
+    "dwell": lambda rng, shape: rng.uniform(0, 5, shape),
+    "day": lambda rng, shape: rng.uniform(0, 86400, shape),
+    "logged": lambda rng, shape: rng.integers(0, 2, shape),
     "run": lambda rng, shape: rng.integers(0, 6, shape),
 }
 
@@ -42,7 +46,11 @@ def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str
     that it simulates.
     """
     rng = np.random.default_rng(seed)
-    law = _law_over_time(kind, rng) if issubclass(kind, MeterEffect | StoreEffect) else _law(kind, joints, rng)
+    if issubclass(kind, MeterEffect | StoreEffect | SoakingEffect):
+        law = _law_over_time(kind, rng)
+    else:
+        law = _law(kind, joints, rng)
+    joints = law.joints
     faults = []
     neutral = kind.neutral(joints).full(joints)
     change = law.change(neutral)
@@ -115,7 +123,8 @@ def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNam
     """The change that an effect makes (M,), its Jacobian, the power it takes away, and its values at rest."""
     q, v, a, tau, warm = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau", "temperature"))
     past = {name: ca.SX.sym(name, joints if name == "warmth" else 1) for name in kind.follows if name != "temperature"}
-    x = Signals(q, v, a, tau, ca.SX.sym("t"), warm, **past)
+    given = {name: {"signal": past[name]} if name == "logged" else past[name] for name in past}
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), warm, **given)
     p = ca.SX.sym("p", kind.size(joints))
     change, given = _expressions(kind, x, p, joints, EXACT)
     smooth, _ = _expressions(kind, x, p, joints, Smooth())
@@ -185,15 +194,38 @@ def _law_of(effect: Effect, x: Signals, vector: ca.SX, joints: int, kinks: Kinks
                 0
             )
         mass, place = effect.point_mass(p) or (ca.SX(0), ca.SX.zeros(3))
+        held = effect.held(x, p)
+        if held is not None:
+            mass, place = held[0] * held[2], held[1]
         changed = effect.gravity(ca.SX(GRAVITY), p) - GRAVITY
         return ca.vertcat(mass, mass * place, ca.vec(mass * place @ place.T), changed), ca.SX(0)
     raise NotImplementedError(f"{effect.name}: no check for an effect of stage {effect.stage!r}")
 
 
-def _law_over_time(kind: type[MeterEffect] | type[StoreEffect], rng: np.random.Generator) -> SimpleNamespace:
+def _law_over_time(
+    kind: type[MeterEffect] | type[StoreEffect] | type[SoakingEffect], rng: np.random.Generator
+) -> SimpleNamespace:
     """The same of an effect whose law runs over time, on a power over time."""
     time = np.arange(200) * 0.01
     wave = sum(5 * rng.normal() * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.7, 1.6, 2.9))
+    if issubclass(kind, SoakingEffect):
+
+        def more(values: np.ndarray, heat: np.ndarray) -> np.ndarray:
+            heated = ca.DM(kind.soaked(50 * time, heat[:, None], values))
+            return np.array(kind.factor(_only_heated(heated), kind.split(ca.DM(values), 1))).ravel() - 1
+
+        return SimpleNamespace(
+            joints=1,
+            change=lambda values: more(values, wave**2),
+            jacobian=lambda values: (
+                np.column_stack(
+                    [more(values + h, wave**2) - more(values - h, wave**2) for h in 1e-6 * np.eye(len(values))]
+                )
+                / 2e-6
+            ),
+            given=lambda values: more(values, wave**2),
+            at_rest=lambda values: more(values, 0 * time[:, None].ravel()),
+        )
     if issubclass(kind, StoreEffect):
         step = np.full_like(time, 0.01)
         return SimpleNamespace(
@@ -213,3 +245,8 @@ def _law_over_time(kind: type[MeterEffect] | type[StoreEffect], rng: np.random.G
         given=lambda values: np.zeros(1),
         at_rest=lambda values: kind.reading(time, np.full_like(time, 90.0), float(values[0])),
     )
+
+
+def _only_heated(heated: ca.DM) -> Signals:
+    none = ca.DM.zeros(1)
+    return Signals(none, none, none, none, none, heated=heated)

@@ -45,7 +45,10 @@ from energy_opt.effects.mechanics import Armature, GravitySpring
 from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain, MeterWindow
 from energy_opt.effects.parameter import Parameter
 from energy_opt.effects.past import DcLink, IdleHold, RunOffset
+from energy_opt.effects.payload_change import PayloadChange
 from energy_opt.effects.rigid import BaseTilt, Payload
+from energy_opt.effects.self_heating import WindingSelfHeating
+from energy_opt.effects.signal_power import SignalPower
 from energy_opt.effects.stages import (
     DriveEffect,
     HeatEffect,
@@ -55,6 +58,7 @@ from energy_opt.effects.stages import (
     TorqueEffect,
     WindingEffect,
 )
+from energy_opt.effects.temperature_friction import DailyFriction, TemperatureFriction
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_text
 
@@ -94,12 +98,17 @@ ALL_EFFECTS: tuple[type[Effect], ...] = (
     IdleHold,
     RunOffset,
     LinkInertia,
+    WindingSelfHeating,
+    TemperatureFriction,
+    DailyFriction,
+    SignalPower,
+    PayloadChange,
 )
 BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECTS}
 
 # The law that an effect of each stage must write, by the base class that asks for it.
 LAWS: dict[type[Effect], tuple[str, ...]] = {
-    RigidEffect: ("gravity", "point_mass", "links"),
+    RigidEffect: ("gravity", "point_mass", "links", "held"),
     TorqueEffect: ("torque",),
     HeatEffect: ("heat",),
     WindingEffect: ("factor",),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -16,7 +17,7 @@ class Payload(RigidEffect):
     """A point mass at `com` in the last joint's frame."""
 
     name = "payload"
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("mass", "kg", 0.0, 0.0, 1e3, fit=(1e-4, 200.0)),
         Parameter("com", "m", 0.0, -10.0, 10.0, 3, shapes=True),
     )

@@ -36,6 +36,14 @@ class RigidEffect(Effect):
         """Mass [kg] and its place (3, 1) [m] in the last joint's frame; None for an effect that adds none."""
         return None
 
+    @classmethod
+    def held(cls, x: Signals, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX] | None:
+        """Mass [kg], place (3, 1) [m] in the last joint's frame and the share of it that is there at an instant.
+
+        None for an effect whose mass does not change in mid-run. In plans such a mass is not there.
+        """
+        return None
+
 
 class TorqueEffect(Effect):
     """Adds to the motor's torque at the joint side."""
@@ -67,6 +75,20 @@ class WindingEffect(Effect):
     @classmethod
     def factor(cls, x: Signals, p: SimpleNamespace) -> ca.SX:
         """What that heat is multiplied by, a scalar or (n, 1)."""
+        raise NotImplementedError
+
+
+class SoakingEffect(WindingEffect):
+    """Multiplies heat by what the joints' own heat did before: its law runs over time.
+
+    Its last parameter says how long it remembers; the signal `heated` depends on that one alone.
+    """
+
+    follows = ("heated",)
+
+    @classmethod
+    def soaked(cls, time: np.ndarray, heat: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """The signal `heated` (N, n) [W] from the heat (N, n) [W] at times (N,) [s]; `values` are as `full`."""
         raise NotImplementedError
 
 

@@ -12,6 +12,7 @@ from energy_opt.measured.table import Table
 from energy_opt.measured.units import UNITS, known_unit
 
 WHOLE = ("time", "power", "energy", "power.time")  # quantities that belong to no joint
+LOGGED = "signal"  # signal.<name>: what else is recorded, 0 and 1 or a number
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,13 @@ def factor_of(quantity: str, rule: Rule, table: Table) -> float:
 
 def rule_from(quantity: str, value: Any, where: str) -> Rule:
     """A rule from an entry of the [columns] table: a header, or a table with column or product, and unit."""
+    if quantity == LOGGED or quantity.startswith(LOGGED + "."):
+        return _signal(quantity, value, where)
     kind = kind_of(quantity)
     if kind not in UNITS or ("." not in quantity and quantity not in WHOLE):
         raise BadInput(
-            f"{where}: columns: unknown quantity {quantity!r}; expected {', '.join(WHOLE)} or <joint>.<signal> "
-            f"with a signal of {', '.join(JOINT_SIGNALS)}"
+            f"{where}: columns: unknown quantity {quantity!r}; expected {', '.join(WHOLE)}, {LOGGED}.<name> or "
+            f"<joint>.<signal> with a signal of {', '.join(JOINT_SIGNALS)}"
         )
     if isinstance(value, str) and value:
         return Rule((value,))
@@ -71,6 +74,17 @@ def rule_from(quantity: str, value: Any, where: str) -> Rule:
     if unit is None:
         raise BadInput(f"{where}: columns.{quantity}: unit {value['unit']!r}; known: {', '.join(UNITS[kind])}")
     return Rule(tuple(names), UNITS[kind][unit])
+
+
+def _signal(quantity: str, value: Any, where: str) -> Rule:
+    """The rule of a further signal: a header, or a table with a column."""
+    column = value.get("column") if isinstance(value, dict) and set(value) == {"column"} else value
+    name = quantity.partition(".")[2] or "signal"
+    if not isinstance(column, str) or not column or not name.replace("_", "").replace("-", "").isalnum():
+        raise BadInput(
+            f"{where}: columns.{quantity} = {value!r}; expected a header, and a name of letters, digits, _ and -"
+        )
+    return Rule((column,))
 
 
 def only(table: Mapping[str, Any], keys: Sequence[str], where: str) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from energy_opt.measured.clock import activity, align
 from energy_opt.measured.columns import Rule, plain_rules
+from energy_opt.measured.further import further_signals
 from energy_opt.measured.joints import EPOCH, FEWEST, Joints, read_joints
 from energy_opt.measured.log import LogFile, RunEntry
 from energy_opt.measured.presets import PRESETS
@@ -68,8 +69,12 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) ->
     signals: dict[str, Any] = {name: joints.signals.get(name) for name in SIGNALS}
     run = Run(
         entry.file, entry.kind, start, time, power_time=moved.time, power=moved.power, window=moved.window,
-        meter=moved.kind, clock=status, rows=joints.index + table.layout.first_row, **signals,
+        meter=moved.kind, clock=status, rows=joints.index + table.layout.first_row,
+        logged=further_signals(table, rules, joints.index), **signals,
     )  # fmt: skip
+    if table.faults:
+        out.faults += list(dict.fromkeys(table.faults))
+        return out
     _cut(log, run, joints.rows.gaps, out)
     return out
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,6 +33,7 @@ class Run:
         meter: "power", "energy" (differences of a counter) or "total" (one reading).
         clock: "shared" with the joints, "stated" in log.toml, or "estimated" by correlation; an estimated clock is
             known to a fraction of a reading, so a delay found on it says nothing of the meter.
+        logged: by name what else was recorded at the joints' stamps, (N,): 0 and 1 of digital signals, or numbers.
         rows: (N,) rows of the file (its first is 1), where the run comes from one.
     """
 
@@ -52,10 +53,15 @@ class Run:
     meter: str = "power"
     clock: str = "shared"
     rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    logged: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.window) != len(self.power):
             object.__setattr__(self, "window", np.zeros(len(self.power)))
+
+    def logged_at(self, rows: slice | np.ndarray) -> dict[str, np.ndarray]:
+        """`logged` at some joint rows."""
+        return {name: values[rows] for name, values in self.logged.items()}
 
     def joint_signals(self) -> Iterator[tuple[str, np.ndarray]]:
         """Name and (N, n) values of every joint signal that is logged."""

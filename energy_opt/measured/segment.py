@@ -116,6 +116,7 @@ def _piece(run: Run, first: int, last: int, readings: np.ndarray, kind: str, num
         start=run.start + zero,
         time=run.time[rows] - zero,
         rows=run.rows[rows],
+        logged=run.logged_at(rows),
         power_time=run.power_time[readings] - zero,
         power=run.power[readings],
         window=run.window[readings],

@@ -11,6 +11,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.clock import shows_means
+from energy_opt.measured.columns import LOGGED
 from energy_opt.measured.log import LogFile, read_log
 from energy_opt.measured.presets import PAYLOAD
 from energy_opt.measured.recording import Recording, read_recording
@@ -91,7 +92,7 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
     faults = [
         f"{log.path}: columns.{key}: no joint {key.rpartition('.')[0]!r}; the robot's are {', '.join(robot.joints)}"
         for key in log.rules
-        if key.rpartition(".")[0] not in (*robot.joints, "", "power")
+        if key.rpartition(".")[0] not in (*robot.joints, "", "power", LOGGED)
     ]
     found = _recordings(log, robot, faults)
     if log.window is None and any(one.interval for one in found):

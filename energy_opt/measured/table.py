@@ -46,10 +46,11 @@ class Table:
             self.load(self.header[:1])
         return self._count or 0
 
-    def load(self, names: Iterable[str]) -> None:
+    def load(self, names: Iterable[str], sparse: bool = False) -> None:
         """Read columns that are not read yet, in one pass; cells that are no numbers are added to `faults`.
 
-        A column of which `SPARSE` or more is empty is one of a slower source in a common table, and no fault.
+        A column of which `SPARSE` or more is empty is one of a slower source in a common table, and no fault; so it is
+        with any empty cell of a `sparse` one.
         """
         wanted = [name for name in dict.fromkeys(names) if name in self.header and name not in self._columns]
         if not wanted:
@@ -79,7 +80,7 @@ class Table:
             self._columns[name] = values
             empty = np.asarray(cells.is_null().to_numpy(), dtype=bool)
             bad = np.flatnonzero(~empty & ~np.isfinite(values))
-            if not bad.size and empty.any() and empty.mean() < SPARSE:
+            if not bad.size and not sparse and empty.any() and empty.mean() < SPARSE:
                 bad = np.flatnonzero(empty)
             if bad.size:
                 self._name(name, bad)

@@ -180,7 +180,7 @@ def turn(
 
 def settled(name: str, robot: str, seed: int, motions: int = 2) -> str:
     """What a short session on an arm with links off its URDF leaves open, and what the proposed motion makes of it."""
-    from misfit_urdf import write_changed
+    from misfit_urdf import with_urdf, write_changed
 
     from energy_opt.next_motion import propose, rivals_of
 
@@ -190,7 +190,7 @@ def settled(name: str, robot: str, seed: int, motions: int = 2) -> str:
     with tempfile.TemporaryDirectory() as place:
         urdf = Path(place) / "true.urdf"
         write_changed(body, (0.05, 0.10), np.random.default_rng([seed, 7]), urdf)
-        true = dataclasses.replace(body, urdf=urdf)
+        true = with_urdf(body, urdf)
 
         def found(references: Sequence[Reference], folder: str) -> Diagnosis:
             simulate(references, plant, true, Path(place) / folder, seed=seed, instruments=NOISY)

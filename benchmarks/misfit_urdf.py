@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from energy_opt.robot import Robot
+from energy_opt.robot.description import read_description
 
 
 def write_changed(robot: Robot, spread: tuple[float, float], rng: np.random.Generator, path: Path) -> None:
@@ -27,6 +29,11 @@ def write_changed(robot: Robot, spread: tuple[float, float], rng: np.random.Gene
             com = com * (1 + off[2]) + spread[1] * 0.4 * np.linalg.norm(com) * side / np.linalg.norm(side)
             origin.set("xyz", " ".join(repr(float(x)) for x in com))
     tree.write(path)
+
+
+def with_urdf(robot: Robot, urdf: Path) -> Robot:
+    """The robot as another file describes its links; limits and rigid body stay those of the first."""
+    return replace(robot, description=read_description(urdf))
 
 
 def write_loaded(urdf: Path, robot: Robot, mass: float, com: np.ndarray) -> Path:

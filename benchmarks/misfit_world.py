@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from misfit_drives import ARMS, CAUSES, LAWS, MORE, Motors
 from misfit_motions import STEP, hand_torque, session
-from misfit_urdf import write_changed, write_loaded
+from misfit_urdf import with_urdf, write_changed, write_loaded
 from unlisted_laws import KINDS, Limits, Part, bending
 
 from energy_opt.effects import CopperLoss, Standby
@@ -90,7 +90,7 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
     com = rng.uniform([-0.04, -0.04, 0.03], [0.04, 0.04, 0.12])
     write_changed(robot, world.spread, rng, urdf)
     body, nominal = (
-        MujocoArm(replace(robot, urdf=urdf), Plant(PowerModel("", ()))),
+        MujocoArm(with_urdf(robot, urdf), Plant(PowerModel("", ()))),
         MujocoArm(robot, Plant(PowerModel("", ()))),
     )
     level = rng.uniform(0.3, 0.03 * drives.standby)
@@ -100,7 +100,7 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
         runs = runs * world.repeats
     start = 300.0 if fresh else 0.0
     gaps = np.cumsum([start, *(len(r[0]) * STEP + moves.uniform(6, 18) for r in runs)])
-    weighed = replace(robot, urdf=write_loaded(urdf, robot, mass, com)) if mass else None
+    weighed = with_urdf(robot, write_loaded(urdf, robot, mass, com)) if mass else None
     law = Motors(world, drives, robot, body, MujocoArm(weighed, Plant(PowerModel("", ()))) if weighed else None, rng)
     limits = Limits(robot.limits.velocity, robot.limits.effort)
     wild = KINDS[world.unlisted](drives, limits, np.random.default_rng([world.seed, 10])) if world.unlisted else None

@@ -34,7 +34,7 @@ import numpy as np
 from common import finish, table
 from misfit_world import ARMS, CAUSES, LAWS, MORE, NOISES, World, write_world
 from scipy.stats import beta
-from unlisted_judge import contradictions, difference_error, held_out
+from unlisted_judge import beyond_motion, contradictions, difference_error, held_out
 from unlisted_laws import KINDS
 
 from energy_opt.cli.main import main as command
@@ -99,7 +99,10 @@ def run(job: tuple[str, World]) -> dict[str, Any]:
         allowed |= {"link_inertia"} if any(world.spread) else set()
         false = [name for name in named if name not in allowed]
         found = bool(cause & set(named)) or any(cause & set(a) for a in d["alternatives"])
-        reached, best = held_out(truth, model, d["split"]["holdout"] or d["split"]["train"])
+        part = "holdout" if d["split"]["holdout"] else "train"
+        reached, best = held_out(truth, model, d["split"][part])
+        if beyond_motion(e.name for e in model.effects):
+            reached = d["error"]["after"][part]["power_rmse"]
         off = difference_error(truth, model, world.seed)
         row.update(
             verdict=d["verdict"],

@@ -33,6 +33,21 @@ name = "m"
 start = [0, 1, -1, 0, 0, 0]
 goal = [0.8, 1.5, -1.3, 0.3, 0.2, 0.1]
 """
+CELL = """format = "energy-opt/job/2"
+cycle_time = 10.0
+[[mode]]
+name = "motors"
+power = 200.0
+[[robot]]
+name = "a"
+[[robot.step]]
+name = "move"
+duration = [1.0, 9.0]
+curve = [[-1, 400.0], [0, 20.0], [1, 60.0]]
+[[robot.step]]
+name = "rest"
+wait = [0.0, 20.0]
+"""
 
 
 def test_five_joules_in_each_of_720000_cycles_are_one_kilowatt_hour():
@@ -40,7 +55,7 @@ def test_five_joules_in_each_of_720000_cycles_are_one_kilowatt_hour():
     assert PerYear(720000).of(5.0) == {"kwh": 1.0, "money": None, "co2_kg": None}
     assert PerYear(720000, 0.25).of(None) == {"kwh": None, "money": None, "co2_kg": None}
     words = per_year_words(PerYear(720000, 0.25).of(5.0), 720000)
-    assert words == "saves in a year of 720000 cycles: 1 kWh, 0.25 in money"
+    assert words == "saves in a year of 720,000 cycles: 1 kWh, 0.25 in money"
 
 
 @pytest.mark.parametrize("given", [(None, 0.3, None), (None, None, 0.4), (-1.0, None, None), (1.0, float("nan"), None)])
@@ -90,3 +105,11 @@ def test_of_a_job_and_of_a_batch(tmp_path, capsys):
     summary = json.loads(capsys.readouterr().out)
     rows = [json.loads(line) for line in (tmp_path / "batch/results.jsonl").read_text().splitlines()[1:]]
     held(summary, sum(r["row"]["energy_scaled"] - r["row"]["energy_total"] for r in rows))
+
+
+def test_of_a_cell_of_robots(tmp_path, capsys):
+    (tmp_path / "cell.toml").write_text(CELL)
+    found = answered(["job", str(tmp_path / "cell.toml")], tmp_path, capsys)
+    saved = found["levers"][0]["energy_total"] - found["energy_total"]
+    assert saved > 0
+    held(found, saved)

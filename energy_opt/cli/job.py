@@ -135,7 +135,9 @@ def _run_workcell(args: argparse.Namespace) -> int:
         beside = None if name is None else args.job.parent / name
         return model_from(given or (beside if beside is not None and beside.is_file() else name), robot)
 
+    worth = per_year_from(args)
     request = {"job": read_toml(args.job), **stamp(args.command)}
+    request |= {} if worth is None else {"per_year": worth.document()}
     guard(args.out / "job.json", request, args.force)
     settings = Settings(
         seed=args.seed, compile=args.compile, **({} if args.starts is None else {"starts": args.starts})
@@ -146,7 +148,7 @@ def _run_workcell(args: argparse.Namespace) -> int:
             stopped=stopped, progress=progress,
         )  # fmt: skip
         with written_whole(args.out, "job.json") as aside:
-            found = write(result, request, aside)
+            found = write(result, request, aside, worth)
     for warning in found["warnings"]:
         say(args, f"warning: {warning}")
     view(args, args.out)
@@ -175,7 +177,19 @@ def _text_of_workcell(found: dict[str, Any], out: Path) -> str:
     for lever in found["levers"]:
         saved = 100 * (1 - lever["energy_total"] / first)
         lines.append(f"{lever['name'].replace('_', ' '):<8} {lever['energy_total']:>12.1f} J ({saved:.1f} % saved)")
+    lines += _year(found)
     return "\n".join([*lines, f"files in {out}"])
+
+
+def _year(found: dict[str, Any]) -> list[str]:
+    """What the saving is worth in a year, where that was asked for."""
+    from energy_opt.power.per_year import per_year_words
+
+    return (
+        [per_year_words(found["per_year"], found["request"]["per_year"]["cycles_per_year"])]
+        if "per_year" in found
+        else []
+    )
 
 
 def _robot(args: argparse.Namespace, name: str) -> Robot:
@@ -184,8 +198,6 @@ def _robot(args: argparse.Namespace, name: str) -> Robot:
 
 
 def _text(found: dict[str, Any], out: Path) -> str:
-    from energy_opt.power.per_year import per_year_words
-
     lines = [f"{'step':<24} {'begins [s]':>10} {'takes [s]':>10} {'energy [J]':>11} {'kg':>5}"]
     for row in found["steps"]:
         lines.append(
@@ -200,8 +212,7 @@ def _text(found: dict[str, Any], out: Path) -> str:
         else:
             saved = 100 * (1 - found["energy_total"] / row["energy_total"])
             lines.append(f"  {name} {row['energy_total']:.3f} J (this plan saves {saved:.2f} %)")
-    if "per_year" in found:
-        lines.append(per_year_words(found["per_year"], found["request"]["per_year"]["cycles_per_year"]))
+    lines += _year(found)
     if found["optimality"]["lower_bound"] is not None:
         lines.append(
             f"no timing of these paths takes less than {found['optimality']['lower_bound']:.3f} J "

@@ -123,9 +123,9 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     lines += [beside] if beside else _why_less(result)
     several = len(result.models) > 1
     lines.append(f"{result.saved} (under {result.models[0]['name']})" if several else result.saved)
+    lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]
     if ((result.saving or {}).get("joules") or 0.0) > 0:
         lines.append(until(result.break_even_friction))
-    lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]
     lines += [year] if year else []
     certificate = result.certificate.document()
     lines.append(limits_words(certificate, robot.unit))

@@ -63,8 +63,8 @@ def per_year_of(cycles: float | None, price: float | None, co2: float | None) ->
 def per_year_words(found: Mapping[str, Any], cycles: float) -> str:
     """One sentence for the console and the report."""
     if found["kwh"] is None:
-        return f"in a year of {cycles:g} cycles: no saving is stated"
+        return f"in a year of {cycles:,.12g} cycles: no saving is stated"
     parts = [f"{found['kwh']:.4g} kWh"]
     parts += [] if found["money"] is None else [f"{found['money']:.2f} in money"]
     parts += [] if found["co2_kg"] is None else [f"{found['co2_kg']:.4g} kg of CO2"]
-    return f"saves in a year of {cycles:g} cycles: {', '.join(parts)}"
+    return f"saves in a year of {cycles:,.12g} cycles: {', '.join(parts)}"

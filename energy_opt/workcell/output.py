@@ -8,6 +8,7 @@ from typing import Any
 
 from energy_opt import formats
 from energy_opt.files import plain, write_json
+from energy_opt.power.per_year import PerYear
 from energy_opt.reports.workcell import page
 from energy_opt.workcell.run import CellResult
 
@@ -121,9 +122,14 @@ def _supply(result: CellResult) -> dict[str, Any] | None:
     }
 
 
-def write(result: CellResult, request: Mapping[str, Any], out: Path) -> dict[str, Any]:
-    """Write report.html and job.json, this last; returns the document."""
+def write(result: CellResult, request: Mapping[str, Any], out: Path, worth: PerYear | None = None) -> dict[str, Any]:
+    """Write report.html and job.json, this last; returns the document.
+
+    `worth`: how often the cycle runs in a year, where what is saved against it as it is is to be stated for one.
+    """
     found = {**document(result), "request": plain(request)}
+    if worth is not None:
+        found["per_year"] = worth.of(found["levers"][0]["energy_total"] - found["energy_total"])
     for robot, arm, motion in zip(result.cell.robot, result.arms, result.planned.motions, strict=True):
         if arm is not None and motion is not None:
             file = f"cycle_{robot.name.replace('/', '_')}.csv"

@@ -41,6 +41,9 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
     from energy_opt.passport import Passport as Passport
     from energy_opt.passport import PassportRequest as PassportRequest
     from energy_opt.passport import passport as passport
+    from energy_opt.poses import AnyOf as AnyOf
+    from energy_opt.poses import Pose as Pose
+    from energy_opt.poses import pose_from as pose_from
     from energy_opt.power import PowerModel as PowerModel
     from energy_opt.power import load_model as load_model
     from energy_opt.robot import Robot as Robot
@@ -50,6 +53,7 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
 _PLACES = {
     "energy_opt.errors": ("BadInput", "EnergyOptError", "Infeasible"),
     "energy_opt.robot": ("Robot", "known_robots", "load_robot"),
+    "energy_opt.poses": ("AnyOf", "Pose", "pose_from"),
     "energy_opt.power": ("PowerModel", "load_model"),
     "energy_opt.motion": ("Move", "Planner", "Result", "Settings", "Trajectory"),
     "energy_opt.passport": ("Passport", "PassportRequest", "passport"),

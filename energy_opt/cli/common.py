@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energy_opt.cli.faults import printable
+from energy_opt.cli.numbers import numbers_of
 from energy_opt.cli.view import add_view
 from energy_opt.errors import BadInput, near
 from energy_opt.files import finite_number
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from energy_opt.effects import Payload
     from energy_opt.motion import Move, Settings
     from energy_opt.motion.plan.robust import Kind, Rival
+    from energy_opt.poses.ends import Ends
     from energy_opt.power import PowerModel
     from energy_opt.robot import Robot
 
@@ -71,7 +73,7 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--start", metavar="Q", help="comma-separated joint positions [rad, m], name=value pairs, or a pose of the SRDF"
     )
-    group.add_argument("--goal", metavar="Q", help="the same, for the end")
+    group.add_argument("--goal", action="append", metavar="Q", help="the same, for the end (several: any of them)")
     group.add_argument("--path", type=Path, metavar="FILE", help="waypoints [rad, m] or a trajectory instead of both")
     add_prefix(group)
     group.add_argument(
@@ -208,9 +210,9 @@ def cell_of(args: argparse.Namespace) -> CellRequest:
     if args.payload_size is not None:
         if getattr(args, "payload", None) is None:
             raise BadInput("--payload-size belongs to --payload MASS[,CX,CY,CZ]")
-        size = _numbers(args.payload_size, 3, "--payload-size", "three edges X,Y,Z [m]")
+        size = numbers_of(args.payload_size, 3, "--payload-size", "three edges X,Y,Z [m]")
         at = tuple(payload_from(args.payload).values["com"].tolist())
-    base = (0.0,) * 6 if args.base is None else _numbers(args.base, 6, "--base", "X,Y,Z [m] and R,P,Y [rad]")
+    base = (0.0,) * 6 if args.base is None else numbers_of(args.base, 6, "--base", "X,Y,Z [m] and R,P,Y [rad]")
     return CellRequest(
         self_collision=args.self_collision == "on",
         srdf=args.srdf,
@@ -226,14 +228,6 @@ def cell_of(args: argparse.Namespace) -> CellRequest:
         payload_at=at,
         tool=args.tool,
     )
-
-
-def _numbers(text: str, count: int, option: str, expected: str) -> tuple[float, ...]:
-    """`count` finite numbers from a comma-separated word."""
-    numbers = tuple(finite_number(part, f"{option} {text}", expected) for part in text.split(","))
-    if len(numbers) != count:
-        raise BadInput(f"{option} {text}: {len(numbers)} numbers; expected {expected}")
-    return numbers
 
 
 def pose_from(text: str, robot: Robot, option: str, srdf: Path | None = None) -> np.ndarray:
@@ -293,9 +287,10 @@ def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
 
 
 def move_of(
-    args: argparse.Namespace, robot: Robot, duration: float | None = None, longest: float | None = None
-) -> Move:
-    """The move that --start, --goal, --path, --via and --mode describe."""
+    args: argparse.Namespace, robot: Robot, duration: float | None = None, longest: float | None = None,
+    ends: Ends | None = None,
+) -> Move:  # fmt: skip
+    """The move that --start, --goal, --path, --via and --mode describe; with `ends` its goal is still to be chosen."""
     from energy_opt.formats import read
     from energy_opt.motion import Move
 
@@ -310,12 +305,15 @@ def move_of(
         refuse_degrees(robot, rows.position, rows.where)
         path = rows.path()
         start, goal = path.start, path.goal
+    elif ends is not None:
+        start = goal = robot.limits.near_zero if ends.start else pose_from(args.start, robot, "--start", args.srdf)
+        refuse_degrees(robot, start, "--start")
     else:
         for option in ("start", "goal"):
             if getattr(args, option) is None:
                 raise BadInput(f"--{option} is missing; give --start and --goal, or --path")
         start = pose_from(args.start, robot, "--start", args.srdf)
-        goal = pose_from(args.goal, robot, "--goal", args.srdf)
+        goal = pose_from(args.goal[-1], robot, "--goal", args.srdf)
         refuse_degrees(robot, start, "--start")
         refuse_degrees(robot, goal, "--goal")
     via = tuple(joint_vector(word, robot.joints, "--via") for word in args.via)

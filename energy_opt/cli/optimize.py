@@ -18,12 +18,14 @@ from energy_opt.cli.common import (
 )
 from energy_opt.cli.controllers import add_controllers, check_controllers, moves_of, write_controllers
 from energy_opt.cli.per_year import add_per_year, per_year_from
+from energy_opt.cli.poses import add_poses, ends_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     add_common(parser, "energy_opt_out", "source-method-2 and careful, in the mean")
     add_move(parser)
+    add_poses(parser)
     group = parser.add_argument_group("duration (default: free)")
     group.add_argument("--duration", type=float, metavar="T", help="exactly this long [s]")
     group.add_argument("--max-duration", type=float, metavar="T", help="at most this long [s]")
@@ -47,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import read_text, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.answer import answer_of
+    from energy_opt.front.goals import solve_to, with_goals
     from energy_opt.front.input_time import at_input_time, solved
     from energy_opt.front.output import table
     from energy_opt.front.request import guard, request_of_move
@@ -60,7 +63,8 @@ def run(args: argparse.Namespace) -> int:
     robot = load_robot_of(args)
     rivals, kind = rivals_of(args, robot)
     model = rivals[0].model
-    given = move_of(args, robot, args.duration, args.max_duration)
+    ends = ends_of(args, robot)
+    given = move_of(args, robot, args.duration, args.max_duration, ends)
     asked = cell_of(args)
     named = {"path": args.path, "limits": args.limits, "scene": args.scene, "cell": asked.document()}
     standard = None if args.as_ is None else {"as": args.as_, "vias": args.vias or 0}
@@ -69,15 +73,23 @@ def run(args: argparse.Namespace) -> int:
     named |= {} if worth is None else {"per_year": worth.document()}
     named |= {"standard": standard, "robust": robust_of(rivals, kind)}
     request = request_of_move(robot, model, move, settings, **named, command=args.command)
+    request = request if ends is None else ends.asked(request)
     guard(args.out / "result.json", request, args.force)
     with stop_on_interrupt() as stopped, Progress(args):
         cell = load_cell(robot, asked)
         planner = Planner(robot, model, settings, cell=cell, stopped=stopped)
         robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, cell=cell, stopped=stopped)
         try:
-            found, move = solved((planner if robust is None else robust).solve, move, given)
+            solve, chosen = (planner if robust is None else robust).solve, None
+            if ends is None:
+                found, move = solved(solve, move, given)
+            else:
+                chosen = solve_to(ends, move, robot, rivals, cell, settings, solve)
+                found, move = chosen.result, chosen.move
             found, moves = moves_of(args, planner, robust, move, found)
             result = answer_of(compared(found, rivals, robot), robot, request, cell, worth)
+            if ends is not None and chosen is not None:
+                result = with_goals(result, chosen, ends.poses, settings)
         except Infeasible as error:
             error.about = {
                 "robot": robot.name,

@@ -25,6 +25,8 @@ class Answer(Result):
         arm: the robot.
         cell: the arm's body and what stood around it; None where nothing was kept clear of.
         worth: how often the move is made in a year, where that was asked for.
+        goals: where the goal is a set, the candidates that were looked at, the nearest one, and by what the ends miss
+            their poses.
         request: start, goal, path, payload, model, limits, scene, seed, version, command, as result.json has them.
     """
 
@@ -32,6 +34,7 @@ class Answer(Result):
     request: Mapping[str, Any] = field(default_factory=dict)
     cell: Cell | None = None
     worth: PerYear | None = None
+    goals: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def per_year(self) -> dict[str, float | None] | None:
@@ -48,7 +51,7 @@ class Answer(Result):
     def document(self) -> dict[str, object]:
         """result.json."""
         worth = {} if self.worth is None else {"per_year": self.per_year}
-        return {"format": FORMAT, **super().document(), **worth, "request": self.request}
+        return {"format": FORMAT, **super().document(), **worth, **self.goals, "request": self.request}
 
     def save(self, out: str | PathLike[str]) -> Path:
         """Write result.json, trajectory.csv, trajectory.yaml, plot.png and report.html into the folder `out`."""

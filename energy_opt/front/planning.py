@@ -22,11 +22,13 @@ from energy_opt.front.given import (
     positions,
     robot_from,
 )
+from energy_opt.front.goals import ends_from, solve_to, with_goals
 from energy_opt.front.input_time import at_input_time, solved
 from energy_opt.front.request import request_of_move
 from energy_opt.front.rivals import compared, rivals_from, robust_of
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.poses.pose import AnyOf, Pose
 from energy_opt.power import PowerModel
 from energy_opt.power.per_year import PerYear
 from energy_opt.robot import Robot
@@ -37,8 +39,8 @@ if TYPE_CHECKING:
 
 def move_for(
     robot: Robot,
-    start: Positions | None = None,
-    goal: Positions | None = None,
+    start: Any = None,
+    goal: Any = None,
     path: AnyPath | None = None,
     via: Sequence[Positions] = (),
     **of_move: Any,
@@ -69,8 +71,8 @@ def optimize(
     model: AnyModel | Sequence[AnyModel] = None,
     *,
     robust: str | None = None,
-    start: Positions | None = None,
-    goal: Positions | None = None,
+    start: Positions | Pose | None = None,
+    goal: Positions | Pose | AnyOf | None = None,
     mode: str = "reshape",
     duration: float | None = None,
     max_duration: float | None = None,
@@ -91,8 +93,8 @@ def optimize(
         model: a power model, a model file, or "source-method-1", "source-method-2" or "careful"; or several, of which
             the first is the one that results are stated under. By default the last two named.
         robust: "mean" (the default of several models) or "worst" of the energies under all models.
-        start: joint positions (n,) [rad] in any sequence, or by joint names.
-        goal: the same, for the end.
+        start: joint positions (n,) [rad] in any sequence, or by joint names; or a `Pose` of the tool.
+        goal: the same, for the end; or `AnyOf` several: the cheapest is chosen (see `Answer.goals`).
         mode: "reshape" is free to change the path, "retime" keeps it.
         duration: exactly this long [s]; free where neither this nor `max_duration` is given.
         max_duration: at most this long [s].
@@ -121,7 +123,8 @@ def optimize(
     power = rivals[0].model
     of_move, settings = sorted_out(more)
     named = {"mode": mode, "duration": duration, "max_duration": max_duration}
-    given = move_for(arm, start, goal, path, via, **named, **of_move)
+    begin, end, ends = ends_from(arm, start, goal)
+    given = move_for(arm, begin, end, path, via, **named, **of_move)
     move = at_input_time(given, settings.objective)
     asked = cell or CellRequest()
     if scene is not None:
@@ -140,8 +143,12 @@ def optimize(
     planner: Planner | RobustPlanner = Planner(arm, power, settings, **known)
     if kind is not None:
         planner = RobustPlanner(arm, rivals, kind, settings, **known)
-    found, _ = solved(planner.solve, move, given)
-    return answer_of(compared(found, rivals, arm), arm, request, known["cell"], per_year)
+    if ends is None:
+        found, _ = solved(planner.solve, move, given)
+        return answer_of(compared(found, rivals, arm), arm, request, known["cell"], per_year)
+    chosen = solve_to(ends, move, arm, rivals, known["cell"], settings, planner.solve)
+    answer = answer_of(compared(chosen.result, rivals, arm), arm, ends.asked(request), known["cell"], per_year)
+    return with_goals(answer, chosen, ends.poses, settings)
 
 
 def sorted_out(more: dict[str, Any]) -> tuple[dict[str, Any], Settings]:

@@ -34,6 +34,11 @@ class Limits:
     jerk: np.ndarray
     effort: np.ndarray
 
+    @property
+    def near_zero(self) -> np.ndarray:
+        """The positions (n,) nearest to zero that are inside."""
+        return np.clip(np.zeros(len(self.lower)), self.lower, self.upper)
+
     def replace(self, **bounds: np.ndarray) -> Limits:
         """The same limits with some of them changed."""
         return dataclasses.replace(self, **bounds)

@@ -26,7 +26,7 @@ class Tool:
 
 
 def tool_of(body: RigidBody, words: str | None = None) -> Tool:
-    """The tool that FRAME[,X,Y,Z] describes: a joint's or link's frame, and its origin there [m].
+    """The tool that FRAME[,X,Y,Z[,R,P,Y]] describes: a joint's or link's frame, and origin and turn there [m, rad].
 
     The last joint's frame by default.
 
@@ -45,9 +45,14 @@ def tool_of(body: RigidBody, words: str | None = None) -> Tool:
         place = [float(x) for x in offset]
     except ValueError:
         place = [np.nan]
-    if len(place) not in (0, 3) or not np.isfinite(place).all():
-        raise BadInput(f"--tool {words}: expected FRAME or FRAME,X,Y,Z with the tool's origin [m] in that frame")
+    if len(place) not in (0, 3, 6) or not np.isfinite(place).all():
+        raise BadInput(f"--tool {words}: expected FRAME or FRAME,X,Y,Z[,R,P,Y] with the tool's pose there [m, rad]")
     pose = pose.copy()
     if place:
-        pose[:3, 3] += pose[:3, :3] @ place
+        pose[:3, 3] += pose[:3, :3] @ place[:3]
+    if len(place) == 6:
+        (sr, sp, sy), (cr, cp, cy) = np.sin(place[3:]), np.cos(place[3:])
+        roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+        pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+        pose[:3, :3] = pose[:3, :3] @ np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]) @ pitch @ roll
     return Tool(name, joint, tuple(tuple(float(x) for x in row) for row in pose))

@@ -1,0 +1,5 @@
+"""Goals as poses of the tool: their freedom, all joint positions that reach them, and the one that costs least."""
+
+from energy_opt.poses.pose import AnyOf, Freedom, Pose, pose_from
+
+__all__ = ["AnyOf", "Freedom", "Pose", "pose_from"]

@@ -1,0 +1,202 @@
+"""A pose of the tool, with the directions in which it is free, and how far it may be missed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from energy_opt.cell.request import pose_of
+from energy_opt.errors import BadInput
+from energy_opt.files import finite_number
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+FAR = 100.0  # [m] no tool is farther away; beyond it a length is a slip of the unit
+UNIT = 1e-2  # a quaternion's norm may differ from 1 by this; it is then scaled
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """A direction of the tool's frame in which the pose is free.
+
+    Attributes:
+        axis: "x", "y", "z" (shifts) or "rx", "ry", "rz" (turns).
+        low, high: range [m or rad]; a turn without one is free all round, a shift without one is without bound.
+    """
+
+    axis: str
+    low: float = -np.inf
+    high: float = np.inf
+
+    def __post_init__(self) -> None:
+        if self.axis not in AXES:
+            raise BadInput(f"--free {self.axis}: expected one of {', '.join(AXES)}")
+        if not self.low <= self.high:
+            raise BadInput(f"--free {self.axis}: the range begins at {self.low:g} and ends at {self.high:g}")
+
+    @classmethod
+    def of(cls, word: str) -> Freedom:
+        """From AXIS or AXIS:FROM:TO, with degrees for turns and millimetres for shifts."""
+        axis, *ends = word.split(":")
+        if len(ends) not in (0, 2):
+            raise BadInput(f"--free {word}: expected AXIS or AXIS:FROM:TO, in degrees or millimetres")
+        unit = np.pi / 180 if axis.startswith("r") else 1e-3
+        low, high = (finite_number(end, f"--free {word}", "AXIS:FROM:TO") * unit for end in ends or ("0", "0"))
+        return cls(axis, low, high) if ends else cls(axis)
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where the tool must be.
+
+    Attributes:
+        matrix: (4, 4) pose of the tool in the robot's base frame, lengths in m.
+        free: directions of the tool's frame in which it may differ.
+        tolerance: distance [m] and angle [rad] by which it may be missed.
+        name: for messages.
+    """
+
+    matrix: np.ndarray
+    free: tuple[Freedom, ...] = ()
+    tolerance: tuple[float, float] = (1e-6, 1e-6)
+    name: str = "pose"
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.matrix, dtype=float)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(matrix[:3, 3]).max() > FAR:
+            raise BadInput(f"{self.name}: expected a (4, 4) pose with lengths in m")
+        axes = [freedom.axis for freedom in self.free]
+        if len(set(axes)) < len(axes):
+            raise BadInput(f"{self.name}: an axis is free twice: {', '.join(axes)}")
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "free", tuple(self.free))
+
+    def document(self) -> dict[str, object]:
+        """As it is in a result's request."""
+        return {
+            "matrix": self.matrix.tolist(),
+            "free": [[f.axis, f.low, f.high] for f in self.free],
+            "tolerance": list(self.tolerance),
+        }
+
+
+class AnyOf(tuple[object, ...]):
+    """Goals of which any will do: `AnyOf([pose, positions, ...])`."""
+
+
+def pose_from(
+    given: str | Sequence[float] | np.ndarray | Pose,
+    free: Iterable[str | Freedom] = (),
+    tolerance: str | tuple[float, float] | None = None,
+    name: str = "--goal-pose",
+) -> Pose:
+    """A pose from `X,Y,Z,R,P,Y` or `X,Y,Z,QX,QY,QZ,QW` (m, rad), as text or numbers, or from a (4, 4) matrix.
+
+    Roll, pitch and yaw are those of URDF: R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Args:
+        free: directions of the tool's frame, as `Freedom.of` reads them.
+        tolerance: `1mm,1deg`, or (m, rad).
+
+    Raises:
+        BadInput: another count of numbers, or no pose.
+    """
+    if isinstance(given, Pose):
+        return given
+    freedom = tuple(f if isinstance(f, Freedom) else Freedom.of(f) for f in free)
+    allowed = tolerance_of(tolerance) if isinstance(tolerance, str) else tolerance or (1e-6, 1e-6)
+    if isinstance(given, str):
+        numbers = np.array([finite_number(word, f"{name} {given}", FORM) for word in given.split(",")])
+    else:
+        numbers = np.asarray(given, dtype=float)
+    if numbers.shape == (4, 4):
+        return Pose(numbers, freedom, allowed, name)
+    if numbers.shape == (6,):
+        if np.abs(numbers[:3]).max() > FAR or np.abs(numbers[3:]).max() > 4 * np.pi:
+            raise BadInput(f"{name}: expected {FORM}")
+        return Pose(pose_of(tuple(numbers[:3]), tuple(numbers[3:])), freedom, allowed, name)
+    if numbers.shape != (7,):
+        raise BadInput(f"{name}: {numbers.size} numbers; expected {FORM}")
+    size = float(np.linalg.norm(numbers[3:]))
+    if abs(size - 1) > UNIT:
+        raise BadInput(f"{name}: the quaternion has norm {size:.4g}; expected 1")
+    x, y, z, w = numbers[3:] / size
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = numbers[:3]
+    return Pose(matrix, freedom, allowed, name)
+
+
+FORM = "X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW with lengths in m and angles in rad"
+
+
+def tolerance_of(text: str) -> tuple[float, float]:
+    """Distance [m] and angle [rad] from `1mm,1deg`; either may be left out, and m and rad are taken as well."""
+    units = {"mm": (0, 1e-3), "m": (0, 1.0), "deg": (1, np.pi / 180), "rad": (1, 1.0)}
+    out = [1e-6, 1e-6]
+    for word in text.split(","):
+        unit = next((u for u in ("mm", "deg", "rad", "m") if word.strip().endswith(u)), None)
+        if unit is None:
+            raise BadInput(f"--pose-tolerance {text}: expected a distance and an angle, such as 1mm,1deg")
+        which, scale = units[unit]
+        value = finite_number(word.strip().removesuffix(unit), f"--pose-tolerance {text}", "1mm,1deg") * scale
+        if not value >= 0:
+            raise BadInput(f"--pose-tolerance {text}: expected no negative number")
+        out[which] = max(value, 1e-9)
+    return out[0], out[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Missed:
+    """How far poses of the tool are from what is wanted, within its freedom.
+
+    Attributes:
+        shift: (N, 3) [m], in the wanted tool's frame; turn: (N, 3) rotation vectors [rad].
+    """
+
+    shift: np.ndarray
+    turn: np.ndarray = field(repr=False)
+
+    @property
+    def both(self) -> np.ndarray:
+        """(N, 6)."""
+        return np.hstack([self.shift, self.turn])
+
+
+def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> Missed:
+    """How far the tool at `rotation` (N, 3, 3), `origin` (N, 3) misses a pose.
+
+    Shifts and turns in free directions do not count within their range: with the turn D between the wanted and the
+    actual tool, the angles of its free axes are taken out first (one axis by the twist of the quaternion, two as Euler
+    angles), held to their ranges, and the rest is the error.
+    """
+    from scipy.spatial.transform import Rotation
+
+    wanted = pose.matrix[:3, :3]
+    shift = (origin - pose.matrix[:3, 3]) @ wanted
+    turned = Rotation.from_matrix(np.matmul(wanted.T, rotation))
+    ranges = {freedom.axis: (freedom.low, freedom.high) for freedom in pose.free}
+    for k, axis in enumerate("xyz"):
+        if axis in ranges:
+            shift[:, k] -= np.clip(shift[:, k], *ranges[axis])
+    axes = [k for k, axis in enumerate("xyz") if f"r{axis}" in ranges]
+    limits = [ranges["r" + "xyz"[k]] for k in axes]
+    if len(axes) == 3 and not np.isfinite(limits).any():
+        return Missed(shift, np.zeros_like(shift))
+    if len(axes) == 1:
+        k = axes[0]
+        q = turned.as_quat()
+        angle = 2 * np.arctan2(q[:, k], q[:, 3])
+        angle = np.clip((angle + np.pi) % (2 * np.pi) - np.pi, *limits[0])
+        turned = Rotation.from_rotvec(-angle[:, None] * np.eye(3)[k]) * turned
+    elif axes:
+        order = [*axes, *(k for k in range(3) if k not in axes)]
+        angles = turned.as_euler("".join("XYZ"[k] for k in order))
+        for i, (k, limit) in enumerate(zip(axes, limits, strict=True)):
+            turned = Rotation.from_rotvec(-np.clip(angles[:, i], *limit)[:, None] * np.eye(3)[k]) * turned
+    return Missed(shift, turned.as_rotvec())

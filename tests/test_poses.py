@@ -1,0 +1,142 @@
+"""Goals as poses of the tool: branches, freedom, what is said where none is reached, and the goal that is chosen."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.poses.inverse import ToolKinematics, reach
+from energy_opt.poses.pose import Freedom, Pose, missed, pose_from
+from energy_opt.robot import load_robot
+
+
+@pytest.fixture(scope="module")
+def ur() -> ToolKinematics:
+    return ToolKinematics(load_robot("ur5e"))
+
+
+def pose_at(tool: ToolKinematics, q: np.ndarray, **more: object) -> Pose:
+    rotation, origin = tool(q[None])
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation[0], origin[0]
+    return Pose(matrix, **more)
+
+
+def by_pinocchio(robot: object, q: np.ndarray) -> np.ndarray:
+    """The last joint's frame (4, 4), from a model that Pinocchio reads from the URDF itself."""
+    model = pin.buildModelFromUrdf(str(robot.urdf))
+    full = pin.neutral(model)
+    for name, value in zip(robot.joints, q, strict=True):
+        full[model.joints[model.getJointId(name)].idx_q] = value
+    data = model.createData()
+    pin.forwardKinematics(model, data, full)
+    return data.oMi[model.getJointId(robot.joints[-1])].homogeneous
+
+
+def ur_branches(tool: ToolKinematics, pose: Pose) -> int:
+    """How many branches there are, by exhaustion: a grid of starts over all joints, each brought to the pose."""
+    from scipy.optimize import least_squares
+
+    found: list[np.ndarray] = []
+    for start in product((-2.5, -0.8, 0.8, 2.5), (-2.2, -0.7), (-1.5, 1.5), (-1.0, 1.0), (-1.5, 1.5), (0.5,)):
+        result = least_squares(lambda q: tool.missed(pose, q[None]).both[0], np.array(start), xtol=1e-14)
+        if np.abs(result.fun).max() < 1e-8:
+            q = (result.x + np.pi) % (2 * np.pi) - np.pi
+            if all(np.abs((q - other + np.pi) % (2 * np.pi) - np.pi).max() > 1e-3 for other in found):
+                found.append(q)
+    return len(found)
+
+
+def test_all_branches_of_a_ur_are_found(ur: ToolKinematics) -> None:
+    q = np.array([0.4, -1.2, 1.4, -1.1, -1.3, 0.3])
+    pose = pose_at(ur, q)
+    found = reach(ur, pose, near=q).positions
+    for row in found:
+        assert np.abs(by_pinocchio(ur.robot, row) - by_pinocchio(ur.robot, q)).max() < 1e-7
+    wrapped = {tuple(np.round((row + np.pi) % (2 * np.pi) - np.pi, 3)) for row in found}
+    assert len(wrapped) == 8 == ur_branches(ur, pose)
+    assert np.abs(found - q).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e", "xarm7", "z1"])
+def test_a_pose_that_was_reached_is_found_again(name: str) -> None:
+    tool = ToolKinematics(load_robot(name))
+    limits = tool.robot.limits
+    q = np.random.default_rng(3).uniform(np.maximum(limits.lower, -2), np.minimum(limits.upper, 2))
+    found = reach(tool, pose_at(tool, q), starts=200).positions
+    assert len(found)
+    assert (found >= limits.lower).all() and (found <= limits.upper).all()
+    for row in found[:3]:
+        assert np.abs(by_pinocchio(tool.robot, row) - by_pinocchio(tool.robot, q)).max() < 1e-7
+
+
+def test_freedom_counts_within_its_range_and_not_beyond() -> None:
+    turn = pin.exp3(np.array([0.0, 0.0, 0.5]))
+    shifted, origin = turn[None], np.array([[0.0, 0.002, 0.0]])
+    free = Pose(np.eye(4), (Freedom.of("rz"), Freedom.of("y:-5:5")))
+    assert np.abs(missed(free, shifted, origin).both).max() < 1e-12
+    narrow = Pose(np.eye(4), (Freedom.of("rz:-10:10"), Freedom.of("y:-1:1")))
+    off = missed(narrow, shifted, origin).both[0]
+    assert off[1] == pytest.approx(0.001)
+    assert off[5] == pytest.approx(0.5 - np.radians(10))
+    two = Pose(np.eye(4), (Freedom.of("rx"), Freedom.of("ry")))
+    tilted = (pin.exp3(np.array([0.3, 0, 0])) @ pin.exp3(np.array([0, -0.7, 0])))[None]
+    assert np.abs(missed(two, tilted, np.zeros((1, 3))).both).max() < 1e-12
+    assert np.abs(missed(two, tilted @ turn, np.zeros((1, 3))).both).max() == pytest.approx(0.5)
+
+
+def test_words_of_poses() -> None:
+    pose = pose_from("0.1,0.2,0.3,0,0,0.7071068,0.7071068", ["rz:-30:30"], "1mm,2deg")
+    assert np.allclose(pose.matrix[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)
+    assert pose.tolerance == pytest.approx((1e-3, np.radians(2)))
+    assert np.allclose(pose_from([0.1, 0.2, 0.3, 0, 0, np.pi / 2]).matrix, pose.matrix, atol=1e-6)
+    for words in ("1,2,3", "0,0,0,1,1,1,1", "400,0,300,0,0,0", "a,0,0,0,0,0"):
+        with pytest.raises(BadInput):
+            pose_from(words)
+    with pytest.raises(BadInput, match="expected one of x, y, z"):
+        Freedom.of("yaw")
+
+
+START = ["--robot", "ur5e", "--start", "0,-1.57,1.57,-1.57,-1.57,0", "--model", "source-method-2", "--quiet"]
+
+
+def test_a_pose_out_of_reach_says_how_near_one_can_come(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = [*START, "--goal-pose", "2,0,0.3,0,0,0", "--out", str(tmp_path)]
+    assert main(["optimize", *options]) == 3
+    said = capsys.readouterr().err
+    assert "no joint positions reach it" in said
+    assert "mm and" in said
+    assert main(["optimize", *START, "--goal", "0,0,0,0,0,0", "--free", "rz", "--out", str(tmp_path)]) == 2
+    assert "--free belongs to --goal-pose" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_chosen_goal_costs_no_more_than_the_nearest(tmp_path: Path) -> None:
+    options = [*START, "--goal-pose", "0.4,0.3,0.3,3.14159265,0,0", "--free", "rz", "--duration", "2", "--starts", "3"]
+    assert main(["optimize", *options, "--out", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "result.json").read_text())
+    energies = [c["energy"] for c in found["candidates"] if c["energy"] is not None]
+    assert found["energy"]["total"] == pytest.approx(min(energies))
+    assert found["energy"]["total"] <= found["nearest"]["energy"] + 1e-6
+    assert found["poses"]["goal"]["valid"]
+    last = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)[-1]
+    q = last[1:7]
+    at = by_pinocchio(load_robot("ur5e"), q)
+    assert np.linalg.norm(at[:3, 3] - [0.4, 0.3, 0.3]) < 2e-6
+    assert np.arccos(np.clip(-at[2, 2], -1, 1)) < 1e-5  # the tool points down, turned as it likes
+
+
+@pytest.mark.slow
+def test_of_several_goals_the_cheapest_is_taken(tmp_path: Path) -> None:
+    near, far = "0.1,-1.5,1.5,-1.5,-1.5,0.1", "2.5,-0.5,0.5,-0.5,1.5,2.0"
+    options = [*START, "--goal", far, "--goal", near, "--duration", "2", "--starts", "2", "--out", str(tmp_path)]
+    assert main(["optimize", *options]) == 0
+    found = json.loads((tmp_path / "result.json").read_text())
+    assert np.allclose(found["candidates"][0]["goal"], [float(x) for x in near.split(",")])

@@ -152,6 +152,7 @@ def load_robot(
     body, locked = _body(description, {**usual, **(lock or {})})
     unlocked = _body(description, usual)[0].joints if lock else body.joints
     links, stated = body.tree(), body.urdf_limits()
+    doubtful = check_masses(description, locked, links)
     free = np.full(len(links), np.inf)
     merged = Limits(stated.lower, stated.upper, stated.velocity, free, free.copy(), stated.effort)
     steps, scaled = [merged], []
@@ -168,8 +169,7 @@ def load_robot(
     own = known[0][0]
     rated = rating_of(own, own.velocity == reduced[1].velocity, held, body)
     sources = _sources([*reduced, held])
-    warnings += check_masses(description, locked, links)
-    return Robot(name, held, body, description, rated, sources, locked, (*scaled, *led, *warnings), unlocked)
+    return Robot(name, held, body, description, rated, sources, locked, (*scaled, *led, *warnings, *doubtful), unlocked)
 
 
 def _sources(steps: Sequence[Limits]) -> dict[str, tuple[str, ...]]:

@@ -103,6 +103,16 @@ class Infeasible(EnergyOptError):
         self.excess = excess
         self.shortest_duration = shortest_duration
 
+    def named(self, shortest: float | None) -> Infeasible:
+        """The same with another shortest duration, s, in its message too; None: what was named does not work."""
+        before, message = f"{self.shortest_duration:.6g} s", str(self.args[0])
+        if shortest is None:
+            message += "; planned at that duration, or a little longer, no valid motion was found: more time is needed"
+        else:
+            message = message.replace(before, f"{shortest:.6g} s")
+        known = {name: getattr(self, name) for name in ("joint", "limit", "time", "position", "excess")}
+        return type(self)(message, **known, shortest_duration=shortest)
+
     def document(self) -> dict[str, Any]:
         """With joint, limit, place, excess and the shortest duration that would work."""
         names = ("joint", "limit", "time", "position", "excess", "shortest_duration")

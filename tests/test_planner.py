@@ -1,6 +1,7 @@
 """The planner's promises: judged results, never worse than baselines, degenerate and impossible moves."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -234,3 +235,27 @@ def test_bad_requests():
         Move(START, GOAL, duration=float("nan"))
     with pytest.raises(BadInput):
         Move(START, GOAL[:3])
+
+
+@pytest.mark.parametrize(("works", "named"), [(2.3, 2.30086), (2.4, 2.4159), (9.0, None)])
+def test_a_duration_that_is_named_is_asked_for(panda, model, monkeypatch, works, named):
+    """And 1.01 and 1.05 times it; where it does not work a longer one that does is named, or none."""
+    planner, ends = Planner(panda, model), (np.zeros(7), np.full(7, 0.1))
+    asked: list[float] = []
+
+    class Solver:
+        def at(self, duration, longest, warm):
+            asked.append(duration)
+            if duration < works:
+                raise Infeasible(f"too short: the shortest found is {2.300851:.6g} s", shortest_duration=2.300851)
+            return SimpleNamespace(result=SimpleNamespace(status="solved"))
+
+    monkeypatch.setattr(planner, "single", lambda move: Solver())
+    monkeypatch.setattr(planner, "_check_ends", lambda move: None)
+    with pytest.raises(Infeasible) as short:
+        planner.solve(Move(*ends, duration=1.0))
+    assert short.value.shortest_duration == (None if named is None else pytest.approx(named, abs=1e-9))
+    if named is not None:
+        assert f"{named:g} s" in str(short.value) and {named, 1.01 * named, 1.05 * named} <= set(asked)
+    else:
+        assert "more time is needed" in str(short.value)

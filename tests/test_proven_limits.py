@@ -149,3 +149,11 @@ def test_torque_lies_near_its_polynomial(robot: Robot) -> None:
     basis = np.array([[comb(10, k) * s**k * (1 - s) ** (10 - k) for k in range(11)] for s in x])
     off = np.abs(np.tensordot(basis, c, axes=1) - rows).max(axis=0)
     assert (off <= error).all() and error.max() < 1e-4 and rate.max() < 10
+
+
+def test_what_has_no_bound_is_not_proven(robot: Robot) -> None:
+    """Rows so far apart for how fast the joints turn that nothing is known of torque at complex times."""
+    lively = motion(robot, 0.03)
+    t = Trajectory(lively.joints, 100 * lively.time, lively.position, lively.velocity, lively.acceleration)
+    certificate = certify(t, Scorer(robot, PLAIN), joint_limits(robot.limits))
+    assert not certificate.proven and certificate.document()["limits"] == "sampled"

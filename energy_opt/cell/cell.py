@@ -15,7 +15,7 @@ from energy_opt.cell.curve import MotionCurve
 from energy_opt.cell.pairs import POSES, Kept, OwnPairs, kept_apart, own_pairs
 from energy_opt.cell.proof import Proof, Touch, inside_at, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
-from energy_opt.cell.scene import TOOL, PlacedShape, Scene, Shape
+from energy_opt.cell.scene import TOOL, PlacedShape, Scene, Shape, out_of_scale
 from energy_opt.cell.solids import GJK_ERROR, Solid
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
@@ -152,7 +152,10 @@ class Cell:
     @property
     def warnings(self) -> list[str]:
         """What a user should know of the checks."""
-        out = list(self.scene.warnings) if self.scene is not None else []
+        out = []
+        if self.scene is not None:
+            reach = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in self.robot.body.tree())
+            out += [*self.scene.warnings, *out_of_scale(self.scene, self.request.base_pose, max(reach, 0.1))]
         if not self.has_body:
             out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is checked against nothing")
         elif self.own is not None and not self.own_checks:

@@ -25,6 +25,7 @@ SIZES: Mapping[Kind, tuple[str, ...]] = {
 }
 TOOL = "<tool>"  # stands for the tool's frame, where a link is named
 FLOOR = "floor"  # the name of the object that stands for `Scene.floor`
+BEYOND = 30.0  # arm's reaches from which a length is a slip of the unit: halls of 40 m stand in scenes
 ON_PLANE = 1e-6  # [m] a base nearer to a plane than this stands on it
 
 
@@ -141,6 +142,25 @@ class Scene:
             ground = np.eye(4)
             ground[2, 3] = self.floor
             yield PlacedShape(FLOOR, Shape("plane"), into @ ground)
+
+
+def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[str]:
+    """What to say of objects that are as far, or as large, as only a slip of the unit makes them.
+
+    Args:
+        base: (4, 4) pose of the robot's base in the scene's frame. reach: of the arm [m].
+    """
+    found: dict[str, str] = {}
+    for placed in scene.placed(base):
+        if placed.shape.kind == "plane" or placed.frame is not None:
+            continue
+        corners = placed.shape.vertices if placed.shape.kind == "mesh" else np.array(placed.shape.size)
+        extent, far = float(np.abs(corners).max()), float(np.linalg.norm(placed.pose[:3, 3]))
+        for what, length in ((f"is {far:g} m from the base", far), (f"measures {extent:g} m", extent)):
+            if length > BEYOND * reach:
+                found.setdefault(placed.object, f"object {placed.object} {what}; {length / 1000:g} m if in millimetres")
+    tail = f"the arm reaches {reach:.3g} m; lengths of a scene are metres"
+    return [f"{scene.source}: {word}; {tail}" for word in found.values()]
 
 
 def inverse(pose: np.ndarray) -> np.ndarray:

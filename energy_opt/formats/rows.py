@@ -15,6 +15,11 @@ from energy_opt.motion.trajectory import Trajectory
 LARGEST = 1e9  # rad or m, and per second, ...: what no joint does
 SHORTEST = 1e-10  # [s] between two rows: messages count nanoseconds
 LONGEST = 1e5  # [s] a motion of more than a day has its times in another unit
+FEWEST = 8  # rows from which rates are compared with each other
+SLIP, UNLIKE = (
+    5.0,
+    0.1,
+)  # a factor from which a unit is wrong, and how much of its square a factor may leave unexplained
 KINDS = ("position", "velocity", "acceleration", "effort")
 
 
@@ -93,6 +98,8 @@ class Rows:
         if len(self.time) < 2:
             raise BadInput(f"{self.where}: one row; a trajectory has at least two")
         velocity, acceleration = self.velocity, self.acceleration
+        self._check_units("velocity", velocity, self.position)
+        self._check_units("acceleration", acceleration, self.position if velocity is None else velocity)
         if velocity is None:
             ends = "clamped" if self.planned else "not-a-knot"
             velocity = CubicSpline(self.time, self.position, bc_type=ends)(self.time, 1)
@@ -101,6 +108,28 @@ class Rows:
         if acceleration is None:
             acceleration = CubicSpline(self.time, velocity)(self.time, 1)
         return Trajectory(self.joints, self.time, self.position, velocity, acceleration, self.effort)
+
+    def _check_units(self, kind: str, given: np.ndarray | None, of: np.ndarray) -> None:
+        """Refuse rates (N, n) that are those of `of` (N, n) but for one factor, which a slip of the unit is.
+
+        Raises:
+            BadInput: says by which factor they differ.
+        """
+        if given is None or self.time is None or len(self.time) < FEWEST:
+            return
+        told = np.gradient(of, self.time, axis=0)
+        if kind == "acceleration" and of is self.position:
+            told = np.gradient(told, self.time, axis=0)
+        size = float(np.sum(told**2))
+        factor = float(np.sum(given * told)) / size if size > 0 else 1.0
+        left = float(np.sum((given - factor * told) ** 2))
+        if left < UNLIKE * factor**2 * size and not 1 / SLIP < abs(factor) < SLIP:
+            unit = "deg" if abs(np.degrees(1) / factor - 1) < 0.1 else "another unit"
+            raise BadInput(
+                f"{self.where}: {kind} is {factor:.4g} times the rate at which "
+                f"{'positions change' if of is self.position else 'velocities change'}: in {unit}? Expected rad and s "
+                f"(m for joints that slide): multiply by {1 / factor:.4g}"
+            )
 
     def path(self) -> JointPath:
         """The rows as a path: that of the trajectory, which it keeps, or the spline through waypoints."""

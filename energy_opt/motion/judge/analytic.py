@@ -100,8 +100,8 @@ class TorqueBound:
                 sum((sizes[k - 1] * r ** (k - least) / factorial(k - least) for k in range(max(least, 1), 6)), 0.0 * h)
                 for least in (0, 1, 2)
             )
-            with np.errstate(over="ignore"):
-                most = self.largest(turn, v, a, slide + turn)
+            with np.errstate(all="ignore"):  # what overflows bounds nothing
+                most = np.nan_to_num(self.largest(turn, v, a, slide + turn), nan=np.inf, posinf=np.inf)
             value = most * ((1 / (degree * radius)) ** (degree + 1) * factorial(degree) / 4 + ROUNDING)
             rate = (degree + 1) * most / r * (1 / radius) ** degree + ROUNDING * most / h
             if best is None:

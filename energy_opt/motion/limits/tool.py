@@ -13,7 +13,7 @@ from energy_opt.motion.limits.base import Limit, Violation, worst_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.robot import RigidBody, Robot, Tool, tool_of
 
-LEAST, MOST = 1e-6, 1e6  # of a bound: slower than any drive turns, faster than any tool survives
+LEAST = 1e-6  # of a bound: slower than any drive turns
 
 
 class ToolBound(Limit):
@@ -21,15 +21,18 @@ class ToolBound(Limit):
 
     Attributes:
         derivative: 1 for velocity, 2 for acceleration.
+        fastest: the largest bound that is taken: beyond it a bound is none, or in millimetres.
     """
 
     derivative: ClassVar[int]
+    fastest: ClassVar[float]
     squared = True
 
     def __init__(self, body: RigidBody, tool: Tool, bound: float) -> None:
-        if not LEAST <= bound <= MOST:
+        if not LEAST <= bound <= self.fastest:
             option = f"--{self.name.replace('_', '-')}"
-            raise BadInput(f"{option} {bound:g}: expected {LEAST:g} to {MOST:g} {self.unit}")
+            hint = f" (are these millimetres? {bound / 1000:g} {self.unit} then)" if bound > self.fastest else ""
+            raise BadInput(f"{option} {bound:g}: expected {LEAST:g} to {self.fastest:g} {self.unit}{hint}")
         self.body, self.tool, self.most = body, tool, float(bound)
         self.scale = np.array([self.most**2])
 

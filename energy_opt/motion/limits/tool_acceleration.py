@@ -24,7 +24,7 @@ class ToolAcceleration(ToolBound):
     name, unit = "tool_acceleration", "m/s^2"
     one_sided = True
     inner = True
-    derivative = 2
+    derivative, fastest = 2, 1000.0
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
         acceleration = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).acceleration

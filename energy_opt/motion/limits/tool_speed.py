@@ -15,7 +15,7 @@ class ToolSpeed(ToolBound):
     """A bound [m/s]."""
 
     name, unit = "tool_speed", "m/s"
-    derivative = 1
+    derivative, fastest = 1, 50.0
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
         velocity = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).velocity

@@ -33,6 +33,8 @@ from energy_opt.robot import Robot
 log = logging.getLogger(__name__)
 REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
 OTHER = 1000  # seeds that another way is away from the first
+LONGER = 1.0, 1.05, 1.2  # times a shortest duration that is named, until what is named works
+BEYOND = 1.0, 1.01, 1.05  # times that which have to work too
 
 Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
@@ -159,8 +161,47 @@ class Planner:
         self._check_ends(move)
         self._check_objective(move)
         log.info("first path")
-        result = self.single(move).at(move.duration, move.max_duration, warm).result
-        return replace(result, warnings=(*result.warnings, *self._cell_warnings))
+        try:
+            result = self.single(move).at(move.duration, move.max_duration, warm).result
+        except Infeasible as error:
+            raise self._confirmed(error, move) from None
+        return replace(result, warnings=(*result.warnings, *self._cell_warnings, *self._long_turns(move)))
+
+    def _long_turns(self, move: Move) -> list[str]:
+        """What to say of joints without an end that reach the same pose by turning the other way."""
+        if move.path is not None or move.via:
+            return []
+        out = []
+        for k, link in enumerate(self.robot.body.own_links()):
+            turn = float(move.goal[k] - move.start[k])
+            short = float(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)
+            if link.continuous and abs(turn) > np.pi + 1e-9:
+                out.append(
+                    f"{link.name} turns {turn:.4g} rad; it has no end: a goal of {move.start[k] + short:.6g} rad is "
+                    f"the same pose {abs(short):.4g} rad away"
+                )
+        return out
+
+    def _confirmed(self, error: Infeasible, move: Move) -> Infeasible:
+        """The error with a shortest duration that was asked for and works, as do those a little longer.
+
+        It is rounded up to the digits that its message shows.
+        """
+        named = error.shortest_duration
+        if named is None or self._stopped():
+            return error
+        for longer in LONGER:
+            digits = 5 - int(np.floor(np.log10(longer * named)))
+            tried = float(np.ceil(longer * named * 10**digits) / 10**digits)
+            if all(self._works(replace(move, duration=share * tried, max_duration=None)) for share in BEYOND):
+                return error.named(tried)
+        return error.named(None)
+
+    def _works(self, move: Move) -> bool:
+        try:
+            return self.single(move).at(move.duration, None, ()).result.status == "solved"
+        except Infeasible:
+            return False
 
     def single(self, move: Move) -> Single:
         """What solves a move as the planner is now, at its own duration and at others.

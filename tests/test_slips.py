@@ -1,0 +1,70 @@
+"""Slips of units are refused or told, with the factor that would make sense."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene_files import read_scene
+from energy_opt.errors import BadInput
+from energy_opt.formats import read_path
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.power import source_method_2
+from energy_opt.robot import Robot, load_robot
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return load_robot("panda")
+
+
+@pytest.mark.parametrize(
+    ("thing", "said"),
+    [("size: [800, 600, 30], position: [750, 0, -200]", "0.77"), ("size: [1.2, 0.8, 0.05], position: [1, 0, 0]", None),
+     ("size: [1200, 800, 50], position: [0, 0, -200]", "0.2 m if"), ("size: [20, 0.1, 3], position: [15, 0, 0]", None)],
+)  # fmt: skip
+def test_a_scene_in_millimetres_is_told(panda: Robot, tmp_path: Path, thing: str, said: str | None) -> None:
+    (tmp_path / "s.yaml").write_text(f"objects: [{{name: table, type: box, {thing}}}]\n")
+    cell = Cell(panda, CellRequest(self_collision=False, scene=tmp_path / "s.yaml"), read_scene(tmp_path / "s.yaml"))
+    words = [line for line in cell.warnings if "millimetres" in line]
+    assert bool(words) == (said is not None) and all(str(said) in line for line in words)
+
+
+@pytest.mark.parametrize(("setting", "value"), [("tool_speed", 250.0), ("tool_acceleration", 2500.0)])
+def test_bounds_of_the_tool_in_millimetres_are_refused(panda: Robot, setting: str, value: float) -> None:
+    with pytest.raises(BadInput, match=f"millimetres\\? {value / 1000:g} m/s"):
+        Planner(panda, source_method_2(), Settings(**{setting: value}))
+
+
+@pytest.mark.parametrize(
+    ("kind", "factor"), [("velocity", 180 / np.pi), ("acceleration", 180 / np.pi), ("velocity", 1)]
+)
+def test_rates_in_degrees_are_refused(panda: Robot, tmp_path: Path, kind: str, factor: float) -> None:
+    t = np.linspace(0, 2, 60)[:, None]
+    way = np.linspace(0.2, 0.8, 7)
+    q, v, a = way * (1 - np.cos(t)), way * np.sin(t), way * np.cos(t)
+    v, a = (x * (factor if name == kind else 1) for name, x in (("velocity", v), ("acceleration", a)))
+    names = [f"{joint}.{what}" for what in ("position", "velocity", "acceleration") for joint in panda.joints]
+    np.savetxt(
+        tmp_path / "p.csv", np.hstack([t, q, v, a]), delimiter=",", header=",".join(["time", *names]), comments=""
+    )
+    if factor == 1:
+        assert read_path(tmp_path / "p.csv", panda.joints).n == 7
+        return
+    with pytest.raises(BadInput, match=f"{kind} is 57.* times .*in deg.*multiply by 0.0174"):
+        read_path(tmp_path / "p.csv", panda.joints)
+
+
+def test_the_long_way_of_a_joint_without_an_end_is_told() -> None:
+    kinova = load_robot("kinova")
+    k = next(k for k, link in enumerate(kinova.body.own_links()) if link.continuous)
+    planner = Planner(kinova, source_method_2("kinova"))
+    start, goal = np.full(kinova.n, 1.0), np.full(kinova.n, 1.2)
+    start[k], goal[k] = 3.1, -3.1
+    (said,) = planner._long_turns(Move(start, goal))
+    assert kinova.joints[k] in said and "3.18319 rad is the same pose 0.08319 rad away" in said
+    assert planner._long_turns(Move(goal, np.where(goal == -3.1, -3.0, goal))) == []

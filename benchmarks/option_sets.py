@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -39,8 +40,9 @@ def run(words: Sequence[str], folder: Path) -> tuple[int, str, str, float]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     with (folder / "stdout").open("w+") as stdout, (folder / "stderr").open("w+") as stderr:
         child = subprocess.Popen(
-            [sys.executable, "-m", "energy_opt", *words], stdout=stdout, stderr=stderr, cwd=folder, env=environment
-        )
+            [sys.executable, "-m", "energy_opt", *words], stdout=stdout, stderr=stderr, cwd=folder, env=environment,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (int(3 * LONGEST), int(3 * LONGEST) + 5)),
+        )  # fmt: skip
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
         stdout.seek(0)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from energy_opt.cli.faults import as_error
 from energy_opt.cli.main import VERBS, main, parsers
 from energy_opt.cli.usage import UNITS, USAGE
 from energy_opt.files import read_table
@@ -198,3 +199,8 @@ def test_a_standard_output_that_takes_nothing_is_one_line(words: str, code: int)
     done = subprocess.run(f"exec {sys.executable} -m energy_opt {words}", shell=True, capture_output=True, text=True)
     assert done.returncode == code and len(done.stderr.splitlines()) == (code != 0), done.stderr
     assert "fault of the program" not in done.stderr
+
+
+def test_a_library_that_cannot_be_imported_is_said_to_be_that() -> None:
+    said = str(as_error(ImportError("cannot import name 'x' from 'pinocchio'")))
+    assert said.startswith("a library cannot be imported: cannot import name 'x'") and "values" not in said

@@ -34,6 +34,8 @@ def as_error(error: Exception) -> EnergyOptError:
         return BadInput("nested too deeply to be read; flatten it")
     if isinstance(error, UnicodeError):
         return BadInput(f"not text that can be encoded: {error}")
+    if isinstance(error, ImportError):
+        return BadInput(f"a library cannot be imported: {error}; install this program anew with what it needs")
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
     return Unforeseen(

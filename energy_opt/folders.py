@@ -85,12 +85,13 @@ def leave_folders() -> None:
 
 
 @contextmanager
-def written_whole(out: Path, last: str) -> Iterator[Path]:
+def written_whole(out: Path, last: str, old: Sequence[str] = ()) -> Iterator[Path]:
     """A folder aside, whose files take their places in `out` together when the block ends without an error.
 
     The file `last` says that a result is whole: an old one goes before anything else changes, the new one comes last.
     Whatever happens in between (a full disk, a kill), no part of a new result stands beside the `last` of an old one,
-    and what earlier runs have left goes with it. A JSON `last` lists the other files: `files: [{name, sha256}]`.
+    and what earlier runs have left goes with it, `old` names among them. A JSON `last` lists the other files:
+    `files: [{name, sha256}]`.
 
     Raises:
         BadInput: another run is writing there; or writing failed, say because the disk is full: `out` is as it was, or
@@ -108,7 +109,7 @@ def written_whole(out: Path, last: str) -> Iterator[Path]:
         for name in names:
             if (out / name).is_dir():
                 raise BadInput(f"{out / name}: a folder where a file is to be written; nothing in {out} was changed")
-        left = earlier(out, last) - {out / name for name in names}
+        left = (earlier(out, last) | {out / name for name in old}) - {out / name for name in names}
         with _undisturbed():
             (out / last).unlink(missing_ok=True)
             for path in sorted(left, key=lambda path: path.name not in ANSWERS):

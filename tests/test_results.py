@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from energy_opt.cli.main import main
+from energy_opt.cli.simulate import _simulated
 from energy_opt.errors import BadInput
 from energy_opt.folders import written_whole
 from energy_opt.formats import FORMATS
@@ -100,3 +101,17 @@ def test_a_folder_in_the_way_of_a_file_that_no_table_lists(tmp_path: Path) -> No
         (aside / "of_tomorrow.bin").write_text("x")
         (aside / "result.json").write_text('{"new": 1}')
     assert (tmp_path / "result.json").read_text() == "{}"
+
+
+def test_runs_that_were_simulated_go_with_their_log_and_measured_ones_stay(tmp_path: Path) -> None:
+    (tmp_path / "log.toml").write_text(
+        '[[run]]\nfile = "run01.csv"\npower_file = "p.csv"\n[[run]]\nfile = "../x.csv"\n'
+    )
+    for name in ("run01.csv", "p.csv", "mine.csv"):
+        (tmp_path / name).write_text("old")
+    assert _simulated(tmp_path) == []  # measured: there is no truth
+    (tmp_path / "truth.toml").write_text("")
+    with written_whole(tmp_path, "log.toml", _simulated(tmp_path)) as aside:
+        (aside / "run01.csv").write_text("new")
+        (aside / "log.toml").write_text("")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log.toml", "mine.csv", "run01.csv", "truth.toml"]

@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     references, sources = _references(args, robot)
     request = {"command": _words(args)}
     _guard(args, request)
-    with Progress(args), written_whole(args.out, "log.toml") as aside:
+    with Progress(args), written_whole(args.out, "log.toml", _simulated(args.out)) as aside:
         runs = simulate(references, plant, robot, aside, seed=args.seed, instruments=instruments, truth=request)
         if declared is not None:
             declared.save(aside / "declared.toml")
@@ -112,6 +112,20 @@ def run(args: argparse.Namespace) -> int:
     used, duration = sum(r.energy for r in runs), sum(r.duration for r in runs)
     say(args, f"{args.out}: {len(runs)} runs, {duration:.1f} s, {used:.1f} J really used")
     return 0
+
+
+def _simulated(out: Path) -> list[str]:
+    """Files of the runs that lie in a folder already, where they were simulated and not measured."""
+    from energy_opt.files import read_toml
+
+    if not (out / "truth.toml").is_file() or not (out / "log.toml").is_file():
+        return []
+    try:
+        rows = read_toml(out / "log.toml").get("run", [])
+    except BadInput:
+        return []
+    names = [str(row[key]) for row in rows for key in ("file", "power_file") if key in row]
+    return ["declared.toml", *(name for name in names if Path(name).name == name and (out / name).is_file())]
 
 
 def _words(args: argparse.Namespace) -> list[str]:

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for degrees: two turns
 
 
-def add_common(parser: argparse.ArgumentParser, out: str, default: str = "source-method-2", alone: bool = True) -> None:
-    """Options of every verb that plans; `default`: which model it plans under where none is given."""
+def add_common(parser: argparse.ArgumentParser, out: str, alone: bool = True) -> None:
+    """Options of every verb that plans."""
     group = parser.add_argument_group("robot and model")
     group.add_argument("--robot", required=alone, metavar="NAME_OR_URDF", help="a name (`energy-opt robots`) or a URDF")
     limits = "MoveIt's joint_limits.yaml (default: published or the URDF's)"
@@ -40,14 +40,14 @@ def add_common(parser: argparse.ArgumentParser, out: str, default: str = "source
     group.add_argument(
         "--payload", metavar="MASS[,CX,CY,CZ]", help="point mass [kg] in the last joint's frame [m] (none)"
     )
-    add_model(group, default)
+    add_model(group)
     group.add_argument(
         "--dynamics", default="auto", metavar="SOURCE", help="auto (default), compact, templates or pinocchio"
     )
     add_output(parser, out)
 
 
-def add_model(group: argparse._ArgumentGroup, default: str = "source-method-2") -> None:
+def add_model(group: argparse._ArgumentGroup, default: str = "source-method-2 and careful, in the mean") -> None:
     """The power model."""
     group.add_argument(
         "--model", action="append", default=[], metavar="MODEL",
@@ -156,18 +156,6 @@ def locks_of(args: argparse.Namespace) -> dict[str, float]:
     return lock
 
 
-def load_model_of(args: argparse.Namespace, robot: Robot) -> PowerModel:
-    """The one model that --model and --payload describe; the source paper's Method 2 by default."""
-    from energy_opt.front.given import model_from
-
-    if len(args.model) > 1:
-        raise BadInput(f"--model stands there {len(args.model)} times; this verb plans with one")
-    model = model_from(args.model[0] if args.model else None, robot)
-    if model.robot not in ("", robot.name):
-        say(args, f"warning: {args.model[0]}: a model of {model.robot}, used for {robot.name}")
-    return model_of(model, args, robot)
-
-
 def model_of(model: PowerModel, args: argparse.Namespace, robot: Robot) -> PowerModel:
     """The model with what --payload and --base say: gravity is the scene's -z."""
     if args.payload is not None:
@@ -182,7 +170,7 @@ def rivals_of(args: argparse.Namespace, robot: Robot) -> tuple[list[Rival], Kind
     from energy_opt.front.rivals import rivals_from
 
     payload = None if args.payload is None else payload_from(args.payload)
-    rivals, kind = rivals_from(args.model, args.robust, robot, payload)
+    rivals, kind = rivals_from(args.model, getattr(args, "robust", None), robot, payload)
     if args.base is not None:  # gravity is the scene's -z
         rivals = [replace(rival, model=rival.model.standing(*cell_of(args).base[3:5])) for rival in rivals]
     for rival in rivals:

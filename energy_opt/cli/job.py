@@ -15,8 +15,8 @@ from energy_opt.cli.common import (
     add_output,
     add_prefix,
     cell_of,
-    load_model_of,
     load_robot_of,
+    rivals_of,
     say,
 )
 from energy_opt.cli.per_year import add_per_year, per_year_from
@@ -59,9 +59,9 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import read_text, read_toml, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_job
-    from energy_opt.front.rivals import judges_of, said
+    from energy_opt.front.rivals import robust_of, said, with_careful
     from energy_opt.job import load_job, run_job
-    from energy_opt.job.models import compared
+    from energy_opt.job.models import compared, mean_of, stated
     from energy_opt.job.output import write
     from energy_opt.job.resume import Answers
     from energy_opt.motion import Settings
@@ -70,7 +70,8 @@ def run(args: argparse.Namespace) -> int:
         return _run_workcell(args)
     worth = per_year_from(args)
     job = load_job(args.job, lambda name: _robot(args, name), allow_outside=args.allow_outside)
-    model = load_model_of(args, job.robot)
+    rivals, kind = rivals_of(args, job.robot)
+    model = rivals[0].model
     held = model.get("payload")
     if held is not None and (args.payload is not None or "payload" not in read_toml(args.job)):
         mass, (x, y, z) = float(held.values["mass"][0]), held.values["com"].tolist()
@@ -79,15 +80,16 @@ def run(args: argparse.Namespace) -> int:
     settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}))
     cell, limits = cell_of(args), vars(job.robot.limits)
     named: dict[str, Any] = {"limits": args.limits, "cell": cell.document()}
+    named |= {"robust": robust_of(rivals, kind)}
     named |= {} if worth is None else {"per_year": worth.document()}
     request = request_of_job(args.job, job.robot, model, settings, **named, command=args.command)
     guard(args.out / "job.json", request, args.force)
-    about = [model.to_document(), job.robot.name, limits, vars(settings), cell.document()]
+    about = [*(rival.model.to_document() for rival in rivals), job.robot.name, limits, vars(settings), cell.document()]
     answers = Answers(args.out, job.robot.joints, about, args.resume)
     with stop_on_interrupt() as stopped, Progress(args) as progress:
         try:
             result = run_job(
-                job, model, settings,
+                job, mean_of(rivals), settings,
                 cell=cell, stopped=stopped, known=answers.known, answered=answers.keep,
                 progress=progress,
             )  # fmt: skip
@@ -96,8 +98,11 @@ def run(args: argparse.Namespace) -> int:
             with written_whole(args.out, "job.json") as aside:
                 write_json(aside / "job.json", error.document())
             raise
-        result = compared(result, judges_of(args.model[0] if args.model else None, model, job.robot))
-        result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
+        if kind is None:
+            result = compared(result, with_careful(rivals, job.robot))
+            result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
+        else:
+            result = stated(result, rivals)
         with written_whole(args.out, "job.json") as aside:
             found = write(result, request, aside, worth)
     if result.solved:

@@ -23,7 +23,7 @@ from energy_opt.cli.poses import add_poses, ends_of
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
-    add_common(parser, "energy_opt_out", "source-method-2 and careful, in the mean")
+    add_common(parser, "energy_opt_out")
     add_move(parser)
     add_poses(parser)
     group = parser.add_argument_group("duration (default: free)")

@@ -12,9 +12,9 @@ from energy_opt.cli.common import (
     add_common,
     add_move,
     cell_of,
-    load_model_of,
     load_robot_of,
     move_of,
+    rivals_of,
     say,
     settings_of,
 )
@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.view import view
     from energy_opt.files import read_text
     from energy_opt.front.request import guard, request_of_move
-    from energy_opt.front.tradeoff import cycle_for, document_of
-    from energy_opt.motion import Planner
-    from energy_opt.tradeoff import trace
+    from energy_opt.front.rivals import robust_of
+    from energy_opt.front.tradeoff import cycle_for, document_of, mean_of, planner_for, traced
+    from energy_opt.power.assumptions import Assumption, said
     from energy_opt.tradeoff.output import text, write
 
     if args.objective != "energy":
@@ -65,9 +65,9 @@ def run(args: argparse.Namespace) -> int:
     if args.robot is None:
         raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF; or give a JOB.toml")
     robot = load_robot_of(args)
-    model = load_model_of(args, robot)
+    rivals, kind = rivals_of(args, robot)
     move = move_of(args, robot)
-    cycle = cycle_for(robot, model, move, args.cycle, args.idle_power)
+    cycle = cycle_for(robot, rivals[0].model, move, args.cycle, args.idle_power)
     for warning in robot.warnings:
         say(args, f"warning: {warning}")
     named = {"path": args.path, "limits": args.limits, "scene": args.scene}
@@ -78,9 +78,10 @@ def run(args: argparse.Namespace) -> int:
         "cycle": args.cycle,
         "idle_power": args.idle_power,
     }
+    over |= {"robust": robust_of(rivals, kind)}
     over |= {} if worth is None else {"per_year": worth.document()}
     settings = settings_of(args)
-    request = request_of_move(robot, model, move, settings, **named, command=args.command, **over)
+    request = request_of_move(robot, rivals[0].model, move, settings, **named, command=args.command, **over)
     guard(args.out / "tradeoff.json", request, args.force)
 
     with stop_on_interrupt() as stopped, Progress(args) as show:
@@ -88,18 +89,20 @@ def run(args: argparse.Namespace) -> int:
         def progress(front: Front, expected: int) -> None:
             show(f"{front.solves}/{expected} solves", front.solves / expected)
 
-        planner = Planner(robot, model, settings, cell=load_cell(robot, cell_of(args)), stopped=stopped)
-        front = trace(
+        planner = planner_for(robot, rivals, kind, settings, cell=load_cell(robot, cell_of(args)), stopped=stopped)
+        front = traced(
             planner,
             move,
+            cycle,
             durations=durations,
             longest=args.max_duration,
-            cycle=cycle,
             progress=progress,
             stopped=stopped,
         )
-        found = document_of(planner, move, front, cycle, args.model[0] if args.model else None, request, worth)
-        write(args.out, front, found, robot, planner.cell)
+        found = document_of(planner, rivals, move, front, cycle, request, worth)
+        write(args.out, front, found, robot, mean_of(planner).cell)
+    if line := said([Assumption(**row) for row in found["assumptions"]]):
+        say(args, line)
     for warning in found["warnings"]:
         say(args, f"warning: {warning}")
     view(args, args.out)

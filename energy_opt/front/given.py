@@ -49,6 +49,13 @@ def model_from(given: AnyModel, robot: Robot) -> PowerModel:
     return model
 
 
+def several(given: AnyModel | Sequence[AnyModel]) -> list[AnyModel]:
+    """The models of one or several; empty where none is given."""
+    if given is None:
+        return []
+    return [given] if isinstance(given, (str, PathLike, PowerModel)) else list(given)
+
+
 def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
     """The power model of Petrichenko et al. 2024 (arXiv 2411.03194) by its Method 1 or 2, taken over for any robot."""
     name = f"source-method-{method}"

@@ -21,6 +21,7 @@ from energy_opt.front.given import (
     path_from,
     positions,
     robot_from,
+    several,
 )
 from energy_opt.front.goals import ends_from, solve_to, with_goals
 from energy_opt.front.input_time import at_input_time, solved
@@ -114,12 +115,7 @@ def optimize(
         Infeasible: no motion holds the limits; says which, where and what would work.
     """
     arm = robot_from(robot, limits)
-    several: list[AnyModel] = []
-    if isinstance(model, (str, PathLike, PowerModel)):
-        several = [model]
-    elif model is not None:
-        several = list(model)
-    rivals, kind = rivals_from(several, robust, arm, payload)
+    rivals, kind = rivals_from(several(model), robust, arm, payload)
     power = rivals[0].model
     of_move, settings = sorted_out(more)
     named = {"mode": mode, "duration": duration, "max_duration": max_duration}

@@ -14,7 +14,6 @@ from energy_opt.front.grounds import grounded
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Kind, Rival, row_of
-from energy_opt.power import PowerModel
 from energy_opt.power.draws import draws_of
 from energy_opt.power.named import is_named
 from energy_opt.robot import Robot
@@ -96,17 +95,7 @@ def _name(given: AnyModel, number: int) -> str:
     return f"model {number}" if given is None or not isinstance(given, str) else given
 
 
-def judges_of(given: AnyModel, model: PowerModel, robot: Robot) -> list[Rival]:
-    """The one model that a plan was made under, by its name, and the careful one where it knows no friction.
-
-    Args:
-        given: as `model_from` takes it; None for the model of the source paper.
-        model: that model with payload and base.
-    """
-    return _with_careful([Rival(_name(DEFAULT if given is None else given, 1), model)], robot)
-
-
-def _with_careful(rivals: Sequence[Rival], robot: Robot) -> list[Rival]:
+def with_careful(rivals: Sequence[Rival], robot: Robot) -> list[Rival]:
     """The models, and the careful one where the first is one of the source paper's, which knows no friction."""
     if not rivals[0].name.startswith("source-method"):
         return list(rivals)
@@ -147,7 +136,7 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
         return grounded(
             replace(result, models=({**first, **_interval(result, rivals[0], robot)}, *others)), rivals, robot
         )
-    judges = _with_careful(rivals, robot)
+    judges = with_careful(rivals, robot)
     judges += _explaining(rivals[0])
     slowed = result.baseline("scaled")
     rows: list[dict[str, Any]] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,15 +20,16 @@ from energy_opt.front.given import (
     AnyPayload,
     AnyRobot,
     Positions,
-    model_from,
-    payload_from,
     robot_from,
+    several,
 )
 from energy_opt.front.planning import move_for, sorted_out
 from energy_opt.front.request import request_of_move
-from energy_opt.front.rivals import judges_of, said
-from energy_opt.motion import Move, Planner
+from energy_opt.front.rivals import rivals_from, robust_of, said, with_careful
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.plan.robust import Kind, Rival, RobustPlanner
 from energy_opt.power import PowerModel
+from energy_opt.power.assumptions import assumptions
 from energy_opt.power.per_year import PerYear
 from energy_opt.robot import Robot
 
@@ -81,7 +82,7 @@ class Tradeoff:
 
 def tradeoff(
     robot: AnyRobot,
-    model: AnyModel = None,
+    model: AnyModel | Sequence[AnyModel] = None,
     *,
     start: Positions | None = None,
     goal: Positions | None = None,
@@ -100,7 +101,7 @@ def tradeoff(
     stopped: Callable[[], bool] = lambda: False,
     **more: Any,
 ) -> Tradeoff:
-    """Energy against duration of one move, planned under one model; arguments as those of `optimize`, and
+    """Energy against duration of one move, planned under the same models; arguments as those of `optimize`, and
 
     Args:
         durations: where [s]; by default chosen from the fastest and the optimum, up to `longest`.
@@ -113,12 +114,8 @@ def tradeoff(
         BadInput: something given is not usable; says what and what would be.
         Infeasible: no duration works at all, or none that is within the cycle.
     """
-    from energy_opt.tradeoff import trace
-
     arm = robot_from(robot, limits)
-    power = model_from(model, arm)
-    if payload is not None:
-        power = power.for_move(payload_from(payload))
+    rivals, kind = rivals_from(several(model), None, arm, payload)
     of_move, settings = sorted_out(more)
     move = move_for(arm, start, goal, path, via, mode=mode, **of_move)
     asked = cell or CellRequest()
@@ -127,41 +124,75 @@ def tradeoff(
     if settings.tool is not None:
         asked = replace(asked, tool=settings.tool)
     if any(asked.base[3:5]):  # gravity is the scene's -z
-        power = power.standing(*asked.base[3:5])
-    over = cycle_for(arm, power, move, cycle, idle_power)
+        rivals = [replace(rival, model=rival.model.standing(*asked.base[3:5])) for rival in rivals]
+    over = cycle_for(arm, rivals[0].model, move, cycle, idle_power)
     wanted = None if durations is None else [float(d) for d in durations]
     chosen: dict[str, Any] = {"durations": wanted, "longest": longest, "cycle": cycle, "idle_power": idle_power}
     named: dict[str, Any] = {"path": path, "limits": limits, "scene": asked.scene, "cell": asked.document()}
-    request = request_of_move(arm, power, move, settings, **named, **chosen)
+    chosen |= {"robust": robust_of(rivals, kind)}
+    request = request_of_move(arm, rivals[0].model, move, settings, **named, **chosen)
     request |= {} if per_year is None else {"per_year": per_year.document()}
-    planner = Planner(arm, power, settings, cell=load_cell(arm, asked), stopped=stopped)
-    front = trace(planner, move, durations=wanted, longest=longest, cycle=over, stopped=stopped)
-    return Tradeoff(front, document_of(planner, move, front, over, model, request, per_year), arm, planner.cell)
+    planner = planner_for(arm, rivals, kind, settings, cell=load_cell(arm, asked), stopped=stopped)
+    front = traced(planner, move, over, durations=wanted, longest=longest, stopped=stopped)
+    found = document_of(planner, rivals, move, front, over, request, per_year)
+    return Tradeoff(front, found, arm, mean_of(planner).cell)
+
+
+def planner_for(
+    robot: Robot, rivals: Sequence[Rival], kind: Kind | None, settings: Settings, **more: Any
+) -> Planner | RobustPlanner:
+    """What plans under one model (`kind` None) or several."""
+    if kind is None:
+        return Planner(robot, rivals[0].model, settings, **more)
+    return RobustPlanner(robot, rivals, kind, settings, **more)
+
+
+def mean_of(planner: Planner | RobustPlanner) -> Planner:
+    """The planner itself, or of several models that of their mean."""
+    return planner.planner if isinstance(planner, RobustPlanner) else planner
+
+
+def traced(planner: Planner | RobustPlanner, move: Move, cycle: Cycle | None, **more: Any) -> Front:
+    """The front of a move, as `energy_opt.tradeoff.trace` makes it; of several models stated under the first.
+
+    Args:
+        cycle: under the first model; more: further arguments of `trace`.
+    """
+    from energy_opt.tradeoff import trace
+    from energy_opt.tradeoff.models import stated
+
+    if isinstance(planner, Planner):
+        return trace(planner, move, cycle=cycle, **more)
+    mean = planner.planner
+    over = None if cycle is None else cycle_for(mean.robot, mean.model, move, cycle.length, cycle.idle_power)
+    return stated(planner, move, trace(mean, move, cycle=over, **more), cycle)
 
 
 def document_of(
-    planner: Planner,
+    planner: Planner | RobustPlanner,
+    rivals: Sequence[Rival],
     move: Move,
     front: Front,
     cycle: Cycle | None,
-    given: AnyModel,
     request: Mapping[str, Any],
     worth: PerYear | None = None,
 ) -> dict[str, Any]:
-    """tradeoff.json: the front, what models that it was not planned under make of its minimum, and the request.
+    """tradeoff.json: the front, what several models make of its minimum, what it rests on, and the request.
 
     `worth` is for what is saved over the cycle against the fastest move and waiting; without a cycle, by the minimum
     against the same move slowed evenly.
-
-    Args:
-        given: the model as `model_from` takes it, for its name.
     """
-    from energy_opt.tradeoff.models import models_of
+    from energy_opt.tradeoff.models import models_of, models_of_front
     from energy_opt.tradeoff.output import document
 
     robot = planner.robot
     found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
-    models = models_of(planner, move, front, judges_of(given, planner.model, robot))
+    found["assumptions"] = [asdict(row) for row in assumptions(robot, [rival.model for rival in rivals])]
+    if isinstance(planner, RobustPlanner):
+        models, warnings = models_of_front(planner, move, front), []
+    else:
+        models = models_of(planner, move, front, with_careful(rivals, robot))
+        warnings = said(models, "the front's minimum")
     if worth is not None:
         over = found.get("cycle") or {}
         best, fastest = over.get("minimum"), over.get("fastest_then_wait")
@@ -169,7 +200,7 @@ def document_of(
         if best and fastest:
             saved = fastest["energy_total"] - best["energy_total"]
         found["per_year"] = worth.of(saved)
-    return {**found, "models": models, "warnings": said(models, "the front's minimum"), "request": request}
+    return {**found, "models": models, "warnings": warnings, "request": request}
 
 
 def cycle_for(

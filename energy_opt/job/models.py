@@ -1,4 +1,4 @@
-"""What models that a job was not planned with make of it."""
+"""A job under several models: stated under the first, and never more costly than the evenly slowed cycle."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from energy_opt.job.cycle import Plan, Scorers, assembled, energy_of
-from energy_opt.job.run import JobResult
+from energy_opt.job.run import JobResult, Plain
 from energy_opt.job.work import unloaded
-from energy_opt.motion.plan.robust import Rival
+from energy_opt.motion.plan.robust import Rival, exceeds
+from energy_opt.power import Mixture, PowerModel
+from energy_opt.power.known import friction_range
 
 BESIDE = "evenly_slowed"  # the baseline that savings are stated against
 
@@ -31,3 +33,38 @@ def compared(result: JobResult, judges: Sequence[Rival]) -> JobResult:
         share = None if joules is None else 100 * joules / (energy + joules)
         rows.append({"name": judge.name, "total": energy, "saving_joules": joules, "saving_total_percent": share})
     return replace(result, models=tuple(rows))
+
+
+def mean_of(rivals: Sequence[Rival]) -> PowerModel:
+    """What a job is planned with: the mean of the models, or the one that there is."""
+    return rivals[0].model if len(rivals) == 1 else Mixture.of([rival.model for rival in rivals])
+
+
+def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
+    """A job that was planned under the mean of `rivals`, stated under the first of them.
+
+    Where the cycle costs more than the evenly slowed one under any of them, or at a corner of assumed friction, it is
+    the evenly slowed one. The bound is of the mean, not of the energy that is stated, and is left out.
+    """
+    job = result.job
+    corners = [Rival(f"{r.name}, {name}", m) for r in rivals for name, m in friction_range(r.model, job.robot)]
+    rows = compared(result, [*rivals, *corners]).models
+    slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
+    dear = [
+        row["name"] for row in rows if slowed is not None and exceeds(row["total"], row["total"] + row["saving_joules"])
+    ]
+    plan, warnings = result.plan, result.warnings
+    if dear and slowed is not None:
+        plan = slowed
+        warnings = (*warnings, f"no cycle was found that costs less than the evenly slowed one under {dear[0]!r} too")
+    scorers = Scorers(job.robot, unloaded(rivals[0].model))
+
+    def under(name: str, plan: Plan | None) -> Plain:
+        first = None if plan is None else plan.under(job, scorers)
+        return Plain(name, None if first is None else energy_of(assembled(job, scorers, first)), first)
+
+    stated = replace(
+        result, plan=plan.under(job, scorers), scorers=scorers, bound=None, warnings=warnings,
+        baselines=tuple(under(b.name, b.plan) for b in result.baselines),
+    )  # fmt: skip
+    return compared(stated, [*rivals, *corners])

@@ -1,14 +1,18 @@
-"""What models that a front was not made with make of its minimum."""
+"""A front under several models: stated under the first, and at no point more costly than the evenly slowed move."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.plan.robust import Rival, row_of
-from energy_opt.tradeoff.front import Front
+from energy_opt.motion.plan.context import path_of
+from energy_opt.motion.plan.neighbour import Optimum
+from energy_opt.motion.plan.robust import Rival, RobustPlanner, row_of
+from energy_opt.tradeoff.cycle import Cycle
+from energy_opt.tradeoff.front import Front, Point
 
 
 def models_of(planner: Planner, move: Move, front: Front, judges: Sequence[Rival]) -> list[dict[str, Any]]:
@@ -23,3 +27,50 @@ def models_of(planner: Planner, move: Move, front: Front, judges: Sequence[Rival
         beside = None if slowed is None else scorer.energy(slowed)
         rows.append(row_of(judge.name, scorer.energy(best.trajectory), beside))
     return rows
+
+
+def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None) -> Front:
+    """A front that was made for the mean of several models, stated under the first of them.
+
+    A point that costs more than the evenly slowed move under any model, or at a corner of assumed friction, is solved
+    anew as `optimize` solves it.
+
+    Args:
+        robust: made the front with its `planner`.
+        cycle: the cycle under the first model, where there is one.
+    """
+    planner = robust.planner
+    begun, _, _ = planner.first_path(replace(move, duration=None, max_duration=None))
+    fastest = planner.context(begun).fastest(path_of(begun))
+    known: dict[int, Optimum] = {}
+
+    def held(optimum: Optimum) -> Optimum:
+        trajectory = optimum.trajectory
+        if trajectory.duration >= fastest.duration:
+            slowed = fastest.slowed(trajectory.duration).trajectory(planner.robot.joints)
+            if robust.costs_more(trajectory, slowed) and robust.planner.certify(slowed, begun).valid:
+                result = robust.solve(replace(move, duration=trajectory.duration, max_duration=None), [trajectory])
+                return Optimum(result.trajectory, result.energy, result.status == "solved")
+        return replace(optimum, trajectory=robust.first.filled(trajectory), energy=robust.first.energy(trajectory))
+
+    def under_first(point: Point | None) -> Point | None:
+        if point is None or point.optimum is None:
+            return point
+        if id(point.optimum) not in known:  # one optimum may be several points
+            known[id(point.optimum)] = held(point.optimum)
+        waiting = None if cycle is None or point.waiting is None else cycle.waiting(point.duration)
+        return replace(point, optimum=known[id(point.optimum)], waiting=waiting)
+
+    points = [found for point in front.points if (found := under_first(point)) is not None]
+    return replace(
+        front, points=points, minimum=under_first(front.minimum), fastest=under_first(front.fastest),
+        cycle_minimum=under_first(front.cycle_minimum),
+    )  # fmt: skip
+
+
+def models_of_front(robust: RobustPlanner, move: Move, front: Front) -> list[dict[str, Any]]:
+    """What every model of a front makes of its minimum, beside the same move slowed evenly."""
+    best = front.minimum
+    if best is None or best.trajectory is None:
+        return []
+    return robust.rows(best.trajectory, robust.planner.slowed(move, best.trajectory.duration))

@@ -69,8 +69,7 @@ class _Answer:
         """(K,) does the move cost more than the evenly slowed one?"""
         if self.slowed is None:
             return np.zeros(len(self.energies), dtype=bool)
-        slowed = np.array([energy.total for energy in self.slowed])
-        return self.totals > slowed + SAME * np.abs(slowed)
+        return np.array([exceeds(e.total, s.total) for e, s in zip(self.energies, self.slowed, strict=True)])
 
     def value(self, kind: Kind) -> float:
         """What is minimised, J."""
@@ -112,6 +111,28 @@ class RobustPlanner:
         self._places = np.array([*range(len(self.rivals)), *(place for place, _ in corners)])
         self._scorers = [Scorer(robot, judge.model) for judge in self._judges]
         self._stopped = stopped
+
+    @property
+    def planner(self) -> Planner:
+        """What plans under the mean of the models, for work at many durations; check its answers with `costs_more`."""
+        self._planner.set_model(self._mixture)
+        return self._planner
+
+    @property
+    def first(self) -> Scorer:
+        """Scores under the model that results are stated under."""
+        return self._scorers[0]
+
+    def costs_more(self, trajectory: Trajectory, slowed: Trajectory) -> bool:
+        """Does a motion cost more than the evenly slowed one under any model, or at a corner of assumed friction?"""
+        return any(exceeds(s.energy(trajectory).total, s.energy(slowed).total) for s in self._scorers)
+
+    def rows(self, trajectory: Trajectory, slowed: Trajectory | None) -> list[dict[str, object]]:
+        """What every model makes of a motion beside the evenly slowed one: rows as of `Result.models`."""
+        return [
+            row_of(judge.name, scorer.energy(trajectory), None if slowed is None else scorer.energy(slowed))
+            for judge, scorer in zip(self._judges, self._scorers, strict=True)
+        ]
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
         """The best move that is found; see `Planner.solve`. `Result.models` says what each model makes of it."""
@@ -225,6 +246,11 @@ class RobustPlanner:
         kind = "global" if gap is not None and gap <= GLOBAL_GAP else "local"
         robust = {"kind": self.kind, "total": value, "lower_bound": bound}
         return {"robust": robust, "optimality": Optimality(kind, None, gap)}
+
+
+def exceeds(total: float, slowed: float) -> bool:
+    """Is an energy above that of the evenly slowed motion by more than rounding?"""
+    return total > slowed + SAME * abs(slowed)
 
 
 def row_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, object]:

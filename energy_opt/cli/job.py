@@ -65,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.job.output import write
     from energy_opt.job.resume import Answers
     from energy_opt.motion import Settings
+    from energy_opt.power.assumptions import assumptions
+    from energy_opt.power.assumptions import said as assumed
 
     if read_toml(args.job).get("format") == WORKCELL:
         return _run_workcell(args)
@@ -103,10 +105,13 @@ def run(args: argparse.Namespace) -> int:
             result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
         else:
             result = stated(result, rivals)
+        result = replace(result, assumptions=assumptions(job.robot, [rival.model for rival in rivals]))
         with written_whole(args.out, "job.json") as aside:
             found = write(result, request, aside, worth)
     if result.solved:
         answers.forget()
+    if line := assumed(result.assumptions):
+        say(args, line)
     for warning in result.warnings:
         say(args, f"warning: {warning}")
     view(args, args.out)

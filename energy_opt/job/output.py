@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ def document(result: JobResult) -> dict[str, Any]:
             "gap_percent": gap,
         },
         "models": list(result.models),
+        "assumptions": [asdict(row) for row in result.assumptions],
         "warnings": list(result.warnings),
         "interrupted": result.interrupted,
     }

@@ -33,6 +33,7 @@ from energy_opt.motion.move import Settings
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+from energy_opt.power.assumptions import Assumption
 
 SHARING = 0.05  # of the work, about, and as much again for first paths
 AGAIN = 1e-2  # of a leg's duration: shares that change less are not worth solving again
@@ -60,6 +61,7 @@ class JobResult:
         interrupted: stopped early: legs that had not been solved run evenly slowed.
         models: what other models make of the cycle: name, total [J], and beside the evenly slowed one saving_joules and
             saving_total_percent.
+        assumptions: what was not given, with its source.
     """
 
     job: Job
@@ -71,6 +73,7 @@ class JobResult:
     interrupted: bool = False
     models: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:

@@ -17,12 +17,13 @@ from energy_opt.power import PowerModel, load_model
 from energy_opt.power.named import NAMED, is_named
 from energy_opt.robot import Robot, known_robots
 
+MEAN = "mean"  # the mean of source-method-2 and careful, which every verb plans under where no model is given
 LISTS = {
     "robots": [],
     "modes": ["reshape"],
     "durations": ["1.5x"],
     "payloads": [],
-    "models": ["source_method_2"],
+    "models": [MEAN],
     "objectives": ["energy"],
 }
 NAMES = (*LISTS, "moves", "random", "limits", "lock", "settings", *KEYS)
@@ -144,11 +145,11 @@ def _payload(value: Any, faults: Faults) -> tuple[float, ...] | None:
 def _model(name: Any, files: Files, faults: Faults) -> tuple[str, PowerModel | None] | None:
     """A model's name and, of a file, the model; those known by name are made for each robot."""
     try:
-        if isinstance(name, str) and is_named(name):
+        if isinstance(name, str) and (name == MEAN or is_named(name)):
             return name, None
         if isinstance(name, str) and files.path(name, "models").is_file():
             return Path(name).name if Path(name).is_absolute() else name, load_model(files.path(name, "models"))
-        raise BadInput(f"{name!r} is neither a model file beside the suite nor one of {', '.join(NAMED)}")
+        raise BadInput(f"{name!r} is neither a model file beside the suite nor one of {', '.join([MEAN, *NAMED])}")
     except BadInput as error:
         faults.add("models", str(error))
         return None

@@ -7,7 +7,7 @@ name = "example"
 robots = ["panda"]                # names, or URDF files beside this one
 modes = ["retime"]                # and "reshape"
 durations = ["1.5x"]              # of the minimum time; or seconds, or "free"
-models = ["source_method_2"]      # and model files
+models = ["source_method_2"]      # and model files; "mean" of source_method_2 and careful where left out
 # payloads = ["0", "2.0"]         # MASS or MASS,CX,CY,CZ
 # objectives = ["energy"]         # and torque, power_squared, path_length, time
 random = { count = 2, seed = 1, range = 0.6 }   # moves within this share of the joints' ranges

@@ -7,7 +7,7 @@
     modes = ["retime", "reshape"]
     durations = [2.0, "1.5x", "free"]
     payloads = [0, "1.5,0,0,0.1"]
-    models = ["source_method_2", "my_model.toml"]
+    models = ["source_method_2", "my_model.toml"]      # default: "mean", of source_method_2 and careful
     objectives = ["energy", "torque"]
 
     [[moves]]
@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.bench.entries import NAMES, Group, read_group
+from energy_opt.bench.entries import MEAN, NAMES, Group, read_group
 from energy_opt.bench.faults import Faults, Files
 from energy_opt.bench.moves import NamedMove, given_path, joint_values, random_moves
 from energy_opt.bench.task import Duration, Task
@@ -44,6 +44,7 @@ from energy_opt.power.named import named_model
 from energy_opt.robot import Robot
 
 FORMAT = "energy-opt/suite/1"
+MEMBERS = ("source-method-2", "careful")  # of the mean
 NAME = re.compile(r"[^\W_][\w .+-]*")  # it becomes a folder's name
 COMPILE_FROM = 20  # tasks on one built problem from which a compiler pays for itself
 
@@ -155,9 +156,13 @@ def _unknown(table: Mapping[str, Any], where: str, faults: Faults) -> None:
 def _product(suite: str, group: Group, at: int, files: Files, faults: Faults) -> Iterator[Task]:
     """All rows of a group, in the order robot, move, mode, duration, payload, model, objective."""
     for source, robot in group.robots:
-        named = [(name, named_model(name, robot) if model is None else model) for name, model in group.models]
         models = []
-        for name, effects in named:
+        for name, given in group.models:
+            if name == MEAN:
+                rows = [{"name": member, **named_model(member, robot).to_document()} for member in MEMBERS]
+                models.append((name, to_json({MEAN: rows})))
+                continue
+            effects = named_model(name, robot) if given is None else given
             try:
                 effects = of_joints(effects, robot)
                 effects.check(robot.n)

@@ -19,7 +19,7 @@ from energy_opt.bench.surroundings import Surroundings
 from energy_opt.effects import Payload, load_source
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, read_text
-from energy_opt.power import PowerModel
+from energy_opt.power import Mixture, PowerModel
 from energy_opt.power.model import model_from_document
 from energy_opt.robot import Robot, load_robot
 
@@ -164,11 +164,19 @@ class Task:
         return (self.robot, self.mode, self.objective, self.settings, self.compile, self.power().structure)
 
     def power(self) -> PowerModel:
-        """The power model with the payload in it."""
+        """The power model with the payload in it; of several models their mean."""
+        models = [model for _, model in self.powers()]
+        return models[0] if len(models) == 1 else Mixture.of(models)
+
+    def powers(self) -> list[tuple[str, PowerModel]]:
+        """The models by name, each with the payload in it; the first is the one that results are stated under."""
         for text, where in self.own_effects:
             load_source(text, where)
-        model = model_from_document(json.loads(self.effects), self.model)
-        if self.payload:
-            model = model.replaced(Payload(mass=self.payload[0], com=list(self.payload[1:])))
-        base = self.surroundings.request.base
-        return model.standing(*base[3:5]) if any(base) else model
+        document, base = json.loads(self.effects), self.surroundings.request.base
+        rows, out = document.get("mean", [{"name": self.model, **document}]), []
+        for row in rows:
+            model = model_from_document({key: value for key, value in row.items() if key != "name"}, row["name"])
+            if self.payload:
+                model = model.replaced(Payload(mass=self.payload[0], com=list(self.payload[1:])))
+            out.append((row["name"], model.standing(*base[3:5]) if any(base) else model))
+        return out

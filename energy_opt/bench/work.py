@@ -103,13 +103,19 @@ def _move(task: Task, robot: Robot, duration: float | None) -> Move:
 
 
 def _row(task: Task) -> dict[str, Any]:
+    from energy_opt.motion.plan.robust import Rival, RobustPlanner
+
     planner = _planner(task)
     row = identity(task)
     row["minimum_time"] = fastest = planner.minimum_time(_move(task, planner.robot, None))
     duration = task.timing.seconds
     if task.timing.multiple is not None:
         duration = task.timing.multiple * fastest
-    return filled(row, planner.solve(_move(task, planner.robot, duration)).document())
+    move, powers = _move(task, planner.robot, duration), task.powers()
+    if len(powers) == 1:
+        return filled(row, planner.solve(move).document())
+    rivals = [Rival(name, model) for name, model in powers]
+    return filled(row, RobustPlanner(planner.robot, rivals, planner=planner).solve(move).document())
 
 
 def resident_memory() -> int | None:

@@ -83,6 +83,7 @@ class RobustPlanner:
         rivals: at least one; the first one's payload, and its torque within effort limits, are those that count.
         kind: "mean" or "worst" of the energies.
         settings, batch, cell, stopped: as for `Planner`.
+        planner: one of the models' mean that is there already, with its settings and cell.
     """
 
     def __init__(
@@ -95,12 +96,14 @@ class RobustPlanner:
         batch: bool = False,
         cell: Cell | None = None,
         stopped: Callable[[], bool] = lambda: False,
+        planner: Planner | None = None,
     ) -> None:
         if kind not in ROUNDS:
             raise BadInput(f"--robust {kind!r}; expected mean or worst")
         self.robot, self.rivals, self.kind = robot, tuple(rivals), kind
         self._mixture = Mixture.of([rival.model for rival in rivals])
-        self._planner = Planner(robot, self._mixture, settings, batch=batch, cell=cell, stopped=stopped)
+        known: dict[str, Any] = {"batch": batch, "cell": cell, "stopped": stopped}
+        self._planner = Planner(robot, self._mixture, settings, **known) if planner is None else planner
         corners = [
             (place, Rival(f"{rival.name}, {name}", corner))
             for place, (rival, member) in enumerate(zip(self.rivals, self._mixture.members, strict=True))

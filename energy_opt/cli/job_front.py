@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from energy_opt.cli.common import cell_of, load_model_of, load_robot_of, say, settings_of
+from energy_opt.cli.common import cell_of, load_robot_of, rivals_of, say, settings_of
 from energy_opt.cli.per_year import per_year_from
 from energy_opt.errors import BadInput
 
@@ -22,7 +22,9 @@ def run_job_front(args: argparse.Namespace, times: list[float] | None) -> int:
     from energy_opt.cli.view import view
     from energy_opt.files import plain, read_text
     from energy_opt.front.request import guard, request_of_job
+    from energy_opt.front.rivals import robust_of
     from energy_opt.job import load_job
+    from energy_opt.job.models import mean_of, stated
     from energy_opt.job.over_time import document, over_time
     from energy_opt.job.over_time_output import write
 
@@ -31,14 +33,16 @@ def run_job_front(args: argparse.Namespace, times: list[float] | None) -> int:
         raise BadInput(f"--{(given or 'via').replace('_', '-')} is of one move; {args.job} has its own")
     worth = per_year_from(args)
     job = load_job(args.job, lambda name: load_robot_of(args, name), allow_outside=args.allow_outside)
-    model, settings, cell = load_model_of(args, job.robot), settings_of(args), cell_of(args)
+    (rivals, kind), settings, cell = rivals_of(args, job.robot), settings_of(args), cell_of(args)
     named: dict[str, Any] = {"limits": args.limits, "cell": cell.document(), "durations": times}
     named |= {} if worth is None else {"per_year": worth.document()}
-    request = request_of_job(args.job, job.robot, model, settings, **named, command=args.command)
+    named |= {"robust": robust_of(rivals, kind)}
+    request = request_of_job(args.job, job.robot, rivals[0].model, settings, **named, command=args.command)
     guard(args.out / "tradeoff.json", request, args.force)
     with stop_on_interrupt() as stopped, Progress(args) as progress:
         points, shortest = over_time(
-            job, model, settings, cell=cell, times=times, stopped=stopped, progress=progress
+            job, mean_of(rivals), settings, cell=cell, times=times, stopped=stopped, progress=progress,
+            restated=lambda result: result if kind is None else stated(result, rivals),
         )  # fmt: skip
         found = {**document(job, points, shortest, stopped()), "request": plain(request)}
         if worth is not None:

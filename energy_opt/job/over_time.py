@@ -60,6 +60,7 @@ def over_time(
     *,
     cell: CellRequest | None = None,
     times: Sequence[float] | None = None,
+    restated: Callable[[JobResult], JobResult] = lambda result: result,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> tuple[list[JobPoint], float]:
@@ -67,6 +68,7 @@ def over_time(
 
     Args:
         times: cycle times [s]; by default `COUNT` of them from the shortest on.
+        restated: makes of an answer what is kept, as `job.models.stated` does for several models.
         stopped, progress: as those of `run_job`.
 
     Raises:
@@ -82,7 +84,8 @@ def over_time(
         if stopped():
             break
         try:
-            points.append(JobPoint(time, run_job(replace(job, cycle_time=time), model, settings, cell=known)))
+            found = run_job(replace(job, cycle_time=time), model, settings, cell=known)
+            points.append(JobPoint(time, restated(found)))
         except Infeasible as error:
             points.append(JobPoint(time, None, str(error)))
     return points, shortest

@@ -30,7 +30,6 @@ from energy_opt.front.rivals import compared, rivals_from, robust_of
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.poses.pose import AnyOf, Pose
-from energy_opt.power import PowerModel
 from energy_opt.power.per_year import PerYear
 from energy_opt.robot import Robot
 

@@ -66,11 +66,12 @@ def test_rows_are_consistent_and_dense(path: JointPath) -> None:
     g = greville(knots)
     timing = Timing(path, knots, 2 * g * (1 - g))
     trajectory = timing.trajectory(tuple("abcdefg"))
-    assert len(trajectory.time) >= 200 and np.diff(trajectory.time).max() <= 0.004 + 1e-12
-    assert trajectory.duration == pytest.approx(timing.duration, abs=1e-12)
+    assert len(trajectory.time) >= 200 and np.diff(trajectory.time).max() <= 0.004 + 1.1e-9
+    assert trajectory.duration == pytest.approx(timing.duration, abs=0.51e-9)  # whole nanoseconds
     dense = trajectory.denser(10)
     q, v, a, _ = trajectory.sample(dense)
-    s, rate, acceleration = timing.at(dense)
+    s, rate, acceleration = timing.slowed(trajectory.duration).at(dense)
+    np.testing.assert_array_equal(np.round(trajectory.time * 1e9) / 1e9, trajectory.time)
     assert q == pytest.approx(path(s), abs=1e-12)
     assert v == pytest.approx(path(s, 1) * rate[:, None], abs=1e-8)
     assert a == pytest.approx(path(s, 1) * acceleration[:, None] + path(s, 2) * rate[:, None] ** 2, abs=1e-5)
@@ -107,7 +108,8 @@ def test_end_speeds_are_met(panda: Robot, model: PowerModel) -> None:
 def test_tiny_moves_work(panda: Robot, model: PowerModel, length: float) -> None:
     direction = (GOAL - START) / np.linalg.norm(GOAL - START)
     timing = fastest(panda, model, straight(START, START + length * direction), jerk=False)
-    assert inside(panda, model, timing) < 1e-6
+    step = float(np.diff(timing.trajectory(panda.joints).time).min())
+    assert inside(panda, model, timing) < 1e-6 + 0.5e-9 / step  # rows are half a nanosecond beside the knots
 
 
 def test_a_move_of_no_length_holds(panda: Robot, model: PowerModel) -> None:

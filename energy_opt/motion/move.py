@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.motion.conditions import kept, tube_of
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.numerics.compile import POLICIES
 
 Mode = Literal["retime", "reshape"]
@@ -33,7 +33,7 @@ class Move:
     Attributes:
         start, goal: (n,) [rad].
         mode: "retime" keeps the path, "reshape" is free to change it.
-        duration: exactly this long [s]; max_duration: at most; neither: free.
+        duration: exactly this long [s], to the nanosecond; max_duration: at most; neither: free.
         path: the path to follow (retime) or to start from (reshape); a straight line in joint space by default.
         via: points (n,) [rad] that a reshaped move passes, in order, at times of its own choice.
         input: a trajectory that was given, the baseline "input"; its end velocities are kept.
@@ -61,6 +61,8 @@ class Move:
                 raise BadInput(f"{name} {value:g}: not a duration; expected seconds above 0")
             if value is not None and not SHORTEST <= value <= LONGEST:
                 raise BadInput(f"{name} {value:g}: expected {SHORTEST:g} to {LONGEST:g} s")
+            if value is not None:
+                object.__setattr__(self, name[2:].replace("-", "_"), float(whole(value)))
         if self.via and self.mode == "retime":
             raise BadInput("--via belongs to --mode reshape; for retime give the points as a --path file")
         for what, q in (("--start", self.start), ("--goal", self.goal), *(("--via", q) for q in self.via)):

@@ -29,6 +29,11 @@ LEAST_ROWS = 200
 MOST_ROWS = 20_000  # that the clock asks for: a motion that takes longer is slower and has no more to say
 
 
+def whole(time: np.ndarray | float) -> np.ndarray:
+    """Times [s] on whole nanoseconds, in which messages count them: what is judged can then be written to the digit."""
+    return np.asarray(np.round(np.asarray(time, dtype=float) * 1e9) / 1e9)
+
+
 def row_step(duration: float) -> float:
     """Largest time between two rows of a trajectory that takes `duration`, s: beyond 80 s they follow the motion."""
     return max(min(ROW_STEP, duration / (LEAST_ROWS - 1)), duration / MOST_ROWS)
@@ -146,6 +151,17 @@ class Trajectory:
         """Some of its rows, one after the other."""
         first = (self.time, self.position, self.velocity, self.acceleration, self.effort, self.power)
         return Trajectory(self.joints, *(None if x is None else x[rows] for x in first))  # type: ignore[arg-type]
+
+    def on_nanoseconds(self) -> Trajectory:
+        """The curve with its rows on whole nanoseconds; itself where they are."""
+        time = whole(self.time)
+        if np.array_equal(time, self.time):
+            return self
+        time = np.unique(time)
+        q, v, a, _ = self.sample(time)
+        for new, old in ((q, self.position), (v, self.velocity), (a, self.acceleration)):
+            new[[0, -1]] = old[[0, -1]]
+        return Trajectory(self.joints, time, q, v, a)
 
     def slowed(self, duration: float) -> Trajectory:
         """The same path with time stretched evenly to `duration` (s)."""

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.motion.trajectory import Trajectory, row_step
+from energy_opt.motion.trajectory import Trajectory, row_step, whole
 
 LEAST = 1e-12  # [s] pieces that are shorter than this have no row of their own
 
@@ -117,19 +117,20 @@ class Chain:
     def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
         """The motion itself: a row where each piece begins and ends, and as near as `row_step` says.
 
-        Pieces are of third degree at most, so the quintic between two rows is the profile to rounding.
+        Pieces are of third degree at most, so the quintic between two rows is the profile, but for half a nanosecond
+        beside the ends of pieces: rows lie on whole nanoseconds.
         """
-        times, rows, step = [], [], row_step(self.duration)
+        times, step = [np.zeros(1)], row_step(self.duration)
         for piece in self.pieces():
-            if piece.length <= LEAST:
-                continue
-            count = max(1, int(np.ceil(piece.length / step - 1e-9)))
-            x = (np.arange(count) / count * piece.length)[:, None]
-            times.append(piece.start + x[:, 0])
-            q = piece.q + x * (piece.v + x * (piece.a / 2 + x * (piece.jerk / 6)))
-            v = piece.v + x * (piece.a + x * (piece.jerk / 2))
-            rows.append(np.stack([q, v, piece.a + x * piece.jerk]))
-        last = np.stack([self.corners[-1], np.zeros_like(self.corners[-1]), np.zeros_like(self.corners[-1])])
-        q, v, a = np.concatenate([*rows, last[:, None]], axis=1)
-        a[0] = 0.0
-        return Trajectory(joints, np.append(np.concatenate(times), self.duration), q, v, a)
+            if piece.length > LEAST:
+                count = max(1, int(np.ceil(piece.length / step - 1e-9)))
+                times.append(piece.start + np.arange(count + 1) / count * piece.length)
+        time = np.unique(whole(np.concatenate(times)))
+        pieces, shares = list(self.pieces()), self.places(time)
+        piece = [pieces[int(k)] for k in shares[0]]
+        q0, v0, a0, jerk = (np.array([getattr(p, name) for p in piece]) for name in ("q", "v", "a", "jerk"))
+        x = (shares[1] * np.array([p.length for p in piece]))[:, None]
+        q = q0 + x * (v0 + x * (a0 / 2 + x * (jerk / 6)))
+        v, a = v0 + x * (a0 + x * (jerk / 2)), a0 + x * jerk
+        q[-1], v[-1], a[-1], a[0] = self.corners[-1], 0.0, 0.0, 0.0
+        return Trajectory(joints, time, q, v, a)

@@ -91,7 +91,7 @@ def _in_one(context: Context, move: Move, duration: float) -> Trajectory:
     v = 6 * u * (1 - u) * way / duration
     a = 6 * (1 - 2 * u) * way / duration**2
     q[-1] = move.goal
-    return Trajectory(context.robot.joints, u[:, 0] * duration, q, v, a)
+    return Trajectory(context.robot.joints, u[:, 0] * duration, q, v, a).on_nanoseconds()
 
 
 def small_enough(move: Move, line: RetimeSolution | None, curve: Made) -> Made:

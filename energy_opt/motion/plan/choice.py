@@ -55,7 +55,8 @@ def choose(context: Context, move: Move, work: Work, build_seconds: float, solve
     """
     duration = _duration(move, work)
     baselines = baselines_of(context, move, work.timing, duration)
-    further = [(name, judged.trajectory) for name, judged in baselines] + [("warm", t) for t in work.warm]
+    further = [(name, judged.trajectory.on_nanoseconds()) for name, judged in baselines]
+    further += [("warm", t.on_nanoseconds()) for t in work.warm]
     found, more = least(context, move, work, further if context.settings.objective == "energy" else [])
     iterations = more + sum(made.iterations for made in (work.reshaped, work.retimed) if made is not None)
     if found is None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -25,7 +25,7 @@ from energy_opt.motion.reshape.level import Curve, Level, Outcome, refined
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.starts import Optima, search, solved, valleys
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
-from energy_opt.motion.trajectory import Trajectory, row_step
+from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import Basis
 
 log = logging.getLogger(__name__)
@@ -184,5 +184,7 @@ def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:
     parts = [max(1, int(np.ceil(width * count))) for width in np.diff(breaks)]
     spans = zip(breaks[:-1], breaks[1:], parts, strict=True)
     u = np.append(np.concatenate([np.linspace(a, b, k, endpoint=False) for a, b, k in spans]), 1.0)
-    q, v, a, _ = curve.derivatives(u)
-    return Trajectory(joints, u * curve.duration, q, v, a)
+    curve = replace(curve, duration=float(whole(curve.duration)))
+    time = np.unique(whole(u * curve.duration))
+    q, v, a, _ = curve.derivatives(time / curve.duration)
+    return Trajectory(joints, time, q, v, a)

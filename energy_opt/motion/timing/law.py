@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.trajectory import Trajectory, row_step
+from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import greville, quadratic_basis
 
 CLOSE = 1e-3  # rows nearer to each other than this share of the row step are merged
@@ -115,15 +115,17 @@ class Timing:
         """Rows at most 4 ms apart (beyond 80 s, a 20,000th of the duration), at least 200, one at every knot.
 
         Position, velocity and acceleration of a row are exactly those of path(s(t)); the third derivative jumps only at
-        rows, so that the quintic polynomials between them follow the curve closely.
+        rows (half a nanosecond beside them), so that the quintic polynomials between them follow the curve closely.
+        Rows lie on whole nanoseconds.
         """
         if not self.path.moves:
             q = np.repeat(self.path.start[None], 3, axis=0)
-            return Trajectory(joints, np.linspace(0, self.hold, 3), q, np.zeros_like(q), np.zeros_like(q))
-        time = self._row_times()
-        s, v, a = self.at(time)
+            return Trajectory(joints, whole(np.linspace(0, self.hold, 3)), q, np.zeros_like(q), np.zeros_like(q))
+        timing = self.slowed(float(whole(self.duration)))  # by half a nanosecond at most
+        time = np.unique(whole(timing._row_times()))
+        s, v, a = timing.at(time)
         s[-1] = 1.0
-        v[[0, -1]] = np.sqrt(self.control[[0, -1]])
+        v[[0, -1]] = np.sqrt(timing.control[[0, -1]])
         q1, q2 = self.path(s, 1), self.path(s, 2)
         v, a = v[:, None], a[:, None]
         return Trajectory(joints, time, self.path(s), q1 * v, q1 * a + q2 * v * v)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from poses import GOAL, START
 
 from energy_opt.motion.trajectory import Trajectory, whole
 

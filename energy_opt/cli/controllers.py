@@ -11,8 +11,8 @@ from energy_opt.cli.common import say
 from energy_opt.errors import BadInput, Infeasible
 
 if TYPE_CHECKING:
-    from energy_opt.motion import Move, Planner, Result, Trajectory
-    from energy_opt.motion.judge.certificate import Certificate
+    from energy_opt.formats.output import Written
+    from energy_opt.motion import Move, Planner, Result
     from energy_opt.motion.plan.robust import RobustPlanner
     from energy_opt.profiles import StandardMoves
 
@@ -34,12 +34,12 @@ def add_controllers(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--vias", type=int, metavar="K", help="via points of --as moves, at most (0)")
 
 
-def check_controllers(args: argparse.Namespace) -> None:
-    """Refuse what cannot be meant, before anything is solved."""
+def check_controllers(args: argparse.Namespace, joints: int) -> None:
+    """Refuse what cannot be meant, or not for an arm of so many joints, before anything is solved."""
     from energy_opt.formats.output import wanted
     from energy_opt.formats.resample import check_rate
 
-    wanted(args.write)
+    wanted(args.write, joints)
     if args.rate is not None:
         if not args.write:
             raise BadInput(f"--rate {args.rate:g}: of which files? Give --write too")
@@ -72,39 +72,34 @@ def moves_of(
 
 def _moves(
     args: argparse.Namespace, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
-) -> tuple[Result, StandardMoves]:
+) -> tuple[Result, StandardMoves | None]:
     """The result with the standard moves in its place, in the same time."""
-    from energy_opt.profiles import MovesPlanner, as_result, robust_moves
+    from energy_opt.profiles import standard_moves
 
-    if robust is not None:
-        return robust_moves(robust, move, result, args.vias or 0)
-    moves = MovesPlanner(planner).solve(move, result, args.vias or 0)
-    return as_result(result, moves), moves
+    return standard_moves(planner, robust, move, result, args.vias or 0)
 
 
 def write_controllers(
     args: argparse.Namespace, planner: Planner, move: Move, result: Result, moves: StandardMoves | None, out: Path
-) -> None:
-    """Write the files that --write and --as ask for into `out`, and say what they will be in --out."""
+) -> list[Written]:
+    """Write the files that --write and --as ask for into `out`, read back and judged, and say what each is."""
     from energy_opt.formats import FORMATS, output
+    from energy_opt.formats.program import load_of
     from energy_opt.motion.judge.energy import Scorer
     from energy_opt.profiles import movej
 
-    formats, lines = output.wanted(args.write), []
-    if moves is not None:
-        lines += [f"{out / name}: standard moves" for name in movej.write(moves, planner.robot.body, out)]
-        if FORMATS["urscript"] in formats:
-            formats.remove(FORMATS["urscript"])
-            movej.write_urscript(moves, planner.robot.body, out / "trajectory.script")
-            lines.append(f"{out / 'trajectory.script'}: standard moves")
     scorer = Scorer(planner.robot, planner.model)
-
-    def judge(trajectory: Trajectory) -> Certificate:
-        return planner.certify(trajectory, move)
-
-    lines += output.write(result.trajectory, scorer, judge, formats, out, args.rate, args.joint_prefix)
-    for line in lines:
-        say(args, line.replace(str(out), str(args.out)))
+    judge = output.Judging(scorer, planner.limits(move), planner.cell, planner.settings.verify_samples)
+    formats, rows = output.wanted(args.write), []
+    if moves is not None:
+        scripts = FORMATS["urscript"] in formats
+        rows += movej.write(moves, planner.robot, judge, out, ["moves.yaml", *(["trajectory.script"] * scripts)])
+        formats = [form for form in formats if form.name != "urscript"]
+    payload = load_of(planner.robot, planner.model)
+    rows += output.write(result.trajectory, judge, formats, out, args.rate, args.joint_prefix, payload)
+    for row in rows:
+        say(args, f"{args.out / row.file}: {row}")
     if moves is not None:
         kept = "nothing to save" if moves.kept is None else f"{100 * moves.kept:.1f} % of the free trajectory's saving"
         say(args, f"standard moves ({moves.kind}, {moves.vias} via points) keep {kept}")
+    return rows

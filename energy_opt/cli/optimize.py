@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 
 from energy_opt.cli.common import (
     add_cell,
@@ -51,16 +52,16 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.front.answer import answer_of
     from energy_opt.front.goals import solve_to, with_goals
     from energy_opt.front.input_time import at_input_time, solved
-    from energy_opt.front.output import table
+    from energy_opt.front.output import put, table
     from energy_opt.front.request import guard, request_of_move
     from energy_opt.front.rivals import compared, robust_of
     from energy_opt.motion import Planner
     from energy_opt.motion.plan.robust import RobustPlanner
     from energy_opt.power.assumptions import said
 
-    check_controllers(args)
     worth = per_year_from(args)
     robot = load_robot_of(args)
+    check_controllers(args, robot.n)
     rivals, kind = rivals_of(args, robot)
     model = rivals[0].model
     ends = ends_of(args, robot)
@@ -102,8 +103,9 @@ def run(args: argparse.Namespace) -> int:
                 write_json(aside / "result.json", error.document())
             raise
         with written_whole(args.out, "result.json") as aside:
-            result.save(aside)
-            write_controllers(args, planner, move, result, moves, aside)
+            rows = write_controllers(args, planner, move, result, moves, aside)
+            result = replace(result, written=tuple(row.document() for row in rows))
+            put(result, robot, result.document(), aside, cell)
     if line := said(result.assumptions):
         say(args, line)
     for warning in result.warnings:
@@ -117,4 +119,4 @@ def run(args: argparse.Namespace) -> int:
         print(table(result, args.out, robot, result.year))
     if result.interrupted:
         return 130
-    return 0 if result.status == "solved" else 4
+    return 0 if result.status == "solved" and all(row.valid for row in rows) else 4

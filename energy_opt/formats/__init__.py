@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from energy_opt.errors import BadInput
-from energy_opt.formats import bags, franka, messages, table, urscript
+from energy_opt.formats import bags, franka, messages, table, urscript, urscript_read
 from energy_opt.formats.rows import Rows
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
@@ -22,17 +22,16 @@ class Format:
 
     Attributes:
         name: as `--write` takes it.
-        suffix: of a file that is written; where `read` is given, files with it or with `others` are read.
+        suffix: of a file that is written; files with it or with `others` are read.
         text: what it is, in a line.
-        read: the rows of a file; None where the kind is only written.
-        write: a trajectory to a file; None where the kind is only read.
+        read: the rows of a file; write: a trajectory to a file.
     """
 
     name: str
     suffix: str
     text: str
-    read: Callable[[Path], Rows] | None = None
-    write: Callable[[Trajectory, Path], None] | None = None
+    read: Callable[[Path], Rows]
+    write: Callable[[Trajectory, Path], None]
     others: tuple[str, ...] = ()
 
 
@@ -48,13 +47,13 @@ FORMATS: dict[str, Format] = {
         ),
         Format(
             "follow-joint-trajectory", ".goal.yaml", "control_msgs/FollowJointTrajectory goal",
-            write=messages.write_goal,
+            messages.read_yaml, messages.write_goal,
         ),
         Format(
             "mcap", ".mcap", "bag with a trajectory_msgs/JointTrajectory", bags.read, bags.write_mcap, bags.SUFFIXES[1:]
         ),
-        Format("urscript", ".script", "program for Universal Robots", write=urscript.write),
-        Format("franka", ".franka.csv", "joint positions for libfranka", write=franka.write),
+        Format("urscript", ".script", "program for Universal Robots", urscript_read.read, urscript.write),
+        Format("franka", ".franka.csv", "joint positions for libfranka", franka.read, franka.write),
     )
 }  # fmt: skip
 
@@ -68,13 +67,7 @@ def read(path: str | Path) -> Rows:
     path = Path(path)
     if path.is_dir() and bags.is_bag(path):
         return bags.read(path)
-    readable = [f for f in FORMATS.values() if f.read is not None]
-    for f in readable:
-        if path.suffix.lower() in (f.suffix, *f.others):
-            assert f.read is not None
-            return f.read(path)
-    known = ", ".join(suffix for f in readable for suffix in (f.suffix, *f.others))
-    raise BadInput(f"{path}: not a file of waypoints or of a trajectory; known are {known}")
+    return _format_of(path, "not a file of waypoints or of a trajectory").read(path)
 
 
 def write(trajectory: Trajectory, path: Path) -> None:
@@ -83,13 +76,16 @@ def write(trajectory: Trajectory, path: Path) -> None:
     Raises:
         BadInput: no format has that ending.
     """
-    fitting = [f for f in FORMATS.values() if f.write is not None and path.name.lower().endswith(f.suffix)]
+    _format_of(path, "no format has this ending").write(trajectory, path)
+
+
+def _format_of(path: Path, otherwise: str) -> Format:
+    """The format with the longest of the endings that the path's name has; BadInput that says `otherwise`."""
+    endings = {suffix: f for f in FORMATS.values() for suffix in (f.suffix, *f.others)}
+    fitting = [suffix for suffix in endings if path.name.lower().endswith(suffix)]
     if not fitting:
-        known = ", ".join(f.suffix for f in FORMATS.values() if f.write is not None)
-        raise BadInput(f"{path}: no format has this ending; known are {known}")
-    best = max(fitting, key=lambda f: len(f.suffix))
-    assert best.write is not None
-    best.write(trajectory, path)
+        raise BadInput(f"{path}: {otherwise}; known are {', '.join(endings)}")
+    return endings[max(fitting, key=len)]
 
 
 def read_trajectory(path: str | Path, joints: Sequence[str], prefix: str = "") -> Trajectory:

@@ -1,69 +1,196 @@
-"""The files of a planned trajectory for others: which formats, at which rate, judged as controllers will run them."""
+"""The files of a planned trajectory for others: which formats, at which rate, read back and judged as they stand."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, near
 from energy_opt.formats import FORMATS, Format, franka, urscript
-from energy_opt.formats.resample import Judge, at_rate, lowest, resampled
+from energy_opt.formats.program import Load, Part
+from energy_opt.formats.resample import Sampled, fitted, lowest, resampled, slowed_until
+from energy_opt.formats.steps import KINDS, on_steps, worst_step
+from energy_opt.motion.judge.certificate import Certificate, certify
+from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.trajectory import Trajectory
 
+STEPS = {"franka": franka.RATE, "urscript": urscript.STREAM_RATE}  # [Hz] of controllers that are sent positions alone
 
-def wanted(names: Sequence[str]) -> list[Format]:
+
+@dataclass(frozen=True)
+class Written:
+    """A file that was read back and judged.
+
+    Attributes:
+        rate: samples per second, None for rows of their own.
+        valid: what it holds stays within all limits and touches nothing; worst: the limit that it uses most.
+        text: what it is and how it was sampled, for the console.
+    """
+
+    file: str
+    format: str
+    rate: float | None
+    valid: bool
+    worst: dict[str, object]
+    text: str = ""
+
+    def document(self) -> dict[str, object]:
+        """As it stands in result.json."""
+        return {name: getattr(self, name) for name in ("file", "format", "rate", "valid", "worst")}
+
+    def __str__(self) -> str:
+        if self.valid:
+            return self.text
+        w = self.worst
+        why = str(w["joint"])
+        if w["limit"] != "clearance":
+            why = f"{w['limit']} of {why} is {w['value']:.6g} at {w['time']:.4g} s, its bound is {w['bound']:.6g}"
+        return f"{self.text}; THIS FILE DOES NOT HOLD: {why}"
+
+
+@dataclass(frozen=True)
+class Judging:
+    """Judges what a file holds, as its controller runs it."""
+
+    scorer: Scorer
+    limits: tuple[Limit, ...]
+    cell: Cell | None = None
+    samples: int | None = None
+
+    def __call__(self, trajectory: Trajectory) -> Certificate:
+        """Of quintics between rows."""
+        return self._clear(certify(trajectory, self.scorer, self.limits, self.samples), trajectory)
+
+    def at_steps(self, trajectory: Trajectory, rate: float) -> Certificate:
+        """Of positions alone, from step to step."""
+        whole = certify(trajectory, self.scorer, self.limits, rows_only=True)
+        others = tuple(found for found in whole.found if found.limit not in KINDS)
+        step = worst_step(trajectory, rate, self.scorer.robot.limits)
+        return self._clear(replace(whole, found=(*others, step)), trajectory)
+
+    def _clear(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
+        return certificate if self.cell is None else replace(certificate, clearance=clearance_of(self.cell, trajectory))
+
+
+def wanted(names: Sequence[str], joints: int | None = None) -> list[Format]:
     """The formats of these names, each once.
 
+    Args:
+        joints: of the arm, where it is known.
+
     Raises:
-        BadInput: one is not known, or only read.
+        BadInput: one is not known, or not for such an arm.
     """
-    known = [name for name, f in FORMATS.items() if f.write is not None]
     for name in names:
-        if name not in known:
-            raise BadInput(f"--write {name!r}; known are {', '.join(known)}{near(name, known)}")
+        if name not in FORMATS:
+            raise BadInput(f"--write {name!r}; known are {', '.join(FORMATS)}{near(name, FORMATS)}")
+    if joints is not None:
+        for name, module in (("franka", franka), ("urscript", urscript)):
+            if name in names:
+                module.check_arm(joints)
     return [FORMATS[name] for name in dict.fromkeys(names)]
+
+
+def file_of(form: Format, rate: float | None, stem: str = "trajectory") -> str:
+    """The file's name; that of a table at a rate says the rate, beside the judged one."""
+    at = f"_{rate:g}hz" if form.name == "csv" and rate is not None else ""
+    return f"{stem}{at}{form.suffix}"
+
+
+def sampled(trajectory: Trajectory, judge: Judging, form: Format, rate: float | None) -> Sampled:
+    """The trajectory as a format gets it: at the rate, or one that its controller asks for, within all limits."""
+    if form.name == "franka" or (form.name == "urscript" and rate == urscript.STREAM_RATE):
+        pace = STEPS[form.name]
+        limits = judge.scorer.robot.limits
+
+        def stepped(slow: Trajectory) -> Trajectory:
+            return on_steps(slow, pace, limits)
+
+        slower = slowed_until(trajectory, lambda t: judge.at_steps(t, pace), stepped)
+        return Sampled(stepped(trajectory) if slower is None else slower, pace)
+    if rate is not None:
+        return fitted(trajectory, rate, judge)
+    if form.name == "urscript":
+        found = lowest(trajectory, judge)
+        if found is not None:
+            return Sampled(resampled(trajectory, found), found)
+    return Sampled(trajectory, None)
 
 
 def write(
     trajectory: Trajectory,
-    scorer: Scorer,
-    judge: Judge,
+    judge: Judging,
     formats: Sequence[Format],
     out: Path,
     rate: float | None = None,
     prefix: str = "",
-) -> list[str]:
-    """Write a judged trajectory in several formats into a folder; a line about each file.
+    payload: Load | None = None,
+) -> list[Written]:
+    """Write a judged trajectory in several formats into a folder; each file is read back and judged.
 
     Args:
         rate: samples per second, None for the judged rows themselves. The 1 kHz of `franka` is its own; `urscript`
             takes the lowest of the usual rates that holds all limits where none is given.
         prefix: what stands before the joints' names in the files.
-
-    Raises:
-        BadInput: the rate is too low to stay within limits, or the arm is not one that a format is for.
+        payload: what a program sets: mass [kg] and its centre [m] in the tool's frame; None: nothing.
     """
-    lines = []
-    for f in formats:
-        chosen, name, how = trajectory, f"trajectory{f.suffix}", "as judged"
-        if f.name == "franka":
-            chosen, how = franka.prepared(trajectory, scorer.robot.limits), "1 kHz, within libfranka's checks"
-        elif rate is not None:
-            chosen, how = at_rate(trajectory, rate, judge), f"{rate:g} Hz, quintic between points"
-        elif f.name == "urscript":
-            urscript.check_arm(trajectory)
-            found = lowest(trajectory, judge)
-            if found is not None:
-                chosen, how = resampled(trajectory, found), f"{found:g} Hz, quintic between points"
-        if f.name == "csv" and rate is None:
+    out_rows = []
+    for form in formats:
+        got = sampled(trajectory, judge, form, rate)
+        if form.name == "csv" and got.rate is None:
             continue  # trajectory.csv is there
-        if f.name == "csv":
-            name = f"trajectory_{rate:g}hz.csv"
-        if chosen is not trajectory and f.name not in ("franka", "urscript"):
-            chosen = scorer.filled(chosen)
-        assert f.write is not None
-        f.write(replace(chosen, joints=tuple(prefix + joint for joint in chosen.joints)), out / name)
-        lines.append(f"{out / name}: {f.text}, {how}")
-    return lines
+        path, chosen = out / file_of(form, got.rate), got.trajectory
+        if chosen is not trajectory and form.name not in STEPS:
+            chosen = judge.scorer.filled(chosen)
+        named = replace(chosen, joints=tuple(prefix + joint for joint in chosen.joints))
+        if form.name == "urscript":
+            urscript.write_program([Part(named, payload=payload)], path)
+        else:
+            form.write(named, path)
+        out_rows.append(read_back(path, form, got, judge, prefix, trajectory))
+    return out_rows
+
+
+def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: str, trajectory: Trajectory) -> Written:
+    """What a file holds, judged; `trajectory` is what it was made from."""
+    again = form.read(path).of(judge.scorer.robot.joints, prefix).trajectory()
+    positions_alone = form.name in STEPS and got.rate == STEPS[form.name]
+    certificate = judge.at_steps(again, STEPS[form.name]) if positions_alone else judge(again)
+    return Written(
+        path.name, form.name, got.rate, certificate.valid, worst_of(certificate), _text(form, got, judge, trajectory)
+    )
+
+
+def unchanged(path: Path, form: Format, judged: Trajectory, certificate: Certificate) -> Written:
+    """A file of the very rows that `certificate` is of: what it holds is valid where it is these, to the last bit."""
+    again = form.read(path).of(judged.joints).trajectory()
+    same = all(
+        np.array_equal(getattr(again, name), getattr(judged, name))
+        for name in ("time", "position", "velocity", "acceleration")
+    )
+    return Written(path.name, form.name, None, same and certificate.valid, worst_of(certificate), form.text)
+
+
+def worst_of(certificate: Certificate) -> dict[str, object]:
+    """The limit that is used most, or what is not proven to be free."""
+    if certificate.within_limits and not certificate.valid:
+        return {"limit": "clearance", "joint": str(certificate.clearance), "time": None, "value": None, "bound": None}
+    return certificate.worst
+
+
+def _text(form: Format, got: Sampled, judge: Judging, trajectory: Trajectory) -> str:
+    how = "as judged" if got.rate is None else f"{got.rate:g} Hz"
+    if got.rate is not None:
+        how += ", positions from step to step" if got.rate == STEPS.get(form.name) else ", quintic between points"
+    text = f"{form.text}, {how}"
+    longer = got.trajectory.duration / trajectory.duration - 1
+    if longer > 1e-6:
+        joules = judge.scorer.energy(got.trajectory).total - judge.scorer.energy(trajectory).total
+        text += f"; slowed by {100 * longer:.2g} % to {got.trajectory.duration:.6g} s, {joules:+.3g} J"
+    return text + (f"; {got.why}" if got.why else "")

@@ -8,18 +8,33 @@ resampled trajectory is the rows that it writes and the quintics between them, a
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.certificate import Certificate
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, whole
 
 RATES = (10, 20, 25, 40, 50, 100, 125, 200, 250, 400, 500, 800, 1000, 2000, 4000)  # [Hz] that are proposed
 FASTEST = 10_000.0  # [Hz]
 LEAST_STEP = 0.01  # a last step that is shorter than this share of the others is merged with the one before
+SLOWER = 1.05  # times the duration: slowed further, another rate serves better
+TRIALS = 12  # slower motions that are tried at most
 
 Judge = Callable[[Trajectory], Certificate]
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A trajectory as it is written: at `rate` Hz (None: the judged rows), slowed where that was needed.
+
+    `why`: what the rate that was asked for would have broken; empty where it holds as it is.
+    """
+
+    trajectory: Trajectory
+    rate: float | None
+    why: str = ""
 
 
 def check_rate(rate: float) -> None:
@@ -29,43 +44,68 @@ def check_rate(rate: float) -> None:
 
 
 def resampled(trajectory: Trajectory, rate: float) -> Trajectory:
-    """The curve at multiples of 1 / rate [s] from 0 on, and exactly at its end.
+    """The curve at multiples of 1 / rate [s] from 0 on (to the nanosecond), and exactly at its end.
 
     Raises:
         BadInput: the rate is not above zero, or beyond 10 kHz.
     """
     check_rate(rate)
-    duration = trajectory.duration
-    count = max(0, int(np.ceil(duration * rate - LEAST_STEP)))
-    time = np.append(np.arange(count) / rate, duration)
-    if len(time) < 2:
-        time = np.array([0.0, duration])
-    q, v, a, _ = trajectory.sample(trajectory.time[0] + time)
+    duration = float(whole(trajectory.duration))
+    count = max(1, int(np.ceil(duration * rate - LEAST_STEP)))
+    time = np.append(whole(np.arange(count) / rate), duration)
+    q, v, a, _ = trajectory.sample(np.minimum(trajectory.time[0] + time, trajectory.time[-1]))
     q[-1], v[-1], a[-1] = trajectory.position[-1], trajectory.velocity[-1], trajectory.acceleration[-1]
     return Trajectory(trajectory.joints, time, q, v, a)
 
 
-def at_rate(trajectory: Trajectory, rate: float, judge: Judge) -> Trajectory:
-    """The trajectory at a rate, where what a controller makes of it stays within all limits.
+def fitted(trajectory: Trajectory, rate: float, judge: Judge) -> Sampled:
+    """The trajectory at a rate at which what a controller makes of it stays within all limits.
 
-    Raises:
-        BadInput: it does not; says which limit, and the rate that would do.
+    Where the samples break a limit, the motion is slowed evenly, by 5 % at most; where that does not help, the lowest
+    of the usual rates that does is taken, else the judged rows themselves.
     """
-    out = resampled(trajectory, rate)
-    certificate = judge(out)
+    certificate = judge(resampled(trajectory, rate))
     if certificate.valid:
-        return out
-    worst = certificate.worst
-    broken = (
-        f"--rate {rate:g}: with quintics between so few points the {worst['limit']} of {worst['joint']} comes to "
-        f"{worst['value']:.6g} at {worst['time']:.4g} s, beyond its bound {worst['bound']:.6g}"
-    )
+        return Sampled(resampled(trajectory, rate), rate)
+    why = broken(certificate, rate)
+    slower = slowed_until(trajectory, judge, lambda slow: resampled(slow, rate))
+    if slower is not None:
+        return Sampled(slower, rate, why)
     better = lowest(trajectory, judge, above=rate)
-    if better is not None:
-        raise BadInput(f"{broken}; {better:g} Hz would do")
-    raise BadInput(
-        f"{broken} by {certificate.violation:.1e} of it; no rate up to {RATES[-1]} Hz holds it: leave --rate out, or "
-        f"ask for a duration of {_longer(trajectory, certificate):.6g} s"
+    return Sampled(trajectory if better is None else resampled(trajectory, better), better, why)
+
+
+def slowed_until(
+    trajectory: Trajectory, judge: Judge, prepared: Callable[[Trajectory], Trajectory]
+) -> Trajectory | None:
+    """What is `prepared` from the trajectory slowed evenly, by as little as holds all limits.
+
+    None where 5 % is not enough, and of motions that begin or end in motion, whose speed there is given.
+    """
+    if np.abs(trajectory.velocity[[0, -1]]).max() > 1e-9:
+        return None
+    factor = 1.0
+    for _ in range(TRIALS):
+        out = prepared(trajectory if factor == 1.0 else trajectory.slowed(factor * trajectory.duration))
+        certificate = judge(out)
+        if certificate.valid:
+            return out
+        if certificate.within_limits:  # time does not help to keep clear
+            return None
+        factor *= 1 + float(np.clip(0.6 * certificate.violation, 2e-6, 0.02))
+        if factor > SLOWER:
+            return None
+    return None
+
+
+def broken(certificate: Certificate, rate: float) -> str:
+    """Which limit the samples at a rate would break, in words."""
+    worst = certificate.worst
+    if certificate.within_limits:
+        return f"at {rate:g} Hz: {certificate.clearance}"
+    return (
+        f"with quintics between samples at {rate:g} Hz the {worst['limit']} of {worst['joint']} would come to "
+        f"{worst['value']:.6g} at {worst['time']:.4g} s, beyond its bound {worst['bound']:.6g}"
     )
 
 
@@ -75,8 +115,3 @@ def lowest(trajectory: Trajectory, judge: Judge, above: float = 0.0) -> float | 
         (rate for rate in RATES if rate > above and judge(resampled(trajectory, rate)).valid),
         None,
     )
-
-
-def _longer(trajectory: Trajectory, certificate: Certificate) -> float:
-    """Duration at which an excess like this one goes, s: velocities fall with it, accelerations with its square."""
-    return trajectory.duration * (1 + max(certificate.violation, 1e-3))

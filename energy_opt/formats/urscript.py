@@ -1,33 +1,39 @@
-"""URScript: a program that runs a trajectory on an arm of Universal Robots.
+"""URScript: a program that runs motions and waits on an arm of Universal Robots.
 
-The program refuses to begin unless the arm stands at the trajectory's start. It then follows the quintics between the
-points with `servoj`, one command for every step of the controller (2 ms on the e-series, 8 ms on CB3), at the pace
-`speed`: 1.0 is the trajectory as it was planned, and 0.1 a good first try. At 500 Hz the positions stand in the program
-one by one, and nothing is computed on the controller.
+The program refuses to begin unless the arm stands at its start. It then follows the quintics between the points with
+`servoj`, one command for every step of the controller (2 ms on the e-series, 8 ms on CB3), at the pace `speed`: 1.0 is
+the trajectory as it was planned, and 0.1 a good first try. At 500 Hz the positions stand in the program one by one, and
+nothing is computed on the controller. What is left of a step at the end of a part is carried into the next, so that a
+cycle keeps its time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import write_text
+from energy_opt.formats.program import Part
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.names import commented
 
 JOINTS = 6
 NEAR = 0.01  # [rad] how far from the start the arm may stand
 LOOKAHEAD, GAIN = 0.03, 500  # [s], - of servoj: the least smoothing that it takes, and a firm but quiet gain
 STREAM_RATE = 500.0  # [Hz] of positions that are streamed one by one
 STOP = 4.0  # [rad/s^2] deceleration where the program ends or is refused
+BRIEF = 0.05  # [s] shorter waits are run as motions that stand still
+LAST = 0.99  # of a step: a target this near to a part's end is its end
 
 _SERVO = f"servoj(q, 0, 0, dt, {LOOKAHEAD}, {GAIN})"
 
 
 def vector(values: np.ndarray) -> str:
-    """Numbers as a list of URScript, with nine decimals: a billionth of a radian."""
-    return "[" + ",".join(f"{x:.9f}" for x in values.tolist()) + "]"
+    """Numbers as a list of URScript, with twelve decimals."""
+    return "[" + ",".join(f"{x:.12f}" for x in values.tolist()) + "]"
 
 
 def check_start(start: np.ndarray) -> list[str]:
@@ -46,10 +52,16 @@ def check_start(start: np.ndarray) -> list[str]:
     ]
 
 
-def check_arm(trajectory: Trajectory) -> None:
+def check_arm(joints: int) -> None:
     """Raise BadInput where the arm cannot be one of Universal Robots."""
-    if len(trajectory.joints) != JOINTS:
-        raise BadInput(f"--write urscript: for arms of six joints; this one has {len(trajectory.joints)}")
+    if joints != JOINTS:
+        raise BadInput(f"--write urscript: for arms of six joints; this one has {joints}")
+
+
+def streams(trajectory: Trajectory) -> bool:
+    """Are the rows those of a controller's steps at 500 Hz, to be sent one by one?"""
+    steps = np.diff(trajectory.time)
+    return len(steps) > 1 and bool(np.allclose(steps, 1 / STREAM_RATE, rtol=1e-6))
 
 
 def write(trajectory: Trajectory, path: Path) -> None:
@@ -58,66 +70,115 @@ def write(trajectory: Trajectory, path: Path) -> None:
     Raises:
         BadInput: the arm does not have six joints.
     """
-    check_arm(trajectory)
-    steps = np.diff(trajectory.time)
-    if len(steps) > 1 and np.allclose(steps[:-1], 1 / STREAM_RATE, rtol=1e-6):
-        lines = _streamed(trajectory)
-    else:
-        lines = _quintics(trajectory)
-    goal = f"  servoj({vector(trajectory.position[-1])}, 0, 0, dt, {LOOKAHEAD}, {GAIN})"
-    write_text(path, "\n".join([*_head(trajectory), *lines, goal, f"  stopj({STOP})", "end", ""]))
+    write_program([Part(trajectory)], path)
 
 
-def _head(trajectory: Trajectory) -> list[str]:
+def write_program(parts: Sequence[Part], path: Path) -> None:
+    """Write a program of motions and waits, with `set_payload` wherever the payload is another than before.
+
+    Raises:
+        BadInput: the arm does not have six joints.
+    """
+    first, last = parts[0].trajectory, parts[-1].trajectory
+    check_arm(len(first.joints))
+    streamed = len(parts) == 1 and streams(first)
+    lines = [] if streamed else [*_QUINTIC, *(_REST if any(map(_rests, parts)) else [])]
+    payload, flows = None, True  # flows: `t` carries what is left of a step
+    for number, part in enumerate(parts, start=1):
+        if part.name:
+            lines.append(f"  # {number}. {commented(part.name)}")
+        if part.payload is not None and part.payload != payload:
+            payload = part.payload
+            mass, *centre = payload
+            lines.append(f"  set_payload({mass:.6f}, {vector(np.array(centre))})")
+        if streamed:
+            lines += _streamed(part.trajectory)
+        elif _rests(part):
+            if part.brakes:
+                lines.append("  # the brakes may hold the arm here")
+            lines.append(f"  rest({vector(part.trajectory.position[-1])},{part.trajectory.duration:.9f},t,dt,speed)")
+            lines.append("  t = dt * speed")
+        else:
+            lines += _followed(part.trajectory)
+        flows = not streamed and not _rests(part)
+    goal = f"servoj({vector(last.position[-1])}, 0, 0, dt, {LOOKAHEAD}, {GAIN})"
+    end = [f"  if t < {LAST} * dt * speed:", f"    {goal}", "  end"] if flows else []
+    write_text(path, "\n".join([*_head(parts), *lines, *end, f"  stopj({STOP})", "end", ""]))
+
+
+def _rests(part: Part) -> bool:
+    """Is it a wait for which the servo is left?"""
+    return part.waits and part.trajectory.duration >= BRIEF
+
+
+def _head(parts: Sequence[Part]) -> list[str]:
+    seconds = sum(part.trajectory.duration for part in parts)
     return [
-        f"# {', '.join(trajectory.joints)}",
-        f"# {trajectory.duration:.9f} s from start to end. Run it slowly first: speed = 0.1 in the line below.",
+        f"# {', '.join(map(commented, parts[0].trajectory.joints))}",
+        f"# {seconds:.9f} s from start to end. Run it slowly first: speed = 0.1 in the line below.",
         "def energy_opt_motion():",
         "  local speed = 1.0",
-        *check_start(trajectory.position[0]),
+        *check_start(parts[0].trajectory.position[0]),
         "  local dt = get_steptime()",
         "  local t = dt * speed",
     ]
 
 
-def _quintics(trajectory: Trajectory) -> list[str]:
-    """A function that runs one quintic, and a call for every two rows; `t` carries what is left of a step over.
+# Runs one quintic; `t` is the time in it of the next command, and what it returns is that in the next one. All that the
+# functions use is handed to them: whether they see what is `local` to the program is not left to the scope.
+#
+# With x = t / h and the differences d = q1 - q0 - h v0 - h^2 a0 / 2, e = h (v1 - v0 - h a0), f = h^2 (a1 - a0):
+# q = q0 + h v0 x + h^2 a0 x^2 / 2 + (10 d - 4 e + f/2) x^3 + (-15 d + 7 e - f) x^4 + (6 d - 3 e + f/2) x^5.
+_QUINTIC = [
+    "  def quintic(h, q0, v0, a0, q1, v1, a1, begin, dt, speed):",
+    "    local t = begin",
+    "    local q = q0",
+    "    while t <= h:",
+    "      local x = t / h",
+    "      local j = 0",
+    f"      while j < {JOINTS}:",
+    "        local d = q1[j] - q0[j] - h * v0[j] - h * h * a0[j] / 2",
+    "        local e = h * (v1[j] - v0[j] - h * a0[j])",
+    "        local f = h * h * (a1[j] - a0[j])",
+    "        local c = 10 * d - 4 * e + f / 2 + x * (7 * e - 15 * d - f + x * (6 * d - 3 * e + f / 2))",
+    "        q[j] = q0[j] + x * (h * v0[j] + x * (h * h * a0[j] / 2 + x * c))",
+    "        j = j + 1",
+    "      end",
+    f"      {_SERVO}",
+    "      t = t + dt * speed",
+    "    end",
+    "    return t - h",
+    "  end",
+]
 
-    All that the function uses is handed to it: whether it sees what is `local` to the program is not left to the scope.
+# Ends a motion at q and stands still until `wait` s after its end.
+_REST = [
+    "  def rest(q, wait, t, dt, speed):",
+    "    local begun = t",
+    f"    if t < {LAST} * dt * speed:",
+    f"      {_SERVO}",
+    "    else:",
+    "      begun = t - dt * speed",
+    "    end",
+    f"    stopj({STOP})",
+    "    sleep((wait - begun) / speed)",
+    "  end",
+]
 
-    With x = t / h and the differences d = q1 - q0 - h v0 - h^2 a0 / 2, e = h (v1 - v0 - h a0), f = h^2 (a1 - a0):
-    q = q0 + h v0 x + h^2 a0 x^2 / 2 + (10 d - 4 e + f/2) x^3 + (-15 d + 7 e - f) x^4 + (6 d - 3 e + f/2) x^5.
-    """
-    lines = [
-        "  def quintic(h, q0, v0, a0, q1, v1, a1, begin, dt, speed):",
-        "    local t = begin",
-        "    local q = q0",
-        "    while t <= h:",
-        "      local x = t / h",
-        "      local j = 0",
-        f"      while j < {JOINTS}:",
-        "        local d = q1[j] - q0[j] - h * v0[j] - h * h * a0[j] / 2",
-        "        local e = h * (v1[j] - v0[j] - h * a0[j])",
-        "        local f = h * h * (a1[j] - a0[j])",
-        "        local c = 10 * d - 4 * e + f / 2 + x * (7 * e - 15 * d - f + x * (6 * d - 3 * e + f / 2))",
-        "        q[j] = q0[j] + x * (h * v0[j] + x * (h * h * a0[j] / 2 + x * c))",
-        "        j = j + 1",
-        "      end",
-        f"      {_SERVO}",
-        "      t = t + dt * speed",
-        "    end",
-        "    return t - h",
-        "  end",
-    ]
+
+def _followed(trajectory: Trajectory) -> list[str]:
+    """A call for every two rows."""
     rows = [(vector(q), vector(v), vector(a)) for q, v, a in zip(
         trajectory.position, trajectory.velocity, trajectory.acceleration, strict=True
     )]  # fmt: skip
-    for step, before, after in zip(np.diff(trajectory.time), rows, rows[1:], strict=False):
-        lines.append(f"  t = quintic({step:.9f},{','.join(before)},{','.join(after)},t,dt,speed)")
-    return lines
+    steps = np.diff(trajectory.time)
+    return [
+        f"  t = quintic({step:.9f},{','.join(before)},{','.join(after)},t,dt,speed)"
+        for step, before, after in zip(steps, rows, rows[1:], strict=False)
+    ]
 
 
 def _streamed(trajectory: Trajectory) -> list[str]:
     """One servoj for every row; a slower pace lasts longer at each."""
     command = f"servoj({{}}, 0, 0, {1 / STREAM_RATE:.9f} / speed, {LOOKAHEAD}, {GAIN})"
-    return [f"  {command.format(vector(q))}" for q in trajectory.position[1:-1]]
+    return [f"  {command.format(vector(q))}" for q in trajectory.position[1:]]

@@ -13,6 +13,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import own_body
 from energy_opt.files import replacing, write_json
 from energy_opt.folders import written_whole
+from energy_opt.formats.output import unchanged
 from energy_opt.front.grounds import until
 from energy_opt.motion import Result
 from energy_opt.motion.judge.by_joint import loss_by_joint
@@ -33,10 +34,20 @@ def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, 
         cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
     """
     with written_whole(out, "result.json") as aside:
-        formats.table.write(result.trajectory, aside / "trajectory.csv")
-        formats.messages.write_yaml(result.trajectory, aside / "trajectory.yaml")
-        _picture_and_report(result, robot, document, aside, cell or own_body(robot))
-        write_json(aside / "result.json", document)
+        put(result, robot, document, aside, cell)
+
+
+def put(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None = None) -> None:
+    """The same into a folder whose files take their places together later."""
+    own = []
+    for name in ("csv", "yaml"):
+        form = formats.FORMATS[name]
+        path = out / f"trajectory{form.suffix}"
+        form.write(result.trajectory, path)
+        own.append(unchanged(path, form, result.trajectory, result.certificate).document())
+    document = {**document, "written": [*own, *result.written]}
+    _picture_and_report(result, robot, document, out, cell or own_body(robot))
+    write_json(out / "result.json", document)
 
 
 def _picture_and_report(

@@ -112,6 +112,7 @@ class Result:
         break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving
             beside "scaled"; None where no share below 0.2 does.
         travel: joints that go more than 1.5 times as far as they need: joint, path and straight [rad, m].
+        written: files for controllers, read back and judged: file, format, rate, valid, worst.
     """
 
     status: str
@@ -134,6 +135,7 @@ class Result:
     assumptions: tuple[Assumption, ...] = ()
     break_even_friction: float | None = None
     travel: tuple[Mapping[str, object], ...] = ()
+    written: tuple[Mapping[str, object], ...] = ()
 
     def baseline(self, name: str) -> Baseline | None:
         """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
@@ -244,6 +246,7 @@ class Result:
             "assumptions": [asdict(row) for row in self.assumptions],
             "break_even_friction": self.break_even_friction,
             "travel": [dict(row) for row in self.travel],
+            "written": [dict(row) for row in self.written],
             "message": self.message,
             "warnings": list(self.warnings),
             **({} if self.moves is None else {"moves": self.moves}),

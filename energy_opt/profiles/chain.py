@@ -127,9 +127,9 @@ class Chain:
                 times.append(piece.start + np.arange(count + 1) / count * piece.length)
         time = np.unique(whole(np.concatenate(times)))
         pieces, shares = list(self.pieces()), self.places(time)
-        piece = [pieces[int(k)] for k in shares[0]]
-        q0, v0, a0, jerk = (np.array([getattr(p, name) for p in piece]) for name in ("q", "v", "a", "jerk"))
-        x = (shares[1] * np.array([p.length for p in piece]))[:, None]
+        at = [pieces[int(k)] for k in shares[0]]
+        q0, v0, a0, jerk = (np.array([getattr(p, name) for p in at]) for name in ("q", "v", "a", "jerk"))
+        x = (shares[1] * np.array([p.length for p in at]))[:, None]
         q = q0 + x * (v0 + x * (a0 / 2 + x * (jerk / 6)))
         v, a = v0 + x * (a0 + x * (jerk / 2)), a0 + x * jerk
         q[-1], v[-1], a[-1], a[0] = self.corners[-1], 0.0, 0.0, 0.0

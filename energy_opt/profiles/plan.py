@@ -25,6 +25,7 @@ from energy_opt.profiles.keep import Keep
 from energy_opt.profiles.program import SHARP, Program, Shape
 
 MOST_VIAS = 5
+MORE = 2  # via points beyond what was asked for, where moves cost more than the evenly slowed move
 TURNS = 5  # solves with what the judge found broken in view
 REACH = 0.3  # [rad] that via points go at most while the planes between bodies stay where they are
 ROUNDS = 6  # solves with numeric rows that are asked for anew where the one before ended
@@ -78,8 +79,8 @@ class MovesPlanner:
         self._near: tuple[Cell, Near] | None = None
         self.smooth = bool(np.isfinite(planner.robot.limits.jerk).any())
 
-    def solve(self, move: Move, reference: Result, vias: int) -> StandardMoves:
-        """The moves with the least energy through at most `vias` via points, in the time of `reference`.
+    def solve(self, move: Move, reference: Result, vias: int, least: int = 0) -> StandardMoves:
+        """The moves with the least energy through `least` to `vias` via points, in the time of `reference`.
 
         Args:
             reference: the continuous optimum of the same move, where starts are taken from, too. Where moves are found
@@ -94,7 +95,7 @@ class MovesPlanner:
         found: list[tuple[Chain, Trajectory, Energy, Certificate]] = []
         broken: list[Certificate] = []
         guess: Chain | None = None
-        for count in range(vias + 1):
+        for count in range(least, vias + 1):
             answers = []
             for start in self._starts(move, reference, count, guess):
                 chain, certificate = self.mended(start, move, (duration, duration), "energy")

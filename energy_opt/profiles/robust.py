@@ -13,7 +13,9 @@ from energy_opt.motion.result import Result
 from energy_opt.profiles.plan import MovesPlanner, StandardMoves, as_result
 
 
-def robust_moves(robust: RobustPlanner, move: Move, reference: Result, vias: int) -> tuple[Result, StandardMoves]:
+def robust_moves(
+    robust: RobustPlanner, move: Move, reference: Result, vias: int, least: int = 0
+) -> tuple[Result, StandardMoves]:
     """The standard moves of `MovesPlanner.solve`, planned under all of a robust planner's models.
 
     Returns:
@@ -26,7 +28,7 @@ def robust_moves(robust: RobustPlanner, move: Move, reference: Result, vias: int
     def find(planner: Planner) -> Result:
         if not planners:
             planners.append(MovesPlanner(planner))
-        found.append(planners[0].solve(move, reference, vias))
+        found.append(planners[0].solve(move, reference, vias, least))
         return as_result(reference, found[-1])
 
     result = robust.solve_by(find)

@@ -1,0 +1,79 @@
+"""What a controller runs from start to end: motions and waits, and what the arm carries from when on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+Load = tuple[float, float, float, float]  # mass [kg] and its centre [m]
+STANDING = 3  # rows of a wait
+SAME = 1e-9  # [rad/s^2] accelerations that differ by less are one
+
+
+@dataclass(frozen=True)
+class Part:
+    """A motion from rest to rest, or a wait.
+
+    Attributes:
+        trajectory: its rows, from any time on; of a wait, standing ones.
+        waits: it is a wait; brakes: which brakes may hold.
+        payload: mass [kg] and its centre [m] in the last joint's frame, from its beginning on; None: not known.
+    """
+
+    trajectory: Trajectory
+    name: str = ""
+    waits: bool = False
+    brakes: bool = False
+    payload: Load | None = None
+
+
+def standing(joints: Sequence[str], q: np.ndarray, seconds: float) -> Trajectory:
+    """Rows of standing at q (n,) for so many seconds."""
+    rows = np.repeat(q[None], STANDING, axis=0)
+    still = np.zeros_like(rows)
+    return Trajectory(tuple(joints), np.linspace(0, seconds, STANDING), rows, still, still)
+
+
+def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
+    """Motions that follow one another as one, rows on whole nanoseconds.
+
+    Where one ends with another acceleration than the next begins with, both rows are there, a nanosecond apart: with a
+    jerk limit that breaks it, as the motions themselves do.
+    """
+    times: list[np.ndarray] = []
+    rows: list[list[np.ndarray]] = []
+    at = 0.0
+    for k, t in enumerate(trajectories):
+        jumps = k > 0 and np.abs(t.acceleration[0] - rows[-1][2][-1]).max() > SAME
+        if jumps:
+            at += 1e-9
+        first = 0 if k == 0 or jumps else 1  # the row at which the motion before ended
+        times.append(at + t.time[first:] - t.time[0])
+        rows.append([x[first:] for x in (t.position, t.velocity, t.acceleration)])
+        at += t.duration
+    q, v, a = (np.concatenate(part) for part in zip(*rows, strict=True))
+    return Trajectory(trajectories[0].joints, whole(np.concatenate(times)), q, v, a)
+
+
+def load_of(robot: Robot, model: PowerModel) -> Load | None:
+    """What a model says is carried, None without a payload; its centre in the frame that programs mean."""
+    payload = model.get("payload")
+    if payload is None:
+        return None
+    return in_tool(robot, (float(payload.values["mass"][0]), *payload.values["com"].tolist()))
+
+
+def in_tool(robot: Robot, load: Load) -> Load:
+    """A payload with its centre in the frame of the link `tool0`, which controllers mean; as it is without one."""
+    found = robot.body.link_frames().get("tool0")
+    if found is None:
+        return load
+    mass, *centre = load
+    x, y, z = (np.linalg.inv(found[1]) @ [*centre, 1.0])[:3].tolist()
+    return mass, x, y, z

@@ -1,0 +1,82 @@
+"""The answer in standard moves: never one that costs more than the same move slowed evenly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from energy_opt.errors import Infeasible
+from energy_opt.motion.move import Move
+from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.plan.robust import SAME, RobustPlanner
+from energy_opt.motion.result import Result
+from energy_opt.profiles.plan import MORE, MOST_VIAS, MovesPlanner, StandardMoves, as_result
+from energy_opt.profiles.robust import robust_moves
+
+Find = Callable[[int, int], tuple[Result, StandardMoves]]
+
+
+def standard_moves(
+    planner: Planner, robust: RobustPlanner | None, move: Move, reference: Result, vias: int
+) -> tuple[Result, StandardMoves | None]:
+    """The standard moves through at most `vias` via points, in the time of `reference`.
+
+    Where they cost more than the evenly slowed move, under any of the models, up to two more via points are tried.
+    Where that is not enough, the answer is the evenly slowed move itself, not converged, and no standard moves.
+
+    Args:
+        robust: plans them where several models are in force.
+
+    Raises:
+        Infeasible: no standard moves do it in that time.
+    """
+    plain = MovesPlanner(planner)
+
+    def find(least: int, most: int) -> tuple[Result, StandardMoves]:
+        if robust is not None:
+            return robust_moves(robust, move, reference, most, least)
+        moves = plain.solve(move, reference, most, least)
+        return as_result(reference, moves), moves
+
+    result, moves = find(0, vias)
+    more = 0 if move.mode == "retime" else min(vias + MORE, MOST_VIAS) - vias
+    for count in range(vias + 1, vias + 1 + more):
+        if not costlier(result):
+            break
+        try:
+            result, moves = find(count, count)
+        except Infeasible:
+            continue
+    if not costlier(result):
+        said = f"--vias {vias}: these moves cost more than the evenly slowed move; {moves.vias} via points are taken"
+        return (result if moves.vias <= vias else replace(result, warnings=(*result.warnings, said))), moves
+    return _slowed(planner, robust, move, reference, vias + more), None
+
+
+def costlier(result: Result) -> bool:
+    """Does a move cost more than the same slowed evenly, under a model that it was planned with?"""
+    slowed = result.baseline("scaled")
+    if slowed is None or not slowed.valid:
+        return False
+    joules = [row["saving_joules"] for row in result.models] or [slowed.energy.total - result.energy.total]
+    return any(isinstance(saved, float) and saved < -SAME * abs(slowed.energy.total) for saved in joules)
+
+
+def _slowed(planner: Planner, robust: RobustPlanner | None, move: Move, reference: Result, tried: int) -> Result:
+    """The evenly slowed move as the answer, with what was tried."""
+    slowed = reference.baseline("scaled")
+    assert slowed is not None
+    result = replace(
+        reference,
+        status="not_converged",
+        chosen="scaled",
+        trajectory=planner.scorer.filled(slowed.trajectory),
+        energy=slowed.energy,
+        certificate=planner.certify(slowed.trajectory, move),
+        optimality=replace(reference.optimality, kind="local", lower_bound=None, gap_percent=None),
+        message=f"no standard moves through up to {tried} via points cost less than the same move slowed evenly, which "
+        "is written instead",
+        models=(),
+        robust=None,
+    )
+    return result if robust is None else robust.solve_by(lambda _: result)

@@ -15,6 +15,7 @@ from poses import GOAL, START
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.formats.output import Judging
 from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.certificate import certify
@@ -26,7 +27,18 @@ from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.numerics import ipopt
 from energy_opt.power import PowerModel
 from energy_opt.power.named import named_model
-from energy_opt.profiles import Chain, MovesPlanner, as_result, fastest, robust_moves
+from energy_opt.profiles import (
+    Chain,
+    MovesPlanner,
+    StandardMoves,
+    as_result,
+    fastest,
+    movej,
+    robust_moves,
+    standard_moves,
+)
+from energy_opt.profiles.answer import costlier
+from energy_opt.profiles.movej import leading
 from energy_opt.profiles.program import SHARP, Program, Shape, lobatto
 from energy_opt.robot import Robot
 
@@ -328,3 +340,53 @@ def test_moves_that_touch_are_led_around(solved: tuple[Planner, Move, Result], t
     assert certificate.valid and certificate.clearance is not None and certificate.clearance.lower_bound > 0
     energy = planner.score(chain.trajectory(planner.robot.joints))
     assert free.energy.loss < energy.loss < 1.3 * free.energy.loss
+
+
+def test_moves_that_cost_more_than_slowing_are_no_answer(solved: tuple[Planner, Move, Result]) -> None:
+    """More via points are tried; else the evenly slowed move is the answer, not converged."""
+    planner, move, reference = solved
+    moves = MovesPlanner(planner).solve(move, reference, 0)
+    slowed = reference.baseline("scaled")
+
+    def beside(total: float) -> Result:
+        """The reference with an evenly slowed move of another energy."""
+        energy = replace(slowed.energy, total=total, loss=slowed.energy.loss + total - slowed.energy.total)
+        others = tuple(b for b in reference.baselines if b.name != "scaled")
+        return replace(reference, baselines=(*others, replace(slowed, energy=energy)))
+
+    cheap = beside(moves.energy.total - 0.01)
+    with_more, taken = standard_moves(planner, None, move, cheap, 0)
+    assert taken is not None and taken.vias >= 1 and with_more.energy.total < moves.energy.total - 0.01
+    assert "1 via points are taken" in with_more.warnings[-1]
+    kept = replace(move, mode="retime")
+    result, none = standard_moves(planner, None, kept, cheap, 0)
+    assert none is None and result.status == "not_converged" and result.chosen == "scaled" and result.moves is None
+    assert result.certificate.valid and "cost less than the same move slowed evenly" in result.message
+    np.testing.assert_array_equal(result.trajectory.position, slowed.trajectory.position)
+    dear, same = standard_moves(planner, None, kept, beside(moves.energy.total + 0.01), 0)
+    assert same is not None and dear.chosen == "moves" and not costlier(dear)
+
+
+def test_moves_are_judged_with_each_axis_share(ur5: Robot, model: PowerModel, tmp_path: Path) -> None:
+    """What a leading axis' acceleration asks of the others, from the files' own numbers; faults are found there."""
+    start = np.array([0.0, -1.5, 1.2, -1.0, 0.3, 0.0])
+    corners = np.stack([start, start + [0.5, 0.1, 0, 0, 0, 0], start + [0.6, 0.4, 0, 0, 0, 0.29],
+                        start + [0.6, 0.9, 0, 0, 0, 0.8]])  # fmt: skip
+    chain = Chain(corners, np.array([0.8, 0.6, 0.8]), np.array([0.3, 0.2, 0.2, 0.3]), np.full(4, 0.002))
+    bound = np.abs(chain.accelerations).max(axis=0) * 1.01 + 0.1
+    arm = replace(ur5, limits=ur5.limits.replace(acceleration=bound))
+    _, asked = leading(chain, np.full(6, np.inf))
+    _, held = leading(chain, bound)
+    way = np.abs(np.diff(corners, axis=0))
+    assert (asked[1] * way[1] / way[1].max() > bound * 1.01).any()  # as in the last edition
+    assert (held[:, None] * way / way.max(axis=1, keepdims=True) <= bound * (1 + 1e-9)).all()
+    curve = chain.trajectory(arm.joints)
+    scorer = Scorer(arm, model)
+    judge = Judging(scorer, joint_limits(arm.limits))
+    moves = StandardMoves("trapezoid", chain, curve, scorer.energy(curve), judge(curve), None)
+    rows = movej.write(moves, arm, judge, tmp_path, ["moves.yaml"])
+    assert [row.file for row in rows] == ["moves.yaml", "moves.script"] and all(row.valid for row in rows)
+    text = (tmp_path / "moves.script").read_text()
+    (tmp_path / "moves.script").write_text(text.replace(f"a={held[1]:.9f}", f"a={asked[1]:.9f}"))
+    broken = movej.judged(tmp_path / "moves.script", moves, judge)
+    assert not broken.valid and broken.worst["limit"] == "acceleration"

@@ -15,6 +15,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from poses import GOAL, START
+from urscript_arm import Controller
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
@@ -125,32 +126,6 @@ def test_all_formats_at_a_rate(tmp_path: Path, bend: tuple[Trajectory, Scorer], 
     assert "goal_time_tolerance" in (tmp_path / "x.goal.yaml").read_text()
     with pytest.raises(BadInput, match="no format has this ending"):
         write(expected, tmp_path / "x.docx")
-
-
-class Controller:
-    """Runs a URScript program: the language is Python's but for `local`, `end`, `halt`, and lists that are copied."""
-
-    def __init__(self, at: np.ndarray, step: float = 0.002) -> None:
-        self.at, self.step = at, step
-        self.sent: list[tuple[float, np.ndarray]] = []
-        self.moves: list[dict[str, Any]] = []
-
-    def run(self, text: str, **changed: str) -> None:
-        for name, value in changed.items():
-            text = re.sub(rf"local {name} = .*", f"local {name} = {value}", text)
-        text = re.sub(r"^ *end$", "", text, flags=re.M).replace("local q = q0", "q = list(q0)").replace("local ", "")
-        text = text.replace("halt", "raise StopIteration")
-        scope: dict[str, Any] = {
-            "get_actual_joint_positions": self.at.tolist, "get_steptime": lambda: self.step, "norm": abs,
-            "servoj": self._servoj, "stopj": lambda a: None, "popup": lambda *words: None,
-            "movej": lambda q, **how: self.moves.append({"q": q, **how}),
-        }  # fmt: skip
-        exec(text, scope)
-        scope[re.search(r"def (\w+)\(\)", text)[1]]()  # type: ignore[index]
-
-    def _servoj(self, q: list[float], a: float, v: float, t: float, lookahead: float, gain: float) -> None:
-        assert 0.03 <= lookahead <= 0.2 and 100 <= gain <= 2000
-        self.sent.append((t, np.array(q)))
 
 
 @pytest.mark.parametrize(("pace", "step"), [(1.0, 0.002), (0.3, 0.002), (1.0, 0.008)])

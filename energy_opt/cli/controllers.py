@@ -11,6 +11,7 @@ from energy_opt.cli.common import say
 from energy_opt.errors import BadInput, Infeasible
 
 if TYPE_CHECKING:
+    from energy_opt.formats import Format
     from energy_opt.formats.output import Written
     from energy_opt.motion import Move, Planner, Result
     from energy_opt.motion.plan.robust import RobustPlanner
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 ROOM = 1.001  # of the shortest duration that standard moves were found for: what is shortest leaves nothing to choose
 
 
-def add_controllers(parser: argparse.ArgumentParser) -> None:
+def add_written(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Options of the files for controllers."""
     group = parser.add_argument_group("for controllers")
     group.add_argument(
@@ -27,6 +28,12 @@ def add_controllers(parser: argparse.ArgumentParser) -> None:
         help="csv, yaml, json, mcap, follow-joint-trajectory, urscript or franka (repeatable)",
     )  # fmt: skip
     group.add_argument("--rate", type=float, metavar="HZ", help="samples per second of what --write writes")
+    return group
+
+
+def add_controllers(parser: argparse.ArgumentParser) -> None:
+    """The same, and standard moves."""
+    group = add_written(parser)
     group.add_argument(
         "--as", dest="as_", choices=("moves",), metavar="moves",
         help="standard joint moves with a speed and an acceleration each, instead of a free trajectory",
@@ -34,16 +41,21 @@ def add_controllers(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--vias", type=int, metavar="K", help="via points of --as moves, at most (0)")
 
 
-def check_controllers(args: argparse.Namespace, joints: int) -> None:
-    """Refuse what cannot be meant, or not for an arm of so many joints, before anything is solved."""
+def check_written(args: argparse.Namespace, joints: int) -> list[Format]:
+    """The formats of --write, for an arm of so many joints; what cannot be meant is refused before the work."""
     from energy_opt.formats.output import wanted
     from energy_opt.formats.resample import check_rate
 
-    wanted(args.write, joints)
     if args.rate is not None:
         if not args.write:
             raise BadInput(f"--rate {args.rate:g}: of which files? Give --write too")
         check_rate(args.rate)
+    return wanted(args.write, joints)
+
+
+def check_controllers(args: argparse.Namespace, joints: int) -> None:
+    """Refuse what cannot be meant, before anything is solved."""
+    check_written(args, joints)
     if args.vias is not None and args.as_ is None:
         raise BadInput("--vias are those of --as moves; give it too")
 

@@ -19,6 +19,7 @@ from energy_opt.cli.common import (
     rivals_of,
     say,
 )
+from energy_opt.cli.controllers import add_written, check_written
 from energy_opt.cli.per_year import add_per_year, per_year_from
 from energy_opt.errors import Infeasible
 
@@ -47,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never (auto)")
     group.add_argument("--resume", action="store_true", help="take the answers that an earlier run into --out left")
     add_cell(parser)
+    add_written(parser)
     add_output(parser, "energy_opt_job")
     add_per_year(parser)
 
@@ -63,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.job import load_job, run_job
     from energy_opt.job.models import compared, mean_of, stated
     from energy_opt.job.output import write
+    from energy_opt.job.program import write_programs
     from energy_opt.job.resume import Answers
     from energy_opt.motion import Settings
     from energy_opt.power.assumptions import assumptions
@@ -78,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
     if held is not None and (args.payload is not None or "payload" not in read_toml(args.job)):
         mass, (x, y, z) = float(held.values["mass"][0]), held.values["com"].tolist()
         job = load_job(args.job, lambda _: job.robot, allow_outside=args.allow_outside, payload=(mass, x, y, z))
+    formats = check_written(args, job.robot.n)
     given = {"seed": args.seed, "compile": args.compile}
     settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}))
     cell, limits = cell_of(args), vars(job.robot.limits)
@@ -107,7 +111,10 @@ def run(args: argparse.Namespace) -> int:
             result = stated(result, rivals)
         result = replace(result, assumptions=assumptions(job.robot, [rival.model for rival in rivals]))
         with written_whole(args.out, "job.json") as aside:
-            found = write(result, request, aside, worth)
+            rows = write_programs(result, formats, aside, args.rate, args.joint_prefix)
+            found = write(result, request, aside, worth, rows)
+    for row in rows:
+        say(args, f"{args.out / row.file}: {row}")
     if result.solved:
         answers.forget()
     if line := assumed(result.assumptions):
@@ -121,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
         print(_text(found, args.out))
     if result.interrupted:
         return 130
-    return 0 if result.solved else 4
+    return 0 if result.solved and all(row.valid for row in rows) else 4
 
 
 def _run_workcell(args: argparse.Namespace) -> int:

@@ -74,6 +74,10 @@ class Judging:
         step = worst_step(trajectory, rate, self.scorer.robot.limits)
         return self._clear(replace(whole, found=(*others, step)), trajectory)
 
+    def joules(self, trajectory: Trajectory) -> float:
+        """Its energy under the model, J."""
+        return self.scorer.energy(trajectory).total
+
     def _clear(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
         return certificate if self.cell is None else replace(certificate, clearance=clearance_of(self.cell, trajectory))
 
@@ -191,6 +195,6 @@ def _text(form: Format, got: Sampled, judge: Judging, trajectory: Trajectory) ->
     text = f"{form.text}, {how}"
     longer = got.trajectory.duration / trajectory.duration - 1
     if longer > 1e-6:
-        joules = judge.scorer.energy(got.trajectory).total - judge.scorer.energy(trajectory).total
+        joules = judge.joules(got.trajectory) - judge.joules(trajectory)
         text += f"; slowed by {100 * longer:.2g} % to {got.trajectory.duration:.6g} s, {joules:+.3g} J"
     return text + (f"; {got.why}" if got.why else "")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from energy_opt.effects import Payload
+from energy_opt.formats import program
+from energy_opt.formats.program import standing
 from energy_opt.job.file import Job, Step
 from energy_opt.job.fronts import holding_power
 from energy_opt.job.legs import Leg
@@ -16,8 +16,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-STANDING = 3  # rows of a wait
-SHORTEST_WAIT = 1e-9  # s; less is no wait
+SHORTEST_WAIT = 1e-8  # [s] less is no wait, and rounding of motions to nanoseconds
 
 
 @dataclass(frozen=True)
@@ -126,8 +125,8 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
         more = plan.left if k == rest.after and plan.left > SHORTEST_WAIT else 0.0
         if step.wait is not None:
             energy = standing_power(scorers, step, step.brakes) * step.wait + rest.power * more
-            standing = _standing(job.robot, step.goal, step.wait + more)
-            out.append(Piece(step.name, (k,), standing, energy, step.payload[0], "wait"))
+            still = standing(job.robot.joints, step.goal, step.wait + more)
+            out.append(Piece(step.name, (k,), still, energy, step.payload[0], "wait"))
             continue
         if k in by_step:
             leg, answer = by_step[k]
@@ -138,15 +137,9 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
                 )
             )  # fmt: skip
         if more:
-            standing = _standing(job.robot, step.goal, more)
-            out.append(Piece("time left over", (), standing, rest.power * more, step.payload[0], "wait"))
+            still = standing(job.robot.joints, step.goal, more)
+            out.append(Piece("time left over", (), still, rest.power * more, step.payload[0], "wait"))
     return tuple(out)
-
-
-def _standing(robot: Robot, q: np.ndarray, seconds: float) -> Trajectory:
-    rows = np.repeat(q[None], STANDING, axis=0)
-    still = np.zeros_like(rows)
-    return Trajectory(robot.joints, np.linspace(0, seconds, STANDING), rows, still, still)
 
 
 def energy_of(pieces: Sequence[Piece]) -> float:
@@ -156,12 +149,4 @@ def energy_of(pieces: Sequence[Piece]) -> float:
 
 def joined(pieces: Sequence[Piece]) -> Trajectory:
     """The whole cycle as one trajectory."""
-    times, rows, at = [], [], 0.0
-    for k, piece in enumerate(pieces):
-        t = piece.trajectory
-        first = 0 if k == 0 else 1  # the row at which the piece before ended
-        times.append(at + t.time[first:] - t.time[0])
-        rows.append([x[first:] for x in (t.position, t.velocity, t.acceleration)])
-        at += t.duration
-    q, v, a = (np.concatenate(part) for part in zip(*rows, strict=True))
-    return Trajectory(pieces[0].trajectory.joints, np.concatenate(times), q, v, a)
+    return program.joined([piece.trajectory for piece in pieces])

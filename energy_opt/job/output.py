@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,9 @@ import numpy as np
 from energy_opt import formats
 from energy_opt.cell.load import own_body
 from energy_opt.files import plain, write_json
+from energy_opt.formats.output import Written, unchanged
 from energy_opt.job.cycle import Piece, joined
+from energy_opt.job.program import CycleJudging
 from energy_opt.job.run import JobResult
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
@@ -120,10 +122,18 @@ def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(times), np.concatenate(powers)
 
 
-def write(result: JobResult, request: Mapping[str, Any], out: Path, worth: PerYear | None = None) -> dict[str, Any]:
+def write(
+    result: JobResult,
+    request: Mapping[str, Any],
+    out: Path,
+    worth: PerYear | None = None,
+    written: Sequence[Written] = (),
+) -> dict[str, Any]:
     """Write step_01.csv ..., cycle.csv, report.html and job.json, this last; returns the document.
 
-    `worth`: how often the cycle runs in a year, where its saving is to be stated for one.
+    Args:
+        worth: how often the cycle runs in a year, where its saving is to be stated for one.
+        written: programs of the cycle that are there already, read back and judged.
     """
     number = 0
     for piece in result.pieces:
@@ -131,13 +141,15 @@ def write(result: JobResult, request: Mapping[str, Any], out: Path, worth: PerYe
         for part in split(piece, result):
             number += 1
             formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
-    formats.write(joined(result.pieces), Path(out) / "cycle.csv")
-    found = {**document(result), "request": plain(request)}
+    cycle, csv = joined(result.pieces), formats.FORMATS["csv"]
+    csv.write(cycle, Path(out) / "cycle.csv")
+    own = unchanged(Path(out) / "cycle.csv", csv, cycle, CycleJudging.of(result)(cycle))
+    rows = [own.document(), *(row.document() for row in written)]
+    found = {**document(result), "written": rows, "request": plain(request)}
     if worth is not None:
         beside = next((b.energy for b in result.baselines[::-1] if b.energy is not None), None)  # evenly slowed first
         found["per_year"] = worth.of(None if beside is None else beside - result.energy)
     bodies, scene = drawn(result.cell or own_body(result.job.robot))
-    cycle = joined(result.pieces)
     page(found, cycle, result.job.robot, bodies, scene, power_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

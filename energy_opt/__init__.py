@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
     from energy_opt.front.answer import Answer as Answer
     from energy_opt.front.data import diagnose as diagnose
     from energy_opt.front.data import identify as identify
+    from energy_opt.front.evaluating import evaluate as evaluate
     from energy_opt.front.given import source_model as source_model
     from energy_opt.front.planning import bench as bench
     from energy_opt.front.planning import optimize as optimize
@@ -58,6 +59,7 @@ _PLACES = {
     "energy_opt.motion": ("Move", "Planner", "Result", "Settings", "Trajectory"),
     "energy_opt.passport": ("Passport", "PassportRequest", "passport"),
     "energy_opt.front.given": ("source_model",),
+    "energy_opt.front.evaluating": ("evaluate",),
     "energy_opt.front.answer": ("Answer",),
     "energy_opt.front.planning": ("bench", "optimize"),
     "energy_opt.front.tradeoff": ("Tradeoff", "tradeoff"),

@@ -10,7 +10,8 @@ from energy_opt.files import read_json
 
 # What says that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
 ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "job", "results.jsonl": "bench",
-           "identify.json": "identify", "diagnosis.json": "diagnose", "passport.json": "passport"}  # fmt: skip
+           "identify.json": "identify", "diagnosis.json": "diagnose",
+           "evaluate.json": "evaluate", "passport.json": "passport"}  # fmt: skip
 SUFFIXES = (".csv", ".yaml", ".json", ".mcap", ".goal.yaml", ".script", ".franka.csv")  # of every format written
 # All that each verb may write beside it: what is there of an earlier run goes when a new one is written.
 BESIDE = {
@@ -22,6 +23,7 @@ BESIDE = {
                  "report.html"),
     "results.jsonl": ("results.parquet", "summary.json", "report.html"),
     "identify.json": ("model_method1.toml", "model_method2.toml", "plot.png", "report.html"),
+    "evaluate.json": tuple(f"trajectory*{s}" for s in SUFFIXES),
     "diagnosis.json": ("model.toml", "next_motion.csv", "report.html"),
     "passport.json": ("report.html",),
 }  # fmt: skip

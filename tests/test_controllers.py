@@ -20,6 +20,7 @@ from urscript_arm import Controller
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.formats import output, read_trajectory, urscript, write
+from energy_opt.formats.judging import Judging
 from energy_opt.formats.resample import RATES, fitted, resampled
 from energy_opt.formats.steps import on_steps, worst_step
 from energy_opt.motion.judge.certificate import certify
@@ -106,7 +107,7 @@ def test_all_formats_at_a_rate(tmp_path: Path, bend: tuple[Trajectory, Scorer], 
     """Each read back: the same rows; with effort of the model at these rows; under the prefix."""
     curve, scorer = bend
 
-    judge = output.Judging(scorer, joint_limits(panda.limits))
+    judge = Judging(scorer, joint_limits(panda.limits))
     names = ["csv", "yaml", "json", "mcap", "follow-joint-trajectory", "csv"]
     rows = output.write(curve, judge, output.wanted(names), tmp_path, 200.0, "left_")
     assert len(rows) == 5 and all("200 Hz, quintic between points" in str(row) for row in rows)
@@ -171,7 +172,7 @@ def differences_hold(file: Path, limits: Any) -> None:
 def test_positions_for_libfranka_hold_its_checks(tmp_path: Path, panda: Robot, model: PowerModel) -> None:
     """Slowed by thousandths where they would not; with an acceleration at the start, spread over some steps."""
     curve = swing(panda.joints, START, GOAL, 1.5004)
-    judge = output.Judging(Scorer(panda, model), joint_limits(panda.limits))
+    judge = Judging(Scorer(panda, model), joint_limits(panda.limits))
     fast = curve.slowed(1.5004 * 0.99 * np.abs(curve.velocity / panda.limits.velocity).max())
     x = np.linspace(0, 1, 401)[:, None]  # cubic: it begins and ends with an acceleration
     d, T = 0.2 * (GOAL - START), 0.5
@@ -190,7 +191,7 @@ def test_positions_for_libfranka_hold_its_checks(tmp_path: Path, panda: Robot, m
 
 
 def test_a_file_that_does_not_hold_says_so(tmp_path: Path, panda: Robot, model: PowerModel) -> None:
-    judge = output.Judging(Scorer(panda, model), joint_limits(panda.limits))
+    judge = Judging(Scorer(panda, model), joint_limits(panda.limits))
     curve = swing(panda.joints, START, GOAL, 0.5)
     for name in ("franka", "yaml"):
         (row,) = output.write(curve, judge, output.wanted([name]), tmp_path)

@@ -15,7 +15,7 @@ from poses import GOAL, START
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.formats.output import Judging
+from energy_opt.formats.judging import Judging
 from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.certificate import certify

@@ -96,12 +96,13 @@ def write_controllers(
 ) -> list[Written]:
     """Write the files that --write and --as ask for into `out`, read back and judged, and say what each is."""
     from energy_opt.formats import FORMATS, output
+    from energy_opt.formats.judging import Judging
     from energy_opt.formats.program import load_of
     from energy_opt.motion.judge.energy import Scorer
     from energy_opt.profiles import movej
 
     scorer = Scorer(planner.robot, planner.model)
-    judge = output.Judging(scorer, planner.limits(move), planner.cell, planner.settings.verify_samples)
+    judge = Judging(scorer, planner.limits(move), planner.cell, planner.settings.verify_samples)
     formats, rows = output.wanted(args.write), []
     if moves is not None:
         scripts = FORMATS["urscript"] in formats

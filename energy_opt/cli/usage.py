@@ -31,6 +31,14 @@ USAGE: dict[str, tuple[tuple[str, ...], str, str]] = {
         "a job (TOML, `energy-opt --example job`)",
         "job.json, step_01.csv and so on, cycle.csv, report.html",
     ),
+    "evaluate": (
+        (
+            f"energy-opt optimize {MOVE} --mode retime --duration 2 --out out",
+            "energy-opt evaluate out/trajectory.csv --write follow-joint-trajectory --rate 100 --out judged",
+        ),
+        "trajectories (CSV, messages, bags, programs), recordings, and results of optimize and job",
+        "evaluate.json (motions: energy under every model, certificate, baselines), what --write asks for",
+    ),
     "identify": (
         (
             "energy-opt identify --robot panda --suggest 8 --out poses",

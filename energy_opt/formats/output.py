@@ -8,16 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, near
 from energy_opt.formats import FORMATS, Format, franka, urscript
+from energy_opt.formats.judging import Judging
 from energy_opt.formats.program import Load, Part
 from energy_opt.formats.resample import Sampled, fitted, lowest, resampled, slowed_until
-from energy_opt.formats.steps import KINDS, on_steps, worst_step
-from energy_opt.motion.judge.certificate import Certificate, certify
-from energy_opt.motion.judge.clearance import clearance_of
-from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.limits.base import Limit
+from energy_opt.formats.steps import on_steps
+from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.trajectory import Trajectory
 
 STEPS = {"franka": franka.RATE, "urscript": urscript.STREAM_RATE}  # [Hz] of controllers that are sent positions alone
@@ -52,34 +49,6 @@ class Written:
         if w["limit"] != "clearance":
             why = f"{w['limit']} of {why} is {w['value']:.6g} at {w['time']:.4g} s, its bound is {w['bound']:.6g}"
         return f"{self.text}; THIS FILE DOES NOT HOLD: {why}"
-
-
-@dataclass(frozen=True)
-class Judging:
-    """Judges what a file holds, as its controller runs it."""
-
-    scorer: Scorer
-    limits: tuple[Limit, ...]
-    cell: Cell | None = None
-    samples: int | None = None
-
-    def __call__(self, trajectory: Trajectory) -> Certificate:
-        """Of quintics between rows."""
-        return self._clear(certify(trajectory, self.scorer, self.limits, self.samples), trajectory)
-
-    def at_steps(self, trajectory: Trajectory, rate: float) -> Certificate:
-        """Of positions alone, from step to step."""
-        whole = certify(trajectory, self.scorer, self.limits, rows_only=True)
-        others = tuple(found for found in whole.found if found.limit not in KINDS)
-        step = worst_step(trajectory, rate, self.scorer.robot.limits)
-        return self._clear(replace(whole, found=(*others, step)), trajectory)
-
-    def joules(self, trajectory: Trajectory) -> float:
-        """Its energy under the model, J."""
-        return self.scorer.energy(trajectory).total
-
-    def _clear(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
-        return certificate if self.cell is None else replace(certificate, clearance=clearance_of(self.cell, trajectory))
 
 
 def wanted(names: Sequence[str], joints: int | None = None) -> list[Format]:

@@ -13,6 +13,7 @@ from energy_opt.robot import Robot
 
 Load = tuple[float, float, float, float]  # mass [kg] and its centre [m]
 STANDING = 3  # rows of a wait
+NANOSECOND = 1e-9  # [s]
 SAME = 1e-9  # [rad/s^2] accelerations that differ by less are one
 
 
@@ -44,19 +45,22 @@ def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
     """Motions that follow one another as one, rows on whole nanoseconds.
 
     Where one ends with another acceleration than the next begins with, both rows are there, a nanosecond apart: with a
-    jerk limit that breaks it, as the motions themselves do.
+    jerk limit that breaks it, as the motions themselves do. The next wait is so much shorter.
     """
     times: list[np.ndarray] = []
     rows: list[list[np.ndarray]] = []
-    at = 0.0
+    at, owed = 0.0, 0.0
     for k, t in enumerate(trajectories):
         jumps = k > 0 and np.abs(t.acceleration[0] - rows[-1][2][-1]).max() > SAME
-        if jumps:
-            at += 1e-9
+        owed += NANOSECOND * jumps
+        at += NANOSECOND * jumps
         first = 0 if k == 0 or jumps else 1  # the row at which the motion before ended
-        times.append(at + t.time[first:] - t.time[0])
+        time = t.time - t.time[0]
+        if owed < time[-1] and not t.velocity.any():
+            time, owed = time * (1 - owed / time[-1]), 0.0
+        times.append(at + time[first:])
         rows.append([x[first:] for x in (t.position, t.velocity, t.acceleration)])
-        at += t.duration
+        at += float(time[-1])
     q, v, a = (np.concatenate(part) for part in zip(*rows, strict=True))
     return Trajectory(trajectories[0].joints, whole(np.concatenate(times)), q, v, a)
 

@@ -11,6 +11,7 @@ import numpy as np
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, near
 from energy_opt.motion.path import Curve, JointPath, of_trajectory, through
+from energy_opt.motion.standing import check_moves_on
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.power.locked import of_joints
@@ -113,6 +114,8 @@ def path_from(given: AnyPath, robot: Robot) -> JointPath:
         given = read(Path(given)).of(robot.joints, "").path()
     if isinstance(given, Trajectory):
         given = of_trajectory(given)
+    if isinstance(given, JointPath) and given.source is not None:
+        check_moves_on(given.source, "--path")
     if isinstance(given, JointPath):
         path = given
     else:

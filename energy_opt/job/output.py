@@ -14,7 +14,7 @@ from energy_opt.cell.load import own_body
 from energy_opt.files import plain, write_json
 from energy_opt.formats.output import Written, unchanged
 from energy_opt.job.cycle import Piece, joined
-from energy_opt.job.program import CycleJudging
+from energy_opt.job.program import judging_of
 from energy_opt.job.run import JobResult
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
@@ -55,8 +55,9 @@ def document(result: JobResult) -> dict[str, Any]:
 
 def rows(result: JobResult) -> list[dict[str, Any]]:
     """A row for every step and for time that is left over; their durations add up to the cycle."""
-    out, at = [], 0.0
+    out, at, k, rest = [], 0.0, 0, result.plan.rest
     for piece in result.pieces:
+        k = piece.steps[0] if piece.steps else k
         for part in split(piece, result):
             row = {
                 "name": part.name,
@@ -65,6 +66,8 @@ def rows(result: JobResult) -> list[dict[str, Any]]:
                 "duration": part.trajectory.duration,
                 "energy_total": part.energy,
                 "payload": part.payload,
+                "centre": list(result.job.steps[k].payload[1:]),
+                "brakes": part.source == "wait" and (result.job.steps[k].brakes if piece.steps else rest.brakes),
                 "source": part.source,
                 "first_path": part.begins or None,
                 "status": part.status,
@@ -143,7 +146,7 @@ def write(
             formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
     cycle, csv = joined(result.pieces), formats.FORMATS["csv"]
     csv.write(cycle, Path(out) / "cycle.csv")
-    own = unchanged(Path(out) / "cycle.csv", csv, cycle, CycleJudging.of(result)(cycle))
+    own = unchanged(Path(out) / "cycle.csv", csv, cycle, judging_of(result)(cycle))
     rows = [own.document(), *(row.document() for row in written)]
     found = {**document(result), "written": rows, "request": plain(request)}
     if worth is not None:

@@ -1,0 +1,152 @@
+"""Motions to be evaluated: trajectories, programs, recordings; results of `optimize` and `job` with their payloads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt import formats
+from energy_opt.errors import BadInput
+from energy_opt.files import read_json
+from energy_opt.formats.program import Load
+from energy_opt.formats.rows import Rows
+from energy_opt.measured.differentiate import smooth
+from energy_opt.motion.standing import standstills
+from energy_opt.motion.trajectory import Trajectory
+
+CUTOFF = 10.0  # [Hz] of recorded positions
+NOISY = 3.0  # times the accelerations of the smoothed positions: those of a recording with noise
+COARSE = 0.02  # [s] between rows, from which positions are not smoothed
+ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """From `start` to `end` s: what is carried (None: what the request says), and whether brakes hold."""
+
+    start: float
+    end: float
+    load: Load | None = None
+    brakes: bool = False
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A motion as it is.
+
+    Attributes:
+        name: of its file.
+        trajectory: its rows, from time 0 on.
+        stretches: what is carried when; they follow one another from its start to its end.
+        waits: (W, 2) s, where the arm stands still for a while.
+        notes: what a reader must know, a line each.
+    """
+
+    name: str
+    trajectory: Trajectory
+    stretches: tuple[Stretch, ...]
+    waits: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def robot_named(path: Path) -> str | None:
+    """The robot's name in a result's request, where the file is one, or lies beside it."""
+    answer = _answer(path)
+    if answer is None:
+        return None
+    document = read_json(answer)
+    request = document.get("request") if isinstance(document, dict) else None
+    name = request.get("robot") if isinstance(request, Mapping) else None
+    return name if isinstance(name, str) else None
+
+
+def joints_in(path: Path) -> Sequence[str]:
+    """Names of the joints of a file."""
+    return formats.read(_table(path)).joints
+
+
+def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
+    """The motion in a file, for the robot's `joints`; in the file their names begin with `prefix`.
+
+    The folder, the JSON result or the table of a solved move or job bring along what was carried when, and where
+    brakes hold.
+
+    Raises:
+        BadInput: no motion can be read; names the place.
+    """
+    path = Path(path)
+    table, answer = _table(path), _answer(path)
+    rows = formats.read(table).of(joints, "" if answer is not None else prefix)
+    trajectory, notes = _motion(rows)
+    trajectory = replace(trajectory, time=trajectory.time - trajectory.time[0]).on_nanoseconds()
+    whole = (Stretch(0.0, trajectory.duration),)
+    stretches = whole if answer is None else _stretches(read_json(answer), trajectory) or whole
+    return Recorded(str(path), trajectory, stretches, standstills(trajectory), (*rows.notes, *notes))
+
+
+def _table(path: Path) -> Path:
+    """The file with the motion itself."""
+    if path.is_dir():
+        for answer, table in ANSWERS.items():
+            if (path / answer).is_file():
+                return path / table
+        if not (path / "metadata.yaml").is_file():
+            raise BadInput(f"{path}: a folder without {' or '.join(ANSWERS)}; expected a motion's file")
+    return path.parent / ANSWERS[path.name] if path.name in ANSWERS else path
+
+
+def _answer(path: Path) -> Path | None:
+    """The JSON result that a file belongs to."""
+    folder = path if path.is_dir() else path.parent
+    for answer, table in ANSWERS.items():
+        if (folder / answer).is_file() and (path.is_dir() or path.name in (answer, table)):
+            return folder / answer
+    return None
+
+
+def _stretches(document: Any, trajectory: Trajectory) -> tuple[Stretch, ...]:
+    """What a result says was carried when; empty where it says nothing."""
+    request = document.get("request") if isinstance(document, dict) else None
+    if not isinstance(request, dict):
+        return ()
+    end = trajectory.duration
+    if "steps" in document:
+        steps = document["steps"]
+        starts = [float(step["start"]) for step in steps]
+        ends = [*starts[1:], end]
+        loads = [_load(s["payload"], s.get("centre") or (0.0, 0.0, 0.0)) for s in steps]
+        rows = zip(starts, ends, loads, steps, strict=True)
+        return tuple(Stretch(a, b, load, bool(step.get("brakes"))) for a, b, load, step in rows)
+    payload = request.get("payload")
+    if not isinstance(payload, dict):
+        return ()
+    return (Stretch(0.0, end, _load(payload["mass"][0], payload["com"])),)
+
+
+def _load(mass: float, centre: Sequence[float]) -> Load:
+    x, y, z = map(float, centre)
+    return float(mass), x, y, z
+
+
+def _motion(rows: Rows) -> tuple[Trajectory, tuple[str, ...]]:
+    """Rows as a trajectory; noisy positions of a recording are smoothed before they are differentiated twice."""
+    t = rows.trajectory()
+    step = float(np.median(np.diff(t.time)))
+    if rows.planned or rows.acceleration is not None or step > COARSE or len(t.time) < 20:
+        return t, ()
+    from scipy.interpolate import CubicSpline
+
+    time = np.linspace(t.time[0], t.time[-1], len(t.time))
+    even = CubicSpline(t.time, t.position)(time)
+    q = smooth(even, float(time[1] - time[0]), CUTOFF)
+    curve = CubicSpline(time, q)
+    v, a = curve(time, 1), curve(time, 2)
+    rough = np.sqrt(np.mean(t.acceleration**2, axis=0)) > NOISY * np.sqrt(np.mean(a**2, axis=0))
+    if not rough.any():
+        return t, ()
+    note = f"{rows.where}: a recording with noise: positions are smoothed at {CUTOFF:g} Hz"
+    return Trajectory(t.joints, time, q, v, a), (note,)

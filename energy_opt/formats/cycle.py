@@ -1,0 +1,96 @@
+"""A whole cycle as one file for a controller: moves, waits and payloads, read back and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from energy_opt.formats import Format, urscript
+from energy_opt.formats.judging import CycleJudging
+from energy_opt.formats.output import STEPS, Written, file_of, read_back
+from energy_opt.formats.program import Part, in_tool, joined
+from energy_opt.formats.resample import RATES, Sampled, broken, resampled
+from energy_opt.formats.steps import on_steps
+from energy_opt.motion.trajectory import Trajectory
+
+
+def write_cycle(
+    parts: Sequence[Part],
+    judge: CycleJudging,
+    formats: Sequence[Format],
+    out: Path,
+    rate: float | None = None,
+    prefix: str = "",
+    stem: str = "trajectory",
+) -> list[Written]:
+    """Write a cycle in several formats into a folder; each file is read back and judged.
+
+    Args:
+        rate: samples per second; None for the judged rows. A cycle keeps its time: where samples at a rate break a
+            limit, the lowest of the usual rates that holds is taken.
+        prefix: what stands before the joints' names in the files.
+        stem: of the files' names.
+    """
+    cycle = joined([part.trajectory for part in parts])
+    return [_written(form, parts, cycle, judge, out, rate, prefix, stem) for form in formats]
+
+
+def _written(
+    form: Format, parts: Sequence[Part], cycle: Trajectory, judge: CycleJudging, out: Path, rate: float | None,
+    prefix: str, stem: str,
+) -> Written:  # fmt: skip
+    robot = judge.scorer.robot
+
+    def named(trajectory: Trajectory) -> Trajectory:
+        return replace(trajectory, joints=tuple(prefix + joint for joint in trajectory.joints))
+
+    if form.name == "urscript":
+        loads = [part.payload for part in parts if part.payload is not None]
+        carries = any(load[0] > 0 for load in loads)
+        followed = [
+            replace(
+                part,
+                trajectory=named(part.trajectory if part.waits or rate is None else resampled(part.trajectory, rate)),
+                payload=in_tool(robot, part.payload) if carries and part.payload is not None else None,
+            )
+            for part in parts
+        ]
+        got = Sampled(cycle, rate)
+        path = out / file_of(form, None, stem)
+        urscript.write_program(followed, path)
+        row = read_back(path, form, got, judge, prefix, cycle)
+        if row.valid or rate is None:
+            return row
+        why = broken(judge(_at(parts, rate)), rate)
+        again = _written(form, parts, cycle, judge, out, None, prefix, stem)
+        return replace(again, text=f"{again.text}; {why}")
+    if form.name == "franka":
+        got = Sampled(on_steps(cycle, STEPS["franka"], robot.limits), STEPS["franka"])
+    elif rate is None:
+        got = Sampled(cycle, None)
+    else:
+        certificate = judge(_at(parts, rate))
+        found = rate if certificate.valid else next((r for r in RATES if r > rate and judge(_at(parts, r)).valid), None)
+        why = "" if certificate.valid else broken(certificate, rate)
+        got = Sampled(cycle if found is None else _at(parts, found), found, why)
+    path = out / file_of(form, got.rate, stem)
+    form.write(named(got.trajectory), path)
+    row = read_back(path, form, got, judge, prefix, cycle)
+    return replace(row, text=row.text + _carried(parts))
+
+
+def _at(parts: Sequence[Part], rate: float) -> Trajectory:
+    """The cycle with every motion at a rate from its own beginning on; waits are two points and one between."""
+    return joined([part.trajectory if part.waits else resampled(part.trajectory, rate) for part in parts])
+
+
+def _carried(parts: Sequence[Part]) -> str:
+    """What such a file cannot say: when which payload is to be set."""
+    out, at, before = [], 0.0, 0.0
+    for part in parts:
+        mass = part.payload[0] if part.payload is not None else 0.0
+        if mass != before:
+            out.append(f"{mass:g} kg from {at:.6g} s on")
+        at, before = at + part.trajectory.duration, mass
+    return f"; it holds no payloads, set them yourself: {', '.join(out)}" if out else ""

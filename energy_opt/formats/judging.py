@@ -1,0 +1,98 @@
+"""Judges what a file holds, as its controller runs it; of a cycle, every stretch under its own payload and scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from energy_opt.cell.cell import Cell
+from energy_opt.formats.steps import KINDS, worst_step
+from energy_opt.motion.judge.certificate import Certificate, certify
+from energy_opt.motion.judge.clearance import clearance_of
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Judging:
+    """Judges what a file holds, as its controller runs it."""
+
+    scorer: Scorer
+    limits: tuple[Limit, ...]
+    cell: Cell | None = None
+    samples: int | None = None
+
+    def __call__(self, trajectory: Trajectory) -> Certificate:
+        """Of quintics between rows."""
+        return self._clear(certify(trajectory, self.scorer, self.limits, self.samples), trajectory)
+
+    def at_steps(self, trajectory: Trajectory, rate: float) -> Certificate:
+        """Of positions alone, from step to step."""
+        whole = certify(trajectory, self.scorer, self.limits, rows_only=True)
+        others = tuple(found for found in whole.found if found.limit not in KINDS)
+        step = worst_step(trajectory, rate, self.scorer.robot.limits)
+        return self._clear(replace(whole, found=(*others, step)), trajectory)
+
+    def joules(self, trajectory: Trajectory) -> float:
+        """Its energy under the model, J."""
+        return self.scorer.energy(trajectory).total
+
+    def _clear(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
+        return certificate if self.cell is None else replace(certificate, clearance=clearance_of(self.cell, trajectory))
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of a cycle in which payload and scene stay, from `start` to `end` s, and what judges it."""
+
+    start: float
+    end: float
+    judge: Judging
+
+
+@dataclass(frozen=True)
+class CycleJudging(Judging):
+    """Judges a whole cycle, stretch by stretch; `scorer` is the first one's."""
+
+    windows: tuple[Window, ...] = ()
+
+    @classmethod
+    def of(cls, windows: list[Window]) -> CycleJudging:
+        """What judges the stretches of a cycle, in order."""
+        first = windows[0].judge
+        return cls(first.scorer, first.limits, windows=tuple(windows))
+
+    def __call__(self, trajectory: Trajectory) -> Certificate:
+        return self._over(trajectory, lambda judge, part: judge(part))
+
+    def at_steps(self, trajectory: Trajectory, rate: float) -> Certificate:
+        return self._over(trajectory, lambda judge, part: judge.at_steps(part, rate))
+
+    def joules(self, trajectory: Trajectory) -> float:
+        return sum(window.judge.joules(_part(trajectory, window)) for window in self.windows)
+
+    def _over(self, trajectory: Trajectory, look: Callable[[Judging, Trajectory], Certificate]) -> Certificate:
+        """The worst of all stretches under each limit."""
+        found: dict[str, list] = {}
+        certificates = []
+        for window in self.windows:
+            part = _part(trajectory, window)
+            certificates.append(look(window.judge, part))
+            for violation in certificates[-1].found:
+                later = replace(violation, time=violation.time + float(part.time[0] - trajectory.time[0]))
+                found.setdefault(violation.limit, []).append(later)
+        worst = tuple(max(places, key=lambda v: float("inf") if v.excess is None else v.excess)
+                      for places in found.values())  # fmt: skip
+        clearances = [c.clearance for c in certificates if c.clearance is not None]
+        clearance = next((c for c in clearances if not c.proven), clearances[0] if clearances else None)
+        samples, power = sum(c.samples for c in certificates), max(c.peak_power for c in certificates)
+        return Certificate(samples, worst, power, clearance)
+
+
+def _part(trajectory: Trajectory, window: Window) -> Trajectory:
+    """The rows of a stretch, with those just outside of it."""
+    time = trajectory.time - trajectory.time[0]
+    first = max(int(time.searchsorted(window.start + 1e-9, side="right")) - 1, 0)
+    last = int(time.searchsorted(window.end - 1e-9))
+    return trajectory.part(slice(min(first, len(time) - 2), min(max(last, first + 1), len(time) - 1) + 1))

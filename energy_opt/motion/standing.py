@@ -1,0 +1,38 @@
+"""Where a motion stands still on its way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.motion.trajectory import Trajectory
+
+STILL = 1e-3  # of the top speed: slower is no motion
+BRIEF = 0.03  # [s] a shorter standstill is a turning point
+DENSER = 4  # places between two rows that are looked at
+
+
+def standstills(trajectory: Trajectory) -> np.ndarray:
+    """Start and end (W, 2) [s] of the stretches in which no joint moves, of those at both ends too."""
+    time = trajectory.denser(DENSER)
+    speed = np.abs(trajectory.sample(time)[1]).max(axis=1)
+    still = np.concatenate([[False], speed <= STILL * max(float(speed.max()), 1e-12), [False]])
+    edges = np.flatnonzero(np.diff(still.astype(int)))
+    spans = np.stack([time[edges[::2]], time[edges[1::2] - 1]], axis=1)
+    rest = trajectory.time[np.abs(trajectory.velocity).max(axis=1) <= 1e-9]
+    for span in spans:  # from rest to rest, where rows at rest are there
+        inside = rest[(rest >= span[0]) & (rest <= span[1])]
+        if len(inside) > 1:
+            span[:] = inside[[0, -1]]
+    spans -= trajectory.time[0]
+    return np.asarray(spans[spans[:, 1] - spans[:, 0] >= BRIEF])
+
+
+def check_moves_on(trajectory: Trajectory, where: str) -> None:
+    """Raise BadInput where a trajectory stands still on its way, which one move cannot keep."""
+    for begin, end in standstills(trajectory).tolist():
+        if begin > BRIEF and end < trajectory.duration - BRIEF:
+            raise BadInput(
+                f"{where}: stands still from {begin:.4g} to {end:.4g} s, which one move does not keep; give its parts "
+                "as steps of a job (`energy-opt job`), or see what it takes as it is (`energy-opt evaluate`)"
+            )

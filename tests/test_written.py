@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from poses import GOAL, START
 from urscript_arm import Controller
 
-from energy_opt.formats import read_trajectory
+import energy_opt as eo
+from energy_opt.cli.main import main
+from energy_opt.formats import read_trajectory, write
 from energy_opt.formats.output import wanted
 from energy_opt.job import load_job, run_job
+from energy_opt.job import output as job_output
 from energy_opt.job.cycle import joined
 from energy_opt.job.program import write_programs
 from energy_opt.motion import Settings
@@ -106,3 +111,75 @@ def test_a_cycle_in_messages_keeps_its_waits_and_says_its_payloads(cycle, ur5: R
         assert again.duration == pytest.approx(5.0, abs=1e-6)
         time = np.linspace(0, 4.99, 300)
         np.testing.assert_allclose(again.sample(time)[0], plan.sample(time)[0], atol=2e-4)
+
+
+def test_a_standstill_on_the_way_is_no_path_of_one_move(cycle, tmp_path: Path, capsys) -> None:
+    write(joined(cycle.pieces), tmp_path / "cycle.csv")
+    words = ["optimize", "--robot", "ur5", "--path", str(tmp_path / "cycle.csv"), "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and "stands still from " in said[0] and "energy-opt job" in said[0]
+    assert not (tmp_path / "out" / "result.json").exists()
+
+
+def test_evaluate_gives_a_jobs_energy_and_writes_it_with_its_waits(cycle, ur5: Robot, tmp_path: Path, capsys) -> None:
+    """Payloads and brakes come from job.json; the table alone, under no payload, takes less."""
+    job_output.write(cycle, {"robot": "ur5"}, tmp_path / "job")
+    words = ["evaluate", str(tmp_path / "job"), "--model", "source-method-2", "--json", "--quiet"]
+    assert main([*words, "--out", str(tmp_path / "out"), "--write", "urscript", "--write", "yaml"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (motion,) = found["motions"]
+    energy = motion["models"][0]["energy"]
+    assert energy["total"] == pytest.approx(cycle.energy, rel=1e-6)
+    assert energy["total"] == pytest.approx(energy["standby"] + energy["stored"] + energy["loss"])
+    assert motion["valid"] and [w["duration"] > 0.29 for w in motion["waits"]] == [True, True]
+    assert all(row["valid"] for row in found["written"])
+    named = {row["name"]: row["energy_total"]["source-method-2"] for row in motion["baselines"]}
+    assert named["scaled"] >= energy["total"] * (1 - 1e-6) and set(named) == {"toppra", "scaled"}
+    arm = Controller(np.array([0.0, -1.5, 1.2, -1.0, 0.3, 0.0]))
+    arm.run((tmp_path / "out" / "trajectory.script").read_text())
+    assert arm.time == pytest.approx(5.0, abs=1e-3) and len(arm.payloads) == 2
+    assert read_trajectory(tmp_path / "out" / "trajectory.yaml", ur5.joints).duration == pytest.approx(5.0, abs=1e-8)
+
+
+def test_evaluate_from_python_under_several_models_side_by_side(panda: Robot) -> None:
+    """Energies by hand: Pinocchio's torque and the model's law on a fine grid; a recording with noise is smoothed."""
+    import pinocchio as pin
+
+    time = np.linspace(0, 2, 401)
+    x = (time / 2)[:, None]
+    q = START + (GOAL - START) * x**3 * (10 - 15 * x + 6 * x**2)
+    v = (GOAL - START) * 30 * x**2 * (1 - x) ** 2 / 2
+    a = (GOAL - START) * 60 * x * (1 - x) * (1 - 2 * x) / 4
+    t = Trajectory(panda.joints, time, q, v, a)
+    found = eo.evaluate([t, t.slowed(4.0)], "panda", ["source-method-2", "careful"])
+    text = str(found)
+    assert "under source-method-2" in text and "under careful" in text and text.count("all limits kept") == 2
+    model = pin.buildModelFromUrdf(str(panda.urdf))
+    names = list(model.names)[1:]
+    lock = [model.getJointId(n) for n in names if n not in panda.joints]
+    q0 = pin.neutral(model)
+    for n, value in panda.locked.items():
+        q0[model.joints[model.getJointId(n)].idx_q] = value
+    arm = pin.buildReducedModel(model, lock, q0)
+    data = arm.createData()
+    loss = [0.0036 * np.sum(pin.rnea(arm, data, *row) ** 2) for row in zip(q, v, a, strict=True)]
+    energy = found.found[0].energies["source-method-2"]
+    assert energy.by_effect["copper_loss"] == pytest.approx(np.trapezoid(loss, time), rel=1e-4)
+    assert energy.standby == pytest.approx(2 * 88.04)
+    assert found.found[1].energies["source-method-2"].standby == pytest.approx(4 * 88.04)
+
+
+def test_a_recording_with_noise_is_smoothed(panda: Robot, tmp_path: Path) -> None:
+    time = np.linspace(0, 3, 301)
+    q = START + (GOAL - START) * (0.5 - 0.5 * np.cos(np.pi * time / 3))[:, None]
+    noisy = q + np.random.default_rng(0).normal(0, 2e-4, q.shape)
+    header = ",".join(["time", *(f"{joint}.position" for joint in panda.joints)])
+    np.savetxt(tmp_path / "run.csv", np.column_stack([time, noisy]), delimiter=",", header=header, comments="")
+    found = eo.evaluate(tmp_path / "run.csv", panda, "source-method-2").found[0]
+    exact = Trajectory(
+        panda.joints, time, q, *(np.gradient(x, time, axis=0) for x in (q, np.gradient(q, time, axis=0)))
+    )
+    clean = eo.evaluate(exact, panda, "source-method-2").found[0].energies["source-method-2"]
+    assert "recording with noise" in found.motion.notes[0]
+    assert found.energies["source-method-2"].loss == pytest.approx(clean.loss, rel=0.02)

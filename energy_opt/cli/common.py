@@ -281,7 +281,6 @@ def move_of(
     """The move that --start, --goal, --path, --via and --mode describe; with `ends` its goal is still to be chosen."""
     from energy_opt.formats import read
     from energy_opt.motion import Move
-    from energy_opt.motion.standing import check_moves_on
 
     path = None
     if args.path is not None:
@@ -293,8 +292,6 @@ def move_of(
         rows = rows.of(robot.joints, args.joint_prefix)
         refuse_degrees(robot, rows.position, rows.where)
         path = rows.path()
-        if path.source is not None:
-            check_moves_on(path.source, rows.where)
         start, goal = path.start, path.goal
     elif ends is not None:
         start = goal = robot.limits.near_zero if ends.start else pose_from(args.start, robot, "--start", args.srdf)

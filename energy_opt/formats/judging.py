@@ -87,7 +87,7 @@ class CycleJudging(Judging):
         clearances = [c.clearance for c in certificates if c.clearance is not None]
         clearance = next((c for c in clearances if not c.proven), clearances[0] if clearances else None)
         samples, power = sum(c.samples for c in certificates), max(c.peak_power for c in certificates)
-        return Certificate(samples, worst, power, clearance)
+        return Certificate(samples, worst, power, clearance, all(c.proven for c in certificates))
 
 
 def _part(trajectory: Trajectory, window: Window) -> Trajectory:

@@ -10,6 +10,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.motion.path import JointPath, of_trajectory, through
+from energy_opt.motion.standing import check_moves_on
 from energy_opt.motion.trajectory import Trajectory
 
 LARGEST = 1e9  # rad or m, and per second, ...: what no joint does
@@ -132,8 +133,16 @@ class Rows:
             )
 
     def path(self) -> JointPath:
-        """The rows as a path: that of the trajectory, which it keeps, or the spline through waypoints."""
-        return through(self.position) if self.time is None else of_trajectory(self.trajectory())
+        """The rows as a path: that of the trajectory, which it keeps, or the spline through waypoints.
+
+        Raises:
+            BadInput: the trajectory stands still on its way, of which a path keeps nothing.
+        """
+        if self.time is None:
+            return through(self.position)
+        trajectory = self.trajectory()
+        check_moves_on(trajectory, self.where)
+        return of_trajectory(trajectory)
 
 
 def fitting_prefix(names: Sequence[str], joints: Sequence[str]) -> str | None:

@@ -113,9 +113,8 @@ def path_from(given: AnyPath, robot: Robot) -> JointPath:
 
         given = read(Path(given)).of(robot.joints, "").path()
     if isinstance(given, Trajectory):
+        check_moves_on(given, "--path")
         given = of_trajectory(given)
-    if isinstance(given, JointPath) and given.source is not None:
-        check_moves_on(given.source, "--path")
     if isinstance(given, JointPath):
         path = given
     else:

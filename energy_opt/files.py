@@ -90,9 +90,15 @@ def write_toml(path: Path, value: Mapping[str, Any]) -> None:
 def write_table(path: Path, header: Sequence[str], columns: Sequence[np.ndarray]) -> None:
     """Write equally long columns as CSV with full double precision."""
     with replacing(path) as aside, aside.open("w", newline="", encoding="utf-8") as stream:
-        stream.write(",".join(header) + "\n")
+        stream.write(",".join(map(_cell, header)) + "\n")
         for row in np.column_stack(columns).tolist():
             stream.write(",".join(map(repr, row)) + "\n")
+
+
+def _cell(name: str) -> str:
+    """A name as one cell of a table's header: quoted where it must be, and on one line."""
+    flat = "".join(c if c.isprintable() else "_" for c in name)
+    return '"' + flat.replace('"', '""') + '"' if any(c in flat for c in ',"') else flat
 
 
 def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:

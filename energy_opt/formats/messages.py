@@ -7,6 +7,7 @@ results and responses of planning. Times are those of ROS 2 ({sec, nanosec}), RO
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -235,7 +236,7 @@ def _yaml(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 def _word(value: Any) -> str:
     """A scalar of YAML; a float's exponent gets the point and sign without which YAML 1.1 takes it for text."""
     if isinstance(value, str):
-        return "'" + value.replace("'", "''") + "'"
+        return json.dumps(value)  # which is YAML, too, and keeps to its line
     text = repr(value)
     if isinstance(value, float) and "e" in text and "." not in text:
         mantissa, exponent = text.split("e")

@@ -177,3 +177,20 @@ def test_a_long_motion_is_judged_block_by_block_to_the_same_end(panda, model, mo
     parts = certificate.certify(motion, scorer, joint_limits(panda.limits))
     assert parts.max_violation == pytest.approx(whole.max_violation, abs=2e-10)  # of peaks that recur, either
     assert (parts.samples, parts.proven, parts.peak_power) == (whole.samples, whole.proven, whole.peak_power)
+
+
+def test_a_mean_over_time_is_smoother_and_nowhere_faster() -> None:
+    """Against a fine numerical mean; a jump of the acceleration becomes a jerk of that over the width."""
+    x = np.linspace(0, 1, 41)[:, None]
+    q, v, a = x**2 * (3 - 2 * x), 6 * x * (1 - x), 6 - 12 * x
+    there = Trajectory(("a",), x[:, 0], q, v, a)
+    width = 0.02
+    out = there.averaged(width)
+    assert out.duration == pytest.approx(1.02, abs=1e-12) and (np.diff(out.time) > 0).all()
+    for at in (0.003, 0.0137, 0.5, 1.004, 1.017):
+        s = np.linspace(at - width, at, 200_001)
+        mean = np.trapezoid(there.sample(np.clip(s, 0, 1))[0][:, 0], s) / width
+        assert out.sample(np.array([at]))[0][0, 0] == pytest.approx(mean, abs=1e-10)
+    _, v1, a1, j1 = out.sample(out.denser(10))
+    assert np.abs(v1).max() <= 1.5 and np.abs(a1).max() <= 6 * (1 + 1e-9)
+    assert np.abs(j1).max() == pytest.approx(6 / width, rel=1e-3)

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from energy_opt.formats import Format, urscript
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.output import STEPS, Written, file_of, read_back
-from energy_opt.formats.program import Part, in_tool, joined
+from energy_opt.formats.program import NANOSECOND, Part, in_tool, joined
 from energy_opt.formats.resample import RATES, Sampled, broken, resampled
 from energy_opt.formats.steps import on_steps
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.robot import Limits
+
+ROOM = 1.05  # of the shortest time over which a jump of the acceleration is spread
 
 
 def write_cycle(
@@ -65,6 +71,9 @@ def _written(
         why = broken(judge(_at(parts, rate)), rate)
         again = _written(form, parts, cycle, judge, out, None, prefix, stem)
         return replace(again, text=f"{again.text}; {why}")
+    carried = _carried(parts)
+    parts = without_jumps(parts, robot.limits)
+    cycle = joined([part.trajectory for part in parts])
     if form.name == "franka":
         got = Sampled(on_steps(cycle, STEPS["franka"], robot.limits), STEPS["franka"])
     elif rate is None:
@@ -77,7 +86,32 @@ def _written(
     path = out / file_of(form, got.rate, stem)
     form.write(named(got.trajectory), path)
     row = read_back(path, form, got, judge, prefix, cycle)
-    return replace(row, text=row.text + _carried(parts))
+    return replace(row, text=row.text + carried)
+
+
+def without_jumps(parts: Sequence[Part], limits: Limits) -> Sequence[Part]:
+    """The cycle as one motion in which the acceleration does not jump between motions, where a jerk limit forbids it.
+
+    It is the mean over some milliseconds, which its longest wait gives up; a cycle without a wait that is long enough
+    runs so much faster.
+    """
+    ends = [(a.trajectory.acceleration[-1], b.trajectory.acceleration[0]) for a, b in pairwise(parts)]
+    jumps = max((np.abs(b - a) for a, b in ends), key=lambda d: float((d / limits.jerk).max()), default=None)
+    if jumps is None or float((jumps / limits.jerk).max()) <= NANOSECOND:
+        return parts
+    width = float(whole(ROOM * (jumps / limits.jerk).max()))
+    out = list(parts)
+    waits = [k for k, part in enumerate(out) if part.waits]
+    k = max(waits, key=lambda k: out[k].trajectory.duration, default=None)
+    moving = sum(part.trajectory.duration for part in out if not part.waits)
+    for n, part in enumerate(out):
+        t = part.trajectory
+        if k is not None and out[k].trajectory.duration > 2 * width:
+            seconds = t.duration - width if n == k else t.duration
+        else:
+            seconds = t.duration if part.waits else t.duration * (1 - width / moving)
+        out[n] = part if seconds == t.duration else replace(part, trajectory=t.slowed(seconds).on_nanoseconds())
+    return [Part(joined([part.trajectory for part in out]).averaged(width))]
 
 
 def _at(parts: Sequence[Part], rate: float) -> Trajectory:

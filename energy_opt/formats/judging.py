@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from energy_opt.cell.cell import Cell
+from energy_opt.formats.program import Part
 from energy_opt.formats.steps import KINDS, worst_step
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.trajectory import Trajectory
 
 
@@ -69,25 +70,40 @@ class CycleJudging(Judging):
     def at_steps(self, trajectory: Trajectory, rate: float) -> Certificate:
         return self._over(trajectory, lambda judge, part: judge.at_steps(part, rate))
 
+    def of_parts(self, parts: Sequence[Part]) -> Certificate:
+        """Of a program's motions one by one, each under what holds in its middle; the arm rests between them."""
+        looks, at = [], 0.0
+        for part in parts:
+            end = at + part.trajectory.duration
+            window = next((w for w in self.windows if w.end > (at + end) / 2), self.windows[-1])
+            looks.append((window.judge(part.trajectory), at))
+            at = end
+        return _worst(looks)
+
     def joules(self, trajectory: Trajectory) -> float:
         return sum(window.judge.joules(_part(trajectory, window)) for window in self.windows)
 
     def _over(self, trajectory: Trajectory, look: Callable[[Judging, Trajectory], Certificate]) -> Certificate:
-        """The worst of all stretches under each limit."""
-        found: dict[str, list] = {}
-        certificates = []
+        looks = []
         for window in self.windows:
             part = _part(trajectory, window)
-            certificates.append(look(window.judge, part))
-            for violation in certificates[-1].found:
-                later = replace(violation, time=violation.time + float(part.time[0] - trajectory.time[0]))
-                found.setdefault(violation.limit, []).append(later)
-        worst = tuple(max(places, key=lambda v: float("inf") if v.excess is None else v.excess)
-                      for places in found.values())  # fmt: skip
-        clearances = [c.clearance for c in certificates if c.clearance is not None]
-        clearance = next((c for c in clearances if not c.proven), clearances[0] if clearances else None)
-        samples, power = sum(c.samples for c in certificates), max(c.peak_power for c in certificates)
-        return Certificate(samples, worst, power, clearance, all(c.proven for c in certificates))
+            looks.append((look(window.judge, part), float(part.time[0] - trajectory.time[0])))
+        return _worst(looks)
+
+
+def _worst(looks: Sequence[tuple[Certificate, float]]) -> Certificate:
+    """The worst under each limit of certificates of stretches that begin at those times [s]."""
+    found: dict[str, list[Violation]] = {}
+    for certificate, at in looks:
+        for violation in certificate.found:
+            found.setdefault(violation.limit, []).append(replace(violation, time=violation.time + at))
+    worst = tuple(max(places, key=lambda v: float("inf") if v.excess is None else v.excess)
+                  for places in found.values())  # fmt: skip
+    certificates = [certificate for certificate, _ in looks]
+    clearances = [c.clearance for c in certificates if c.clearance is not None]
+    clearance = next((c for c in clearances if not c.proven), clearances[0] if clearances else None)
+    samples, power = sum(c.samples for c in certificates), max(c.peak_power for c in certificates)
+    return Certificate(samples, worst, power, clearance, all(c.proven for c in certificates))
 
 
 def _part(trajectory: Trajectory, window: Window) -> Trajectory:

@@ -10,10 +10,11 @@ import numpy as np
 
 from energy_opt.errors import BadInput, near
 from energy_opt.formats import FORMATS, Format, franka, urscript
-from energy_opt.formats.judging import Judging
+from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.formats.program import Load, Part
 from energy_opt.formats.resample import Sampled, fitted, lowest, resampled, slowed_until
 from energy_opt.formats.steps import on_steps
+from energy_opt.formats.urscript_read import read_program
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.trajectory import Trajectory
 
@@ -134,7 +135,10 @@ def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: st
     """What a file holds, judged; `trajectory` is what it was made from."""
     again = form.read(path).of(judge.scorer.robot.joints, prefix).trajectory()
     positions_alone = form.name in STEPS and got.rate == STEPS[form.name]
-    certificate = judge.at_steps(again, STEPS[form.name]) if positions_alone else judge(again)
+    if isinstance(judge, CycleJudging) and form.name == "urscript":
+        certificate = judge.of_parts(read_program(path))
+    else:
+        certificate = judge.at_steps(again, STEPS[form.name]) if positions_alone else judge(again)
     return Written(
         path.name, form.name, got.rate, certificate.valid, worst_of(certificate), _text(form, got, judge, trajectory)
     )

@@ -24,6 +24,7 @@ _HERMITE = np.array(
 )
 
 
+CLOSEST = 1e-5  # [s] between two rows of a mean
 ROW_STEP = 0.004  # [s] largest time between two rows of a trajectory
 LEAST_ROWS = 200
 MOST_ROWS = 20_000  # that the clock asks for: a motion that takes longer is slower and has no more to say
@@ -162,6 +163,39 @@ class Trajectory:
         for new, old in ((q, self.position), (v, self.velocity), (a, self.acceleration)):
             new[[0, -1]] = old[[0, -1]]
         return Trajectory(self.joints, time, q, v, a)
+
+    def averaged(self, width: float) -> Trajectory:
+        """The mean of the curve over the last `width` s, at rest before and after: `width` s longer.
+
+        No velocity, acceleration or jerk grows by it, and a jump d of the acceleration becomes a jerk of d / width.
+        With the integral Q of the position: (Q(t) - Q(t - width)) / width, and so on for its derivatives.
+        """
+        last = whole(self.time[-1] - self.time[0] + width)
+        marks = np.concatenate([self.time, self.time + width]) - self.time[0]
+        marks = np.unique(whole(marks))
+        keep = np.concatenate([[True], np.diff(marks) > CLOSEST]) & (marks < last - CLOSEST)
+        time = np.append(marks[keep], last)
+        now, then = (self._summed(self.time[0] + t) for t in (time, time - width))
+        q, v, a = (np.asarray((x - y) / width, dtype=float) for x, y in zip(now, then, strict=True))
+        q[[0, -1]], v[[0, -1]], a[[0, -1]] = self.position[[0, -1]], 0.0, 0.0
+        return Trajectory(self.joints, time, q, v, a)
+
+    def _summed(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Integral of the position from the first row on, position and velocity (M, n); at rest beyond both ends."""
+        inside = np.clip(time, self.time[0], self.time[-1])
+        step = np.diff(self.time).astype(np.longdouble)[:, None]
+        q, v, a = (x.astype(np.longdouble) for x in (self.position, self.velocity, self.acceleration))
+        pieces = step * (q[:-1] + q[1:]) / 2 + step**2 * (v[:-1] - v[1:]) / 10 + step**3 * (a[:-1] + a[1:]) / 120
+        whole_pieces = np.concatenate([np.zeros_like(q[:1]), np.cumsum(pieces, axis=0)])
+        k = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, len(self.time) - 2)
+        h, x = step[k], ((inside - self.time[k]).astype(np.longdouble))[:, None] / step[k]
+        data = np.stack([q[k], q[k + 1], h * v[k], h * v[k + 1], h**2 * a[k], h**2 * a[k + 1]])
+        c = np.tensordot(_HERMITE.astype(np.longdouble), data, axes=1)
+        part = h * sum(c[d] * x ** (d + 1) / (d + 1) for d in range(6))
+        beyond = (time - inside).astype(np.longdouble)[:, None]
+        position, velocity, _, _ = self.sample(inside)
+        velocity = np.where(beyond == 0, velocity, 0.0)
+        return whole_pieces[k] + part + beyond * position, position, velocity
 
     def slowed(self, duration: float) -> Trajectory:
         """The same path with time stretched evenly to `duration` (s)."""

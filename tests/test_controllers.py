@@ -85,13 +85,13 @@ def test_a_rate_that_does_not_hold_is_slowed_or_replaced(bend: tuple[Trajectory,
 
     assert judge(curve).valid
     moving = curve.part(slice(60, 341))  # it cannot be slowed: its speed at both ends is given
-    asked = max(range(4, 12), key=lambda r: judge(resampled(moving, r)).violation)
+    asked = max((8, 9, 10, 11), key=lambda r: judge(resampled(moving, r)).violation)
     coarse = fitted(moving, asked, judge)
     assert coarse.rate in RATES and coarse.rate > asked and f"samples at {asked} Hz" in coarse.why
     assert judge(coarse.trajectory).valid and coarse.trajectory.duration == pytest.approx(moving.duration, abs=1e-9)
     assert all(not judge(resampled(moving, r)).valid for r in RATES if asked <= r < coarse.rate)
     tight = limits.replace(acceleration=dense * 1.0001)
-    rate = next(r for r in RATES if 0 < certify(resampled(curve, r), scorer, joint_limits(tight)).violation < 0.02)
+    rate = max(r for r in RATES if 1e-6 < certify(resampled(curve, r), scorer, joint_limits(tight)).violation < 0.02)
     slow = fitted(curve, rate, lambda trajectory: judge(trajectory, tight))
     assert slow.rate == rate and 0 < slow.trajectory.duration / curve.duration - 1 < 0.02
     assert judge(slow.trajectory, tight).valid and slow.trajectory.time[1] == 1 / rate
@@ -229,7 +229,11 @@ def test_optimize_as_moves(tmp_path: Path) -> None:
              "--duration", "1.2", "--starts", "1", "--controls", "16", "--compile", "never", "--quiet"]  # fmt: skip
     assert main([*words, "--out", str(tmp_path), "--as", "moves", "--vias", "1", "--write", "urscript"]) == 0
     result = json.loads((tmp_path / "result.json").read_text())
-    assert result["chosen"] == "moves" and result["moves"]["kind"] == "trapezoid" and result["moves"]["vias"] == 1
+    assert (
+        result["chosen"] == "moves"
+        and result["moves"]["kind"] in ("trapezoid", "s-curve")
+        and result["moves"]["vias"] == 1
+    )
     assert 30 < result["moves"]["kept_percent"] <= 100 and result["energy"]["loss"] == result["moves"]["loss"]
     assert max(result["certificate"]["max_violation"].values()) <= 1e-6
     moves = yaml.safe_load((tmp_path / "moves.yaml").read_text())

@@ -45,19 +45,24 @@ def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
     """Motions that follow one another as one, rows on whole nanoseconds.
 
     Where one ends with another acceleration than the next begins with, both rows are there, a nanosecond apart: with a
-    jerk limit that breaks it, as the motions themselves do. The next wait is so much shorter.
+    jerk limit that breaks it, as the motions themselves do. The longest wait is so much shorter.
     """
+    jumps = [
+        k > 0 and np.abs(t.acceleration[0] - trajectories[k - 1].acceleration[-1]).max() > SAME
+        for k, t in enumerate(trajectories)
+    ]
+    owed = NANOSECOND * sum(jumps)
+    still = [k for k, t in enumerate(trajectories) if not t.velocity.any() and t.duration > 2 * owed]
+    pays = max(still, key=lambda k: trajectories[k].duration, default=None)
     times: list[np.ndarray] = []
     rows: list[list[np.ndarray]] = []
-    at, owed = 0.0, 0.0
+    at = 0.0
     for k, t in enumerate(trajectories):
-        jumps = k > 0 and np.abs(t.acceleration[0] - rows[-1][2][-1]).max() > SAME
-        owed += NANOSECOND * jumps
-        at += NANOSECOND * jumps
-        first = 0 if k == 0 or jumps else 1  # the row at which the motion before ended
+        at += NANOSECOND * jumps[k]
+        first = 0 if k == 0 or jumps[k] else 1  # the row at which the motion before ended
         time = t.time - t.time[0]
-        if owed < time[-1] and not t.velocity.any():
-            time, owed = time * (1 - owed / time[-1]), 0.0
+        if k == pays:
+            time = time * (1 - owed / time[-1])
         times.append(at + time[first:])
         rows.append([x[first:] for x in (t.position, t.velocity, t.acceleration)])
         at += float(time[-1])

@@ -102,8 +102,9 @@ class TorqueBound:
             )
             with np.errstate(all="ignore"):  # what overflows bounds nothing
                 most = np.nan_to_num(self.largest(turn, v, a, slide + turn), nan=np.inf, posinf=np.inf)
-            value = most * ((1 / (degree * radius)) ** (degree + 1) * factorial(degree) / 4 + ROUNDING)
-            rate = (degree + 1) * most / r * (1 / radius) ** degree + ROUNDING * most / h
+            with np.errstate(over="ignore"):  # what overflows is no bound
+                value = most * ((1 / (degree * radius)) ** (degree + 1) * factorial(degree) / 4 + ROUNDING)
+                rate = (degree + 1) * most / r * (1 / radius) ** degree + ROUNDING * most / h
             if best is None:
                 best = value, rate
             else:

@@ -184,12 +184,15 @@ def predict(
         warm, tau_m = state[5 + list(known).index("heated")], out[:, 2 : 2 + n].copy()
         soaking = next(e for e in model.effects if isinstance(e, SoakingEffect))
         at, step = where[soaking.name].stop - 1, STORE_STEP * float(soaking.full(n)[-1])
-        later = model.with_values(values + step * (np.arange(len(values)) == at), n)
-        warm[order] = heated(later, s.t[order], tau_m[order])
-        moved = law()[:, 0].copy()
+        moved = None
+        if values[where[soaking.name]][:-1].any():
+            later = model.with_values(values + step * (np.arange(len(values)) == at), n)
+            warm[order] = heated(later, s.t[order], tau_m[order])
+            moved = law()[:, 0].copy()
         warm[order] = heated(model, s.t[order], tau_m[order])
         out = law()
-        out[:, 2 + 2 * n + at] = (moved - out[:, 0]) / step  # the law does not know how `heated` came about
+        if moved is not None:  # the law does not know how `heated` came about
+            out[:, 2 + 2 * n + at] = (moved - out[:, 0]) / step
     power, tau_m = out[:, 0].copy(), out[:, 2 : 2 + n].copy()
     by_tau, jacobian = out[:, 2 + n : 2 + 2 * n].copy(), out[:, 2 + 2 * n :].copy()
     if store is not None:

@@ -25,7 +25,7 @@ class PayloadChange(Payload):
     parameters = (
         *Payload.parameters,
         Parameter("first", "1", 1.0, 1.0, ALWAYS, shapes=True, steps=True, trials=(1.0, 2.0)),
-        Parameter("lasts", "1", ALWAYS, 1.0, ALWAYS, shapes=True, steps=True, trials=(1.0, 2.0, ALWAYS)),
+        Parameter("lasts", "1", ALWAYS, 1.0, ALWAYS, shapes=True, steps=True, trials=(1.0, ALWAYS)),
     )
     follows = ("dwell",)
 

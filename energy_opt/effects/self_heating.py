@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects.base import Signals
-from energy_opt.effects.friction import SOAKING, SOAKING_TRIALS
+from energy_opt.effects.friction import SOAKING
 from energy_opt.effects.parameter import Parameter
 from energy_opt.effects.stages import SoakingEffect
 
@@ -27,7 +27,7 @@ class WindingSelfHeating(SoakingEffect):
     name = "winding_self_heating"
     parameters = (
         Parameter("rate", "1/W", 0.0, 0.0, 10.0, "joint"),
-        Parameter("time_constant", "s", 60.0, 1e-1, 1e5, shapes=True, fit=SOAKING, trials=SOAKING_TRIALS),
+        Parameter("time_constant", "s", 60.0, 1e-1, 1e5, shapes=True, fit=SOAKING, trials=(30.0, 150.0)),
     )
     needs = ("copper_loss",)
     dissipates = True

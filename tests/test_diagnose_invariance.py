@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnose import diagnose
-from energy_opt.diagnose.follows import follows
+from energy_opt.diagnose.data import take_samples
 from energy_opt.diagnose.predict import predict
-from energy_opt.diagnose.samples import take_samples
-from energy_opt.diagnose.trace import trace
+from energy_opt.diagnose.residual import follows
+from energy_opt.diagnose.verdict import infer
 from energy_opt.effects import CoulombFriction, GravitySpring
 from energy_opt.files import read_table, read_toml, write_table, write_toml
 from energy_opt.measured import read_set
@@ -119,10 +119,10 @@ def test_the_best_of_many_candidates_is_no_evidence_on_noise(tmp_path):
         noise = samples.noise * rng.normal(size=len(level))
         if k % 2:
             noise += samples.noise * remembered(samples, rng)
-        claimed += len(trace(replace(samples, power=level + noise), made.declared, limits, moving).claims)
+        claimed += len(infer(replace(samples, power=level + noise), made.declared, limits, moving).claims)
     assert claimed == 0
     noisy = level + friction + samples.noise * (rng.normal(size=len(level)) + remembered(samples, rng))
-    found = trace(replace(samples, power=noisy), made.declared, limits, moving)
+    found = infer(replace(samples, power=noisy), made.declared, limits, moving)
     assert found.claims and min(c.odds for c in found.claims) > 10
 
 

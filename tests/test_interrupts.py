@@ -62,7 +62,7 @@ def pressed(monkeypatch: pytest.MonkeyPatch, place: str, times: int = 1) -> None
         ("energy_opt.diagnose.diagnosis:take_samples", 1, True),
         ("energy_opt.diagnose.search:Search.fitted", 1, True),
         ("energy_opt.diagnose.search:Search.fitted", 2, True),
-        ("energy_opt.diagnose.predictor:_curves", 1, True),
+        ("energy_opt.diagnose.claims:alternatives", 1, True),
         ("energy_opt.diagnose.diagnosis:errors", 1, True),
         ("energy_opt.diagnose.page:page", 1, True),
     ],

@@ -12,8 +12,7 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.diagnose import diagnose
-from energy_opt.diagnose.joints import joint_side
-from energy_opt.diagnose.pushed import free_runs, pushes
+from energy_opt.diagnose.joint_side import free_runs, joint_side, pushes
 from energy_opt.measured import read_set
 from energy_opt.power import load_model
 

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.diagnose import diagnose, long_sets
+from energy_opt.diagnose import clusters, data, diagnose
+from energy_opt.diagnose.data import take_samples
+from energy_opt.diagnose.noise import weighted
 from energy_opt.diagnose.predict import predict
-from energy_opt.diagnose.samples import take_samples, weighted
-from energy_opt.effects import CoulombFriction, Payload
+from energy_opt.effects import CoulombFriction, Payload, Standby
 from energy_opt.measured import read_set
+from energy_opt.power import PowerModel
 from energy_opt.virtual_arm import Instruments
 from energy_opt.virtual_arm.sets import make_set
 
@@ -38,7 +40,7 @@ def whole(made):
 
 def test_averaged_readings_name_the_same_cause(made, whole, monkeypatch):
     """Three neighbours a reading: friction is found at the values with which the arm was moved, and said to be so."""
-    monkeypatch.setattr(long_sets, "MOST_READINGS", 700)
+    monkeypatch.setattr(data, "MOST_READINGS", 700)
     d = diagnose(whole, made.declared).document
     assert d["verdict"] == "explained" and [row["name"] for row in d["effects"]] == ["coulomb_friction"]
     low, high = np.array(d["effects"][0]["ci95"]["tau_c"]).T
@@ -50,11 +52,12 @@ def test_averaged_readings_name_the_same_cause(made, whole, monkeypatch):
 
 def test_what_averaged_readings_show_is_the_mean_of_what_the_readings_show(made, whole, monkeypatch):
     fine, _ = take_samples(whole)
-    monkeypatch.setattr(long_sets, "MOST_READINGS", -(-len(fine.power) // 3))
+    monkeypatch.setattr(data, "MOST_READINGS", -(-len(fine.power) // 3))
     coarse, _ = take_samples(whole)
     assert coarse.group == 3 and coarse.noise == pytest.approx(fine.noise / 3**0.5)
     shown = [predict(made.declared, s).reading for s in (fine, coarse)]
-    weights = [weighted(s, np.full(len(s.q), 90.0)).weight for s in (fine, coarse)]
+    steady = PowerModel("panda", (Standby(power=90.0),))
+    weights = [weighted(s, predict(steady, s)).weight for s in (fine, coarse)]
     for a, b in zip(fine.parts, coarse.parts, strict=True):
         count = (a.stop - a.start) // 3
 
@@ -70,7 +73,7 @@ def test_pieces_of_the_nodes_give_what_all_at_once_do(made, whole, monkeypatch):
     model = made.declared.replaced(Payload(mass=1.2, com=[0.02, 0.0, 0.05]))
     once, _ = take_samples(whole)
     one = predict(model, once)
-    monkeypatch.setattr("energy_opt.diagnose.samples.PIECE", 100)
+    monkeypatch.setattr("energy_opt.diagnose.data.PIECE", 100)
     monkeypatch.setattr("energy_opt.diagnose.predict.AT_ONCE", 64)
     pieces = predict(model, replace(once))
     assert np.allclose(pieces.reading, one.reading, rtol=1e-12)
@@ -78,15 +81,15 @@ def test_pieces_of_the_nodes_give_what_all_at_once_do(made, whole, monkeypatch):
 
 
 def test_of_too_many_runs_some_are_left_out_evenly_and_long_ones_are_cut(whole, monkeypatch):
-    nodes = sum(len(run.power) // long_sets.per_bin(run) for run in whole.runs)
-    assert long_sets.shortened(whole) is whole
+    nodes = sum(len(run.power) // data.per_bin(run) for run in whole.runs)
+    assert clusters.shortened(whole) is whole
     many = replace(whole, runs=whole.runs * 6)
-    monkeypatch.setattr(long_sets, "MOST_NODES", 2 * nodes)
-    less = long_sets.shortened(many)
+    monkeypatch.setattr(clusters, "MOST_NODES", 2 * nodes)
+    less = clusters.shortened(many)
     assert len(less.runs) == len(many.runs) // 3 and "runs, spread evenly, are looked at" in less.remarks[-1]
     few = whole.runs[:6]
-    monkeypatch.setattr(long_sets, "MOST_NODES", sum(len(run.power) // long_sets.per_bin(run) for run in few) // 2)
-    cut = long_sets.shortened(replace(whole, runs=few))
+    monkeypatch.setattr(clusters, "MOST_NODES", sum(len(run.power) // data.per_bin(run) for run in few) // 2)
+    cut = clusters.shortened(replace(whole, runs=few))
     for run, of in zip(cut.runs, whole.runs, strict=False):
         assert 0 < len(run.power) < len(of.power) and len(run.time) == len(run.position) < len(of.time)
         assert (run.power == of.power[: len(run.power)]).all()

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnose import diagnose
+from energy_opt.diagnose.claims import likelier
 from energy_opt.diagnose.fit import Nuisance
 from energy_opt.diagnose.noise import Noise
-from energy_opt.diagnose.trace import likelier
 from energy_opt.effects import (
     CopperLoss,
     CoulombFriction,
@@ -243,13 +243,13 @@ def test_recorded_on_the_arm_it_settles_the_diagnosis(tmp_path: Path):
     before = found(session, tmp_path / "before")
     assert before.document["verdict"] == "ambiguous"
     assert sorted(before.document["alternatives"]) == [["gear_efficiency"], ["load_friction"]]
-    motion = propose(rivals_of(before.trace, robot.n), robot).trajectory
+    motion = propose(rivals_of(before.inference, robot.n), robot).trajectory
     takes = [Reference(f"next{k}", motion.time, motion.position, motion.velocity) for k in (1, 2, 3)]
     for seed in (5, 4):  # of the noise
         after = found([*session, *takes], tmp_path / f"after{seed}", seed)
         assert after.document["verdict"] == "explained"
         assert [row["name"] for row in after.document["effects"]] == ["load_friction"]
-        search = after.trace.search
+        search = after.inference.search
         gears = next(f for f in search.fits.values() if f.names == ("gear_efficiency",))
         accepted, claims, rivals = likelier(search, gears, ())
         assert accepted.names == ("load_friction",) and rivals == (accepted,) and len(claims) == 1

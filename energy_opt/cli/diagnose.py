@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from energy_opt.cli.common import add_cell, add_lock, add_output, cell_of, locks_of, payload_from, say
 from energy_opt.errors import BadInput
@@ -14,7 +15,10 @@ if TYPE_CHECKING:
     from energy_opt.cell.request import CellRequest
     from energy_opt.diagnose import Diagnosis
     from energy_opt.measured import MeasuredSet
+    from energy_opt.motion.trajectory import Trajectory
     from energy_opt.power import PowerModel
+
+NEXT = "next_motion.csv"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,14 +51,14 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.interrupt import stop_on_interrupt
     from energy_opt.cli.progress import Progress
     from energy_opt.cli.view import view
-    from energy_opt.diagnose import diagnose, diagnose_joints, write, write_joints
+    from energy_opt.diagnose import diagnose
     from energy_opt.diagnose.diagnosis import TOLERANCE
     from energy_opt.files import read_text
     from energy_opt.folders import written_whole
     from energy_opt.front.request import guard, request_of_set
     from energy_opt.measured import read_log, read_set
     from energy_opt.measured.sets import robot_of
-    from energy_opt.next_motion.worth import add_worth
+    from energy_opt.next_motion.worth import add_worth, worth_words
     from energy_opt.passport import changes_since
     from energy_opt.robot import load_robot
 
@@ -76,17 +80,6 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(f"--tolerance {tolerance:g}: expected per cent of the energy, above 0 and at most 100")
     request |= {} if tolerance == TOLERANCE else {"tolerance": tolerance}
     guard(args.out / "diagnosis.json", request, args.force)
-    if not _has_meter(measured):
-        alone = diagnose_joints(measured, declared)
-        alone.document["request"] = request
-        alone.document["remarks"] += [said] if said else []
-        with written_whole(args.out, "diagnosis.json") as aside:
-            write_joints(alone, aside)
-        say(args, _summary_of_joints(alone.document, args.out))
-        view(args, args.out)
-        if args.json:
-            sys.stdout.write(read_text(args.out / "diagnosis.json"))
-        return 0
     with stop_on_interrupt() as stopped, Progress(args) as show:
         show.stage("searching", 0.0, 1.0)
         result = diagnose(measured, declared, args.seed, tolerance, given, stopped)
@@ -95,19 +88,27 @@ def run(args: argparse.Namespace) -> int:
     result.document["changes"] = [change.document() for change in since]
     if said:
         result.document["remarks"].insert(0, said)
-    with written_whole(args.out, "diagnosis.json") as aside:
-        _next_motion(result, aside, args.seed, surroundings)
+    with stop_on_interrupt() as pressed, written_whole(args.out, "diagnosis.json") as aside:
+        result.save(aside)
+    if result.samples is not None and not result.document["interrupted"] and not pressed():
+        motion = _next_motion(result, args.seed, surroundings)
         with stop_on_interrupt() as pressed, Progress(args) as show:
             show("what it is worth: two plans of the set's longest move")
             add_worth(result, surroundings, seed=args.seed, stopped=pressed)
-            write(result, aside)
-    say(args, _summary(result, args.out))
+            with written_whole(args.out, "diagnosis.json") as aside:
+                if motion is not None:
+                    from energy_opt.formats import table
+
+                    table.write(motion, aside / NEXT)
+                result.save(aside)
+    worth = [worth_words(result.document["worth"])] if result.document.get("worth") else []
+    say(args, "\n".join([str(result), *worth, f"written: {args.out / 'diagnosis.json'}, model.toml, report.html"]))
     for change in (x for x in since if x.real):
         say(args, f"changed since {args.model}: {change}")
     view(args, args.out)
     if args.json:
         sys.stdout.write(read_text(args.out / "diagnosis.json"))
-    return 130 if result.document["interrupted"] or pressed() else 0
+    return 130 if result.document.get("interrupted") or pressed() else 0
 
 
 def _declared(args: argparse.Namespace, measured: MeasuredSet) -> tuple[PowerModel, tuple[str, ...], str]:
@@ -141,100 +142,31 @@ def _heat(measured: MeasuredSet) -> list[float]:
     return [2.0 / (0.3 * effort) ** 2 for effort in measured.robot.limits.effort]
 
 
-def _next_motion(result: Diagnosis, out: Path, seed: int, surroundings: CellRequest) -> None:
-    """Propose a motion where one would help, and write it."""
+def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Trajectory | None:
+    """The motion to record next, where one would help; a diagnosis does not fail where none is found."""
     from energy_opt.cell.load import load_cell
     from energy_opt.diagnose.words import next_step
-    from energy_opt.errors import BadInput, Infeasible
-    from energy_opt.formats import table
     from energy_opt.next_motion import propose, rivals_of
 
-    if result.document["verdict"] not in ("ambiguous", "insufficient") or result.document["interrupted"]:
-        return
+    if result.verdict not in ("ambiguous", "insufficient") or result.inference is None:
+        return None
     robot, remarks = result.measured.robot, result.document["remarks"]
     try:
         cell = load_cell(robot, surroundings)
-        motion = propose(rivals_of(result.trace, robot.n), robot, seed, cell)
+        motion = propose(rivals_of(result.inference, robot.n), robot, seed, cell)
     except KeyboardInterrupt:  # what was known before is written
         result.document["interrupted"] = True
         remarks.append("No motion to record next is proposed: the search for one was interrupted.")
-        return
-    except (Infeasible, BadInput) as error:  # a diagnosis does not fail for a mesh that is missing
+        return None
+    except Exception as error:  # the results are there already, whatever is wrong with bodies, meshes or limits
+        logging.getLogger(__name__).debug("the search for the next motion failed", exc_info=True)
         remarks.append(f"No motion to record next is proposed: {error}.")
-        return
+        return None
     if motion is None:
         remarks.append("No motion tells the alternatives apart: they are the same at the meter.")
-        return
-    name = "next_motion.csv"
-    table.write(motion.trajectory, out / name)
-    result.document["next_motion"] = name
+        return None
+    result.document["next_motion"] = NEXT
     result.document["next_step"] = next_step(result.document)
     more = "beyond what links, level and their own numbers can take up"
-    remarks.append(f"Record {name} next: over it the rivals differ by {motion.difference:.3g} W rms {more}.")
-
-
-def _summary_of_joints(d: dict[str, Any], out: Path) -> str:
-    """The same of a set without a meter."""
-    from energy_opt.diagnose.sides import side_words
-
-    lines = [d["headline"], f"verdict: {d['verdict']}"]
-    for row in d["effects"]:
-        lines += [f"  {row['name']}", *(f"    {line}" for line in _values(row, d["joints"]))]
-    lines += ["joints' own readings:", *(f"  {line}" for line in side_words(d["joint_side"]))]
-    lines.append(f"model.toml holds: {', '.join(d['model_effects'])}")
-    lines += [f"note: {remark}" for remark in d["remarks"]]
-    return "\n".join([*lines, d["next_step"], f"written: {out / 'diagnosis.json'}, model.toml, report.html"])
-
-
-def _summary(result: Diagnosis, out: Path) -> str:
-    from energy_opt.diagnose.sides import side_words
-    from energy_opt.next_motion.worth import worth_words
-
-    d = result.document
-    lines = [d["headline"], f"verdict: {d['verdict'] or 'none, interrupted'}"]
-    for row in d["effects"]:
-        refit = " (declared value fitted anew)" if row["refit"] else ""
-        sure = f"odds e^{row['log_odds']:.0f}" if row["log_odds"] < 50 else "beyond doubt"
-        lines.append(f"  {row['name']}{refit}: {100 * row['share_of_residual']:.0f} % of what is explained, {sure}")
-        lines += [f"    {line}" for line in _values(row, d["joints"])]
-    if d["joint_side"]:
-        lines += ["joints' own readings:", *(f"  {line}" for line in side_words(d["joint_side"]))]
-    if d["alternatives"]:
-        lines.append("  fit equally well: " + " | ".join(" + ".join(names) or "nothing" for names in d["alternatives"]))
-    if d["nuisance"]:
-        lines.append("  allowed for, not called a cause: " + ", ".join(d["nuisance"]))
-    for row in d["remainder"][:3]:
-        lines.append(f"  what is left goes with {row['signal']} {row['joint'] or ''}: {row['watts']:.2f} W")
-    for part in ("train", "holdout"):
-        before, after = d["error"]["before"][part], d["error"]["after"][part]
-        if before is not None and after is not None:
-            lines.append(
-                f"{part}: power RMSE {before['power_rmse']:.2f} -> {after['power_rmse']:.2f} W, energy error "
-                f"{before['energy_percent']:.2f} -> {after['energy_percent']:.2f} %"
-            )
-    usable = "yes" if d["usable"] else "not shown"
-    lines.append(f"noise floor: {d['error']['noise_floor']:.2f} W; energy within {d['tolerance']:g} %: {usable}")
-    lines.append(f"model.toml holds: {', '.join(d['model_effects'])}")
-    lines += [f"note: {remark}" for remark in d["remarks"]]
-    lines += [worth_words(d["worth"])] if d["worth"] else []
-    lines.append(d["next_step"])
-    lines.append(f"written: {out / 'diagnosis.json'}, model.toml, report.html")
-    return "\n".join(lines)
-
-
-def _values(row: dict[str, Any], joints: list[str]) -> list[str]:
-    """An effect's values with joints' names and units, one line a parameter."""
-    out = []
-    for name, value in row["parameters"].items():
-        if isinstance(value, str):
-            out.append(f"{name} = {value}")
-            continue
-        unit, interval = row["units"][name], row["ci95"][name]
-        if not isinstance(value, list):
-            out.append(f"{name} = {value:.4g} [{interval[0]:.4g}, {interval[1]:.4g}] {unit}")
-        elif len(value) == len(joints):
-            parts = [f"{j} {x:.4g} [{a:.4g}, {b:.4g}]" for j, x, (a, b) in zip(joints, value, interval, strict=True)]
-            out.append(f"{name} in {unit}: " + ", ".join(parts))
-        else:
-            out.append(f"{name} = " + ", ".join(f"{x:.4g}" for x in value) + f" {unit}")
-    return out
+    remarks.append(f"Record {NEXT} next: over it the alternatives differ by {motion.difference:.3g} W rms {more}.")
+    return motion.trajectory

@@ -8,10 +8,10 @@ from itertools import product
 
 import numpy as np
 
+from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.fit import Fit, Free
+from energy_opt.diagnose.hypothesis import USUAL, Chart, Term, chart, sized
 from energy_opt.diagnose.predict import predict, recorded
-from energy_opt.diagnose.samples import Samples
-from energy_opt.diagnose.terms import USUAL, Chart, Term, chart, sized
 from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, StoreEffect, known_effects, words_of
 
 ALLOWED_FOR = (LinkInertia.name, RunOffset.name)  # in every hypothesis, and never a cause

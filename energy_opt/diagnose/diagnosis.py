@@ -4,59 +4,88 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnose.candidates import Candidate
-from energy_opt.diagnose.cross import left_out
-from energy_opt.diagnose.errors import energy_errors, errors, usable
-from energy_opt.diagnose.fit import Fit
-from energy_opt.diagnose.joints import JointSide, joint_side
-from energy_opt.diagnose.long_sets import shortened
-from energy_opt.diagnose.predict import predict
-from energy_opt.diagnose.predictor import calibrated, predictor
-from energy_opt.diagnose.pushed import free_runs, push_words, pushes
-from energy_opt.diagnose.remainder import goes_with
-from energy_opt.diagnose.samples import Samples, take_samples
-from energy_opt.diagnose.sides import side_remarks, side_rows, told_by
-from energy_opt.diagnose.split import split
-from energy_opt.diagnose.trace import Trace, excited, trace
-from energy_opt.diagnose.words import headline, news, next_step, remarks, speeds_seen
-from energy_opt.effects import Effect, Payload
+from energy_opt.diagnose.clusters import parted, shortened, split
+from energy_opt.diagnose.data import Samples, take_samples
+from energy_opt.diagnose.errors import errors, foreseen, usable
+from energy_opt.diagnose.findings import (
+    STUDENT,
+    WIDER,
+    Finding,
+    candidate_rows,
+    evidence_rows,
+    findings_of,
+    nuisance_of,
+)
+from energy_opt.diagnose.joint_report import friction_findings, prior_of, side_remarks, side_rows
+from energy_opt.diagnose.joint_side import JointSide, free_runs, joint_side, push_words, pushes
+from energy_opt.diagnose.residual import Remainder, goes_with
+from energy_opt.diagnose.verdict import Inference, excited, infer, plain_fit
+from energy_opt.diagnose.words import headline, joints_headline, next_step, remarks, speeds_seen, summary
+from energy_opt.effects import Payload, effect_class
 from energy_opt.errors import BadInput
-from energy_opt.measured import MeasuredSet, Smoothing
+from energy_opt.files import write_json
+from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
+from energy_opt.power.model import Doubt
 
-STUDENT = 1.96
-WIDER = 1.1  # of intervals, for errors of smoothing and clocks that repeat; from misfit sets, seeds 61 and 62
+LEAST = 0.1  # of what is left, in rms, that a signal must hold to be named
 FEWEST = 20  # readings without which nothing can be said
 TOLERANCE = 3.0  # [%] of energy, within which a model is good enough to plan with
-RATE = 0.01  # stated rate of false claims per set
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis:
     """A diagnosis with what it was made from.
 
     Attributes:
-        samples, train, holdout: all runs, and the indices of those fitted and kept.
-        declared, model: the model handed in, and the calibrated one; `fit` is where its numbers come from.
-        trace: what the search found. document: the content of diagnosis.json.
+        measured, declared, model: the set, the model handed in, and the calibrated one.
+        effects, remainder: what is claimed, and what the rest of the residual goes with.
+        document: the content of diagnosis.json.
+        samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
+        inference: what the search found, None without a meter.
         side: what the joints' own readings say, None where there are none.
     """
 
     measured: MeasuredSet
-    samples: Samples
-    smoothing: Smoothing
-    train: tuple[int, ...]
-    holdout: tuple[int, ...]
     declared: PowerModel
     model: PowerModel
-    fit: Fit
-    trace: Trace
+    effects: tuple[Finding, ...]
+    remainder: tuple[Remainder, ...]
     document: dict[str, Any]
     side: JointSide | None
+    samples: Samples | None = None
+    train: tuple[int, ...] = ()
+    holdout: tuple[int, ...] = ()
+    inference: Inference | None = None
+
+    @property
+    def verdict(self) -> str:
+        """As in diagnosis.json; "" where the search was stopped."""
+        return self.document["verdict"] or ""
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write diagnosis.json, model.toml and report.html into a folder."""
+        from energy_opt.diagnose.page import page  # plots are slow to import
+
+        out = Path(out)
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(out / "diagnosis.json", self.document)
+        self.model.save(out / "model.toml")
+        page(self).write(out / "report.html")
+        return out
+
+    def __repr__(self) -> str:
+        names = ", ".join(x.name for x in self.effects)
+        return f"Diagnosis({self.verdict or 'stopped'!r}, {self.document['robot']!r}, effects=[{names}])"
+
+    def __str__(self) -> str:
+        return summary(self.document)
 
 
 def diagnose(
@@ -70,7 +99,7 @@ def diagnose(
     """Find what the declared model lacks.
 
     Args:
-        measured: the set.
+        measured: the set. Without any reading of a meter, the joints' currents or torques alone are used.
         declared: the owner's model of the same robot; a payload that the recorder states is added where it has none.
         seed: of the split into training and holdout. tolerance: of energy, %, for `usable`.
         given: declared effects whose values are free without being news.
@@ -82,75 +111,72 @@ def diagnose(
     declared.check(measured.robot.n)
     if measured.payload is not None and declared.get(Payload.name) is None:
         declared = declared.replaced(Payload(mass=measured.payload.mass, com=measured.payload.com))
-    measured = shortened(_metered(measured))
+    if not any(len(run.power) for run in measured.runs):
+        return _of_joints(measured, declared)
+    measured = parted(shortened(_metered(measured)))
     side = joint_side(measured, declared)
     found_pushes = pushes(side, measured) if side is not None else []
     measured, enough = free_runs(measured, found_pushes)
     if found_pushes and enough:
         side = joint_side(measured, declared)
-    told = told_by(side, measured.robot.limits) if enough else {}
-    samples, smoothing = take_samples(measured)
+    prior = prior_of(side, measured.robot.limits) if enough else {}
+    samples, _ = take_samples(measured)
     if len(samples.power) < FEWEST:
         raise BadInput(f"{measured.path}: {len(samples.power)} readings in all; a diagnosis needs at least {FEWEST}")
     train, holdout = split(samples, seed)
-    moving = excited(samples, measured.robot.limits)
-    fitted = samples.part(train)
-    found = trace(fitted, declared, measured.robot.limits, moving, given, stopped, told, blind=not enough)
-    chosen = predictor(found)
-    model = calibrated(found, chosen, found.rivals, WIDER)
+    held = samples.part(holdout) if holdout else None
+    limits, joints = measured.robot.limits, measured.robot.joints
+    found = infer(
+        samples.part(train), declared, limits, excited(samples, limits), held, given, stopped, prior, blind=not enough
+    )
+    model = replace(found.model, doubt=_covariance(found))
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
-    left = goes_with(found, measured.robot.joints)
-    rows = side_rows(side, measured.robot.joints, measured.robot.limits, chosen if enough else None)
+    effects, left = findings_of(found), _remainder(found, joints)
+    ahead = foreseen(model, samples)
+    floor = found.after.noise
+    rows = side_rows(side, joints, limits, found.accepted if enough else None)
     document: dict[str, Any] = {
         "verdict": found.verdict or None,
         "interrupted": stopped(),
         "headline": "",
-        "effects": effect_rows(found),
-        "alternatives": [news(f) for f in found.rivals] if len(found.rivals) > 1 else [],
-        "nuisance": _nuisance(chosen, model),
-        "explained_share": explained_share(before, after, samples.floor),
-        "usable": bool(holdout) and usable(energy_errors(model, samples.part(holdout)), tolerance / 100),
+        "effects": [x.document() for x in effects],
+        "alternatives": [_news(f) for f in found.rivals] if len(found.rivals) > 1 else [],
+        "nuisance": nuisance_of(found),
+        "explained_share": explained_share(before, after, floor),
+        "usable": usable(ahead, after["holdout"] or after["train"], tolerance),
         "tolerance": tolerance,
-        "residual_goes_with": [{k: row[k] for k in ("signal", "joint", "strength", "setting")} for row in left],
-        "remainder": [{k: row[k] for k in ("signal", "joint", "watts")} for row in left],
-        "error": {"before": before, "after": after, "noise_floor": samples.floor},
-        "noise_floor": samples.floor,
-        "noise": {"white": found.noise.white, "wave": found.noise.wave, "memory": found.noise.memory},
+        "foreseen": {"difference_percent": ahead.percent, "motions": ahead.motions},
+        "residual_goes_with": [{"signal": r.signal, "joint": r.joint, "strength": r.strength} for r in left],
+        "remainder": [{"signal": r.signal, "joint": r.joint, "watts": r.watts} for r in left],
+        "error": {"before": before, "after": after, "noise_floor": floor, "beside_noise": found.after.document()},
+        "noise_floor": floor,
+        "noise": vars(found.noise),
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
         "declared_effects": [e.name for e in declared.effects],
         "model_effects": [e.name for e in model.effects],
         "fitted": list(given),
         "joint_side": rows,
         "next_motion": None,
-        "remarks": remarks(found, measured, declared, chosen),
+        "worth": None,
+        "remarks": remarks(found, measured, declared),
         "evidence": evidence_rows(found),
         "candidates": candidate_rows(found),
-        "false_positive_rate": RATE,
         "robot": measured.robot.name,
-        "joints": list(measured.robot.joints),
+        "joints": list(joints),
     }
     if samples.group > 1:
         document["remarks"].append(
             f"Long set: each {samples.group} neighbouring readings are averaged to one, {len(samples.power)} in all."
         )
-    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, measured.robot.limits, rows)
-    document["remarks"] += speeds_seen(found, measured.robot.joints)
+    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, limits, rows)
+    document["remarks"] += speeds_seen(found, joints)
     document["headline"] = headline(document)
     document["next_step"] = next_step(document)
     return Diagnosis(
-        measured,
-        samples,
-        smoothing,
-        tuple(train),
-        tuple(holdout),
-        declared,
-        model,
-        chosen,
+        measured, declared, model, tuple(effects), tuple(left), document, side, samples, tuple(train), tuple(holdout),
         found,
-        document,
-        side,
-    )
+    )  # fmt: skip
 
 
 def _metered(measured: MeasuredSet) -> MeasuredSet:
@@ -163,120 +189,93 @@ def _metered(measured: MeasuredSet) -> MeasuredSet:
     return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
 
 
+def _news(f: Any) -> list[str]:
+    """The effects of a fit that are news: not those that were free from the start."""
+    return [name for name in f.names if name not in f.world.given]
+
+
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:
     """Share of the mean square above the noise floor that the calibrated model takes away, on runs held out."""
     part = "holdout" if before["holdout"] is not None else "train"
     was = before[part]["power_rmse"] ** 2 - floor**2
     now = after[part]["power_rmse"] ** 2 - floor**2
-    return float(np.clip(1 - now / was, -1.0, 1.0)) if was > 0.02 * floor**2 else 0.0
+    return float(np.clip(1 - now / was, 0.0, 1.0)) if was > 0.02 * floor**2 else 0.0
 
 
-def _nuisance(f: Fit, model: PowerModel) -> list[str]:
-    """What was allowed for, where it shows, without being called a cause."""
-    out = [name for name in ("link_inertia",) if model.get(name) is not None]
-    own = np.sqrt(np.maximum(np.diag(f.covariance)[len(f.theta) - len(f.levels) :], 0.0))
-    if np.any(np.abs(f.levels) > 4 * own) and float(np.std(f.levels)) > 0.2 * f.world.whiten.noise.white:
-        out.append("run_offset")
-    return out
-
-
-def effect_rows(found: Trace) -> list[dict[str, Any]]:
-    """The claimed effects, largest first, with values, intervals, share of the residual explained, and evidence."""
-    f, n = found.accepted, found.accepted.world.samples.n
-    if not found.claims:
+def _remainder(found: Inference, joints: tuple[str, ...]) -> list[Remainder]:
+    """What the residual goes with, where more than noise is left."""
+    if not found.follows or found.blind or found.verdict not in ("partly", "unexplained"):
         return []
-    samples, declared = f.world.samples, f.world.declared
-    rest = f.residual - (samples.power - f.prediction.reading)  # levels of runs, with the other sign
+    left = max(found.after.rmse**2 - found.after.noise**2, 0.0) ** 0.5
+    rows = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints)
+    kept = [row for row in rows if row.watts > LEAST * left]
+    return kept or [Remainder("no signal that was recorded", None, 1.0, left)]
 
-    def size(model: PowerModel) -> float:
-        push = f.world.links.ways @ f.amounts
-        own = samples.power - predict(model, samples, push).reading + rest
-        return float(np.sum((own * samples.weight) ** 2))
 
-    here = size(f.model)
-    explained = max(size(declared) - here, 1e-9)
-    spread, held = f.covariance, left_out(f)
-    named = {c.without.names: c for c in found.claims}
-    rows, at = [], 0
+def _covariance(found: Inference) -> Doubt | None:
+    """The parameter covariance of what is written, and the models that explain the same data as well."""
+    f, model, at = found.accepted, found.model, 0
+    names: list[str] = []
+    slopes = []
     for c, z in zip(f.charts, f.numbers, strict=True):
-        part = slice(at, at + len(z))
-        at += len(z)
-        if c.term.name in f.world.given:
-            continue
-        claim = next(x for key, x in named.items() if c.term.name not in key)
-        slope = c.slope(z)
-        deviation = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread[part, part], slope), 0.0))
-        effect = f.model.get(c.term.name)
+        effect = model.get(c.term.name)
         assert effect is not None
-        gained = left_out(claim.without) - held
-        before = declared.get(c.term.name)
-        less = f.model.without(c.term.name) if before is None else f.model.replaced(before)
-        rows.append(
-            {
-                "name": c.term.name,
-                **_parameters(effect, deviation, n),
-                "share_of_residual": float(np.clip((size(less) - here) / explained, 0.0, 1.0)),
-                "p_value": float(1 / (1 + np.exp(min(claim.odds, 500.0)))),
-                "log_odds": float(claim.odds),
-                "refit": c.term.declared,
-                "left_out_gain": float(gained.sum()),
-                "runs_improved": [int((gained > 0).sum()), len(gained)],
-            }
-        )
-        rows[-1]["parameters"].update(effect.choices)
-    return sorted(rows, key=lambda row: -row["share_of_residual"])
+        names += [f"{effect.name}.{p.name}.{k}" for p in effect.parameters for k in range(effect.values[p.name].size)]
+        block = np.zeros((c.values(z).size, f.count))
+        block[:, at : at + len(z)] = c.slope(z)
+        slopes.append(block)
+        at += len(z)
+    others = tuple(r.full_model(links=False) for r in found.rivals[1:])
+    if not slopes:
+        return Doubt((), np.zeros((0, 0)), others) if others else None
+    slope = np.vstack(slopes)
+    matrix = slope @ (f.covariance[: f.count, : f.count] * WIDER**2) @ slope.T
+    return Doubt(tuple(names), (matrix + matrix.T) / 2, others)
 
 
-def _parameters(effect: Effect, deviation: np.ndarray, n: int) -> dict[str, Any]:
-    """Values and 95 % intervals by parameter."""
-    out: dict[str, Any] = {"parameters": {}, "ci95": {}, "units": {}}
-    at, values = 0, effect.full(n)
-    for p in effect.parameters:
-        count = p.count(n, effect.extents)
-        value, width = values[at : at + count], WIDER * STUDENT * deviation[at : at + count]
-        low, high = np.maximum(value - width, p.lower), np.minimum(value + width, p.upper)
-        at += count
-        out["units"][p.name] = p.unit
-        if count == 1:
-            out["parameters"][p.name] = float(value[0])
-            out["ci95"][p.name] = [float(low[0]), float(high[0])]
-        else:
-            out["parameters"][p.name] = value.tolist()
-            out["ci95"][p.name] = np.column_stack([low, high]).tolist()
-    return out
+def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
+    """What the joints' currents or torques alone say: friction, rotor inertia and drive constants.
 
-
-def evidence_rows(found: Trace, most: int = 15) -> list[dict[str, Any]]:
-    """The hypotheses that were fitted, likeliest first: what they add, and the logarithm of their odds."""
-    base = found.search.score(found.root)
-    rows = [
-        {
-            "effects": list(f.names),
-            "structures": [g.signal for g in f.free],
-            "numbers": f.count,
-            "loss_per_sample": float(np.mean(f.world.whiten(f.residual) ** 2)),
-            "score": found.search.score(f) - base,
-        }
-        for f in found.search.fits.values()
-    ]
-    return sorted(rows, key=lambda row: -float(row["score"]))[:most]  # type: ignore[arg-type]
-
-
-def candidate_rows(found: Trace) -> list[dict[str, Any]]:
-    """Every effect that might be added: logarithm of the odds for it, alone and beside the accepted ones.
-
-    The strongest alone come first. None where the effect is accepted already.
+    Raises:
+        BadInput: the set has neither.
     """
-    if not found.follows or not found.verdict:
-        return []
-    alone: dict[str, float] = {}
-    beside: dict[str, float] = {}
-    for base, best in ((found.root, alone), (found.accepted, beside)):
-        bank = found.search.bank(base)
-        here = found.search.whole(bank)
-        value = bank.weigh(here).value
-        for k, b in enumerate(bank.blocks):
-            if isinstance(b.source, Candidate):
-                best[b.name] = max(best.get(b.name, -np.inf), bank.weigh(here | {k}).value - value)
-    rows = [{"name": name, "alone": value, "beside_accepted": beside.get(name)} for name, value in alone.items()]
-    return sorted(rows, key=lambda row: -alone[str(row["name"])])
+    side = joint_side(measured, declared)
+    if side is None:
+        raise BadInput(f"{measured.path}: no readings of power, energy, currents or torques; nothing can be said")
+    found = pushes(side, measured)
+    kept, enough = free_runs(measured, found)
+    if found and enough:
+        side = joint_side(kept, declared) or side
+    limits, joints = measured.robot.limits, measured.robot.joints
+    effects, said = friction_findings(side, limits, joints, STUDENT) if enough else ([], [])
+    model = declared
+    for x in effects:
+        model = model.replaced(effect_class(x.name)(**x.parameters))
+    rows = side_rows(side, joints, limits, None)
+    nothing = {"train": None, "holdout": None}
+    document: dict[str, Any] = {
+        "verdict": "insufficient",
+        "headline": joints_headline([x.name for x in effects], side.unit),
+        "effects": [x.document() for x in effects],
+        "alternatives": [],
+        "nuisance": ["link_inertia"],
+        "explained_share": None,
+        "usable": False,
+        "residual_goes_with": [],
+        "remainder": [],
+        "error": {"before": nothing, "after": nothing, "noise_floor": None},
+        "noise_floor": None,
+        "split": {"train": [r.file for r in kept.runs], "holdout": []},
+        "model_effects": [e.name for e in model.effects],
+        "joint_side": rows,
+        "next_motion": None,
+        "worth": None,
+        "remarks": [
+            *measured.remarks, *push_words(found, enough), *side_remarks(side, limits, rows), *said,
+            "No meter: the model's other effects are as declared or borrowed, not measured.",
+        ],
+        "robot": measured.robot.name,
+        "joints": list(joints),
+        "next_step": "Next: record the power (a meter's file, or supply voltage and current) beside such motions.",
+    }  # fmt: skip
+    return Diagnosis(measured, declared, model, tuple(effects), (), document, side)

@@ -18,11 +18,11 @@ from itertools import count
 
 import numpy as np
 
-from energy_opt.diagnose.links import Links
-from energy_opt.diagnose.noise import Noise, Whitener
-from energy_opt.diagnose.predict import Prediction, predict
-from energy_opt.diagnose.samples import Samples
-from energy_opt.diagnose.terms import Chart, Scale
+from energy_opt.diagnose.clusters import shared_functions
+from energy_opt.diagnose.data import Samples
+from energy_opt.diagnose.hypothesis import Chart, Scale
+from energy_opt.diagnose.noise import Noise, Shared, Whitener
+from energy_opt.diagnose.predict import Links, Prediction, predict
 from energy_opt.power import PowerModel
 
 ITERATIONS = 12
@@ -106,6 +106,7 @@ class World:
     links: Links
     whiten: Whitener
     offsets: np.ndarray = field(repr=False)  # (M, R)
+    shared: Shared = field(repr=False)
     given: tuple[str, ...] = ()  # effects of the declared model whose values are free and no news
     stopped: Callable[[], bool] = lambda: False  # asked while fits are made
     recent: Recent = field(default_factory=Recent, repr=False)
@@ -129,7 +130,8 @@ class World:
         offsets = np.zeros((len(samples.power), len(samples.parts)))
         for r, part in enumerate(samples.parts):
             offsets[part, r] = 1.0
-        return cls(samples, declared, scale, links, whitener(samples, noise), offsets, given, stopped)
+        shared = shared_functions(samples)
+        return cls(samples, declared, scale, links, whitener(samples, noise, shared), offsets, shared, given, stopped)
 
     def before(self, nuisance: Nuisance) -> np.ndarray:
         """Precision (c, c) of links' amounts and runs' levels before the data."""
@@ -142,12 +144,12 @@ class World:
 
     def under(self, noise: Noise) -> World:
         """The same under another noise."""
-        return replace(self, whiten=whitener(self.samples, noise))
+        return replace(self, whiten=whitener(self.samples, noise, self.shared))
 
 
-def whitener(samples: Samples, noise: Noise) -> Whitener:
+def whitener(samples: Samples, noise: Noise, shared: Shared) -> Whitener:
     """The map that makes a noise white on these readings."""
-    return Whitener(noise, [samples.at[p] for p in samples.parts], samples.weight)
+    return Whitener(noise, [samples.at[p] for p in samples.parts], samples.weight, shared)
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.diagnosis import Diagnosis
 from energy_opt.diagnose.errors import reading_of
-from energy_opt.diagnose.friction import friction_torque
-from energy_opt.diagnose.joints_page import joints_section
-from energy_opt.diagnose.predict import predict
+from energy_opt.diagnose.joint_side import STILL, JointSide
+from energy_opt.diagnose.predict import friction_torque, predict
 from energy_opt.power.draws import draws_of
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.page import Report
@@ -20,9 +20,10 @@ from energy_opt.robot.units import sliding
 
 WORDS = {
     "explained": "Effects were found, and nothing is left above the noise.",
+    "partly": "Effects were found that hold on motions held out, and more is left than the noise.",
     "ambiguous": "The data cannot tell some effects apart; they are listed together.",
     "nothing_missing": "The declared model is as good as the noise allows.",
-    "unexplained": "Structure is left that no known effect accounts for.",
+    "unexplained": "More is left than the noise, and no known effect accounts for it.",
     "insufficient": "The data do not excite what would be needed.",
 }
 SHOWN = 12  # runs drawn
@@ -39,18 +40,12 @@ def page(result: Diagnosis) -> Report:
     report.text(d["next_step"])
     for remark in d["remarks"]:
         report.warning(remark)
-    report.section("Effects")
-    if d["effects"]:
-        report.table(
-            ["effect", "share of what is explained [%]", "p", "left-out runs improved"],
-            [[row["name"], 100 * row["share_of_residual"], row["p_value"],
-              f"{row['runs_improved'][0]} of {row['runs_improved'][1]}"] for row in d["effects"]],
-            digits=3,
-        )  # fmt: skip
-        header = ["effect", "parameter", "joint", "value", "95 % interval", "unit"]
-        report.table(header, [line for row in d["effects"] for line in _values(row, result.measured.robot)])
-    else:
-        report.text("None is claimed.")
+    if result.samples is None:
+        _effects(report, result)
+        assert result.side is not None
+        joints_section(report, d["joint_side"], result.side)
+        return report.command(d.get("request"))
+    _effects(report, result)
     if d["alternatives"]:
         report.text("Sets that fit equally well: " + "; ".join(" + ".join(names) for names in d["alternatives"]))
     report.section("Error before and after")
@@ -86,18 +81,18 @@ def page(result: Diagnosis) -> Report:
         report.table(["signal", "joint", "share of what is left [1]", "rms [W]"], rows, 3)
     else:
         report.text("With nothing beyond the noise.")
-    report.charts(*_residuals(result))
+    report.charts(*_residuals(result, result.samples))
     if any(e.stage == "torque" and e.dissipates for e in result.model.effects):
         report.section("Friction against speed")
         report.text(
             "Friction of the calibrated model with its 95 % band; dots are what is measured beside it where a joint "
             "does most of the motion."
         )
-        report.charts(*_friction(result))
+        report.charts(*_friction(result, result.samples))
     if result.side is not None:
         joints_section(report, d["joint_side"], result.side)
     report.section("Power over time")
-    report.charts(*_power(result))
+    report.charts(*_power(result, result.samples))
     report.section("Evidence for each candidate")
     report.text(
         "Logarithm of the odds for each effect, added to the declared model or to the accepted effects (linearised; "
@@ -119,6 +114,23 @@ def page(result: Diagnosis) -> Report:
     return report.command(d.get("request"))
 
 
+def _effects(report: Report, result: Diagnosis) -> None:
+    """What is claimed, with every number."""
+    report.section("Effects")
+    if not result.effects:
+        report.text("None is claimed.")
+        return
+    improved = [f"{x.motions_improved[0]} of {x.motions_improved[1]}" if x.motions_improved else None
+                for x in result.effects]  # fmt: skip
+    report.table(
+        ["effect", "share of what is explained [%]", "p (sign flips over motions)", "left-out motions improved"],
+        [[x.name, 100 * x.share_of_residual, x.p_value, y] for x, y in zip(result.effects, improved, strict=True)],
+        digits=3,
+    )
+    header = ["effect", "parameter", "joint", "value", "95 % interval", "unit"]
+    report.table(header, [line for x in result.effects for line in _values(x.document(), result.measured.robot)])
+
+
 def _values(row: Mapping[str, Any], robot: Robot) -> list[list[object]]:
     """A line for every number of an effect."""
     out: list[list[object]] = []
@@ -135,9 +147,8 @@ def _values(row: Mapping[str, Any], robot: Robot) -> list[list[object]]:
     return out
 
 
-def _power(result: Diagnosis) -> list[Chart]:
+def _power(result: Diagnosis, samples: Samples) -> list[Chart]:
     """Measured, declared and calibrated power of every run (the first `SHOWN` of them)."""
-    samples = result.samples
     moving = [k for k, kind in enumerate(samples.kinds) if kind == "motion"] or list(range(len(samples.kinds)))
     declared, after = reading_of(result.declared, samples), reading_of(result.model, samples)
     charts = []
@@ -153,9 +164,8 @@ def _power(result: Diagnosis) -> list[Chart]:
     return charts
 
 
-def _residuals(result: Diagnosis) -> list[Chart]:
+def _residuals(result: Diagnosis, samples: Samples) -> list[Chart]:
     """The residual before and after against time, speed, torque and temperature."""
-    samples = result.samples
     p = predict(result.model, samples)
     before, after = samples.power - predict(result.declared, samples).reading, samples.power - p.reading
     speed = samples.shown(np.abs(samples.v).max(axis=1))
@@ -174,9 +184,9 @@ def _residuals(result: Diagnosis) -> list[Chart]:
     ]
 
 
-def _friction(result: Diagnosis) -> list[Chart]:
+def _friction(result: Diagnosis, samples: Samples) -> list[Chart]:
     """Friction of every joint over speed: the model's with its band, and what single joints' motion shows."""
-    samples, model, n = result.samples, result.model, result.samples.n
+    model, n = result.model, samples.n
     p = predict(model, samples)
     bare = model.kept(lambda e: not (e.stage == "torque" and e.dissipates))
     excess = samples.power - predict(bare, samples).reading
@@ -203,4 +213,48 @@ def _friction(result: Diagnosis) -> list[Chart]:
         lines.append(Line("calibrated", grid, own, low=low, high=high))
         speed, force = (robot.unit(kind, joint) for kind in ("velocity", "effort"))
         charts.append(Chart(f"Friction of {joint}", f"speed [{speed}]", f"friction [{force}]", lines))
+    return charts
+
+
+def joints_section(report: Report, rows: Sequence[dict[str, Any]], side: JointSide) -> None:
+    """What the joints' readings say beside the power, and what is measured of friction."""
+    report.section("The joints' own readings")
+    table = []
+    for row in rows:
+        words = [row[key] for key in ("own", "power", "together")]
+        shown = [x for w in words for x in ((w["friction"], w["ci95"]) if w else (None, None))]
+        table.append([row["joint"], row["scale"], row["scale_ci95"], row["speed"], *shown])
+    what = "Kt [N m/A]" if side.unit == "A" else "reading / torque"
+    report.table(
+        ["joint", what, "95 %", "speed [rad/s]", "friction there [N m]", "95 %", "by the power alone", "95 %",
+         "by both", "95 %"],
+        table,
+        digits=3,
+    )  # fmt: skip
+    report.charts(*_charts(rows, side))
+
+
+def _charts(rows: Sequence[dict[str, Any]], side: JointSide) -> list[Chart]:
+    charts = []
+    for j, row in enumerate(rows):
+        if row["own"] is None:
+            continue
+        v = side.rows.v[:, j]
+        moves = np.abs(v) > STILL
+        grid = np.linspace(v.min(), v.max(), 121)
+        seen = [side.friction(j, abs(x)) for x in grid]
+        own, wide = (np.array([s[k] for s in seen]) for k in (0, 1))
+        way = np.sign(grid)
+        here = np.array([side.friction(j, abs(x))[0] for x in v[moves]]) * np.sign(v[moves])
+        charts.append(
+            Chart(
+                f"Friction of {row['joint']} by its own readings",
+                "speed [rad/s]",
+                "friction [N m]",
+                [
+                    Line("measured", v[moves], here + side.left[moves, j], "points"),
+                    Line("fitted", grid, own * way, low=own * way - 2 * wide, high=own * way + 2 * wide),
+                ],
+            )
+        )
     return charts

@@ -14,9 +14,10 @@ from itertools import combinations
 import numpy as np
 
 from energy_opt.diagnose.candidates import Candidate, candidates, functions
+from energy_opt.diagnose.evidence import Bank, Block, Subset, Weighed
 from energy_opt.diagnose.fit import Fit, Free, Nuisance, World, fit
-from energy_opt.diagnose.terms import Chart, Term, chart
-from energy_opt.diagnose.weigh import Bank, Block, Subset, Weighed
+from energy_opt.diagnose.hypothesis import Chart, Term, chart
+from energy_opt.effects import Effect
 
 # Logarithm of the odds before the data that an effect is there: one in fifty; fewer for what is rare in arms.
 ODDS, REFIT_ODDS, FREE_ODDS = -4.0, -3.0, -5.0
@@ -119,6 +120,16 @@ class Search:
         bank.likely = sorted((n for n, value in worth.items() if value > best - NEAR), key=lambda n: -worth[n])
         return bank
 
+    def odds_of_candidates(self, f: Fit) -> dict[str, float]:
+        """Logarithm of the odds for every effect that a fit lacks, linearised around it."""
+        bank = self.bank(f)
+        here, out = self.whole(bank), dict[str, float]()
+        value = bank.weigh(here).value
+        for k, b in enumerate(bank.blocks):
+            if isinstance(b.source, Candidate):
+                out[b.name] = max(out.get(b.name, -np.inf), bank.weigh(here | {k}).value - value)
+        return out
+
     def refit(self, bank: Bank, chosen: Subset) -> Fit:
         """The fit of a set of a bank's blocks, from the amounts that it weighs them at."""
         f, weighed = bank.fit, bank.weigh(chosen)
@@ -208,6 +219,8 @@ class Search:
                 best, most = here, reached
                 for option in stage(bank, here):
                     self.world.go_on()
+                    if not buildable(bank, option):
+                        continue
                     found = bank.glance(option)
                     if found > most and frozenset(_label(bank, k) for k in option) not in poor:
                         best, most = option, found
@@ -285,11 +298,24 @@ def _pairs(bank: Bank, here: Subset) -> Iterator[Subset]:
             yield from (less | {*pair} for pair in combinations(_front(bank, less, 5), 2) if _together(bank, *pair))
 
 
-def _stage(bank: Bank, k: int) -> str:
+def _kind(bank: Bank, k: int) -> type[Effect] | None:
+    """The effect of a block, None for a free function."""
     source = bank.blocks[k].source
     if isinstance(source, Candidate):
-        return source.chart.term.kind.stage
-    return bank.fit.charts[source].term.kind.stage if isinstance(source, int) and source < len(bank.fit.charts) else ""
+        return source.chart.term.kind
+    return bank.fit.charts[source].term.kind if isinstance(source, int) and source < len(bank.fit.charts) else None
+
+
+def buildable(bank: Bank, chosen: Subset) -> bool:
+    """Has every effect of a set the others that it needs, in the set or in the declared model?"""
+    kinds = [kind for k in chosen if (kind := _kind(bank, k)) is not None]
+    there = {kind.name for kind in kinds} | {e.name for e in bank.fit.world.declared.effects}
+    return all(name in there for kind in kinds for name in kind.needs)
+
+
+def _stage(bank: Bank, k: int) -> str:
+    kind = _kind(bank, k)
+    return kind.stage if kind is not None else ""
 
 
 def _together(bank: Bank, a: int, b: int) -> bool:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnose.fit import Fit
-from energy_opt.diagnose.friction import friction_torque
-from energy_opt.diagnose.trace import SLOW, Trace
+from energy_opt.diagnose.predict import friction_torque
+from energy_opt.diagnose.verdict import NOISE, SLOW, Inference
 from energy_opt.effects import effect_class
 from energy_opt.measured import MeasuredSet, coarse
 from energy_opt.power import PowerModel
@@ -35,34 +35,33 @@ def listed(names: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
-def news(f: Fit) -> list[str]:
-    """The effects of a fit that are news: not those that were free from the start."""
-    return [name for name in f.names if name not in f.world.given]
-
-
 def headline(document: dict[str, Any]) -> str:
     """One sentence or two for a person."""
     names = [row["name"] for row in document["effects"]]
     error = document["error"]
-    before, after = (error[when]["holdout"] or error[when]["train"] for when in ("before", "after"))
-    share, verdict = document["explained_share"], document["verdict"]
+    part = "holdout" if error["after"]["holdout"] else "train"
+    before, after = error["before"][part], error["after"][part]
+    verdict = document["verdict"]
     held = (
-        f"held out {before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
+        f"{'held out' if part == 'holdout' else 'on the runs fitted'} "
+        f"{before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
         f"energy {before['energy_percent']:.1f} → {after['energy_percent']:.1f} %"
     )
     if not verdict:
         found = [name for name in document["model_effects"] if name not in document["declared_effects"]]
         said = f"Stopped before there was a verdict: no cause is claimed; {held}."
         return said + (f" Likeliest so far: {listed(found)}." if found else "")
-    if names:
+    share = f"{100 * document['explained_share']:.1f} % of what was above the noise"
+    if names == ["link_inertia"]:
+        said = f"The URDF's links are off: deviations of links explain {share}; {held}."
+    elif names:
         verb = "explains" if len(names) == 1 else "explain"
         beside = f" (beside {listed(document['fitted'])}, fitted)" if document["fitted"] else ""
-        said = f"{listed(names).capitalize()}{beside} {verb} {100 * share:.1f} % of what was above the noise; {held}."
+        said = f"{listed(names).capitalize()}{beside} {verb} {share}; {held}."
     elif verdict == "nothing_missing":
         said = f"Nothing is missing: the declared model is as good as the noise allows; {held}."
     else:
-        part = f"{100 * max(share, 0):.1f} %"
-        said = f"No cause can be named; the calibrated model takes {part} of what was above the noise; {held}."
+        said = f"No cause can be named; {held}."
     if verdict == "ambiguous" and document["alternatives"]:
         said += " Equally well: " + "; ".join(listed(a) if a else "nothing" for a in document["alternatives"][1:]) + "."
     if document["remainder"]:
@@ -72,7 +71,15 @@ def headline(document: dict[str, Any]) -> str:
     return said
 
 
-def remarks(found: Trace, measured: MeasuredSet, declared: PowerModel, model_fit: Fit) -> list[str]:
+def joints_headline(names: Sequence[str], unit: str) -> str:
+    """The same of a set without a meter."""
+    what = "currents" if unit == "A" else "torques"
+    verb = "shows" if len(names) == 1 else "show"
+    said = f"{listed(names).capitalize()} {verb} in the joints' {what}" if names else f"The {what} show no friction"
+    return f"{said}; without a meter nothing is said of standby, heat and supply."
+
+
+def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> list[str]:
     """What the reader of the verdict should know, one sentence each."""
     out = list(measured.remarks)
     joints = measured.robot.joints
@@ -100,8 +107,22 @@ def remarks(found: Trace, measured: MeasuredSet, declared: PowerModel, model_fit
         out.append("Rows of the joints are too far apart to show accelerations: log them at 10 Hz or more.")
     if not measured.clock:
         out.append("The log does not state every run's start; runs are taken to follow one another without a pause.")
-    if found.structured and np.isfinite(found.left):
-        out.append(f"What is left varies {found.left:.3g} times as much in motion as the meter's noise at standstill.")
+    after = found.after
+    if found.verdict and after.ratio >= NOISE:
+        out.append(
+            f"What is left is {after.motion:.3g} W rms in motion and {after.rest:.3g} W at rest, where noise alone "
+            f"leaves {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
+        )
+    if found.links:
+        out.append(_links(found.accepted, joints))
+    if (found.claims or found.links) and found.model.get("standby") is not None:
+        f = found.accepted
+        level = float(np.mean(f.levels))
+        if "standby" not in f.names and abs(level) > WANDERS * f.world.whiten.noise.white:
+            out.append(
+                f"The standby of the model is {level:+.2g} W off the declared one: what the effects add is taken back."
+            )
+    model_fit = found.accepted
     out += _borrowed(model_fit, joints)
     apart = float(np.std(model_fit.levels))
     if apart > WANDERS * model_fit.world.whiten.noise.white and len(model_fit.levels) > 2:
@@ -110,9 +131,20 @@ def remarks(found: Trace, measured: MeasuredSet, declared: PowerModel, model_fit
             "drifts: allowed for, not called a cause."
         )
     for f in found.rivals[1:]:
-        more = news(f)
+        more = [name for name in f.names if name not in f.world.given]
         out.append(f"Fits as well: {listed(more) if more else 'nothing missing'}.")
     return out
+
+
+def _links(f: Fit, joints: Sequence[str]) -> str:
+    """What the links' deviations do to the torque of each joint."""
+    s = f.world.samples
+    off = np.sqrt(np.mean((f.world.links.ways @ f.amounts) ** 2, axis=0))
+    whole = np.sqrt(np.mean(f.prediction.tau**2, axis=0))
+    worst = np.argsort(-off)[:3]
+    each = ", ".join(f"{joints[j]} {off[j]:.2g} N m ({100 * off[j] / max(whole[j], 1e-9):.0f} %)" for j in worst)
+    links = ", ".join(joints[j] for j in np.argsort(-np.abs(f.world.links.effect(f.amounts, s).values["mass"]))[:2])
+    return f"The torque of the URDF's links is off by (rms): {each}; most of it by the links behind {links}."
 
 
 def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
@@ -125,7 +157,7 @@ def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
         at += len(z)
         if (
             c.term.declared
-            or c.term.name in f.world.scale.told
+            or c.term.name in f.world.scale.measured
             or len(z) % len(joints)
             or not any(p.per_joint for p in c.term.kind.parameters)
         ):
@@ -139,7 +171,7 @@ def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
     return out
 
 
-def speeds_seen(found: Trace, joints: Sequence[str]) -> list[str]:
+def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
     """What the data do fix where laws of friction cannot be told apart: their sum at the usual speed."""
     f = found.accepted
     names = set().union(*(set(r.names) for r in found.rivals))
@@ -177,3 +209,83 @@ def next_step(document: dict[str, Any]) -> str:
         first = document["remainder"][0]
         return f"Next: look for what goes with {first['signal']}{' of ' + first['joint'] if first['joint'] else ''}."
     return "Next: more runs, in other parts of the workspace, would narrow the held-out error."
+
+
+def summary(d: dict[str, Any]) -> str:
+    """The document in some lines, for stdout."""
+    lines = [d["headline"], f"verdict: {d['verdict'] or 'none, interrupted'}"]
+    for row in d["effects"]:
+        refit = " (declared value fitted anew)" if row["refit"] else ""
+        odds = f", odds e^{row['log_odds']:.0f}" if row["log_odds"] is not None else ""
+        lines.append(f"  {row['name']}{refit}: {100 * row['share_of_residual']:.0f} % of what is explained{odds}")
+        lines += [f"    {line}" for line in _values(row, d["joints"])]
+    if d["joint_side"]:
+        lines += ["joints' own readings:", *(f"  {line}" for line in side_words(d["joint_side"]))]
+    if d["alternatives"]:
+        lines.append("  fit equally well: " + " | ".join(" + ".join(names) or "nothing" for names in d["alternatives"]))
+    if d["nuisance"]:
+        lines.append("  allowed for, not called a cause: " + ", ".join(d["nuisance"]))
+    for row in d["remainder"][:3]:
+        lines.append(f"  what is left goes with {row['signal']} {row['joint'] or ''}: {row['watts']:.2f} W")
+    for part in ("train", "holdout"):
+        before, after = d["error"]["before"][part], d["error"]["after"][part]
+        if before is not None and after is not None:
+            lines.append(
+                f"{part}: power RMSE {before['power_rmse']:.2f} -> {after['power_rmse']:.2f} W, energy error "
+                f"{before['energy_percent']:.2f} -> {after['energy_percent']:.2f} %"
+            )
+    if d["noise_floor"] is not None:
+        lines.append(f"noise: {d['noise_floor']:.2f} W; {_foreseen(d)}")
+    lines.append(f"model.toml holds: {', '.join(d['model_effects'])}")
+    lines += [f"note: {remark}" for remark in d["remarks"]]
+    return "\n".join([*lines, d["next_step"]])
+
+
+def _foreseen(d: dict[str, Any]) -> str:
+    percent = d["foreseen"]["difference_percent"]
+    if percent is None:
+        return "no motion, so nothing is known of differences of energy"
+    usable = "good enough to plan with" if d["usable"] else "not shown to be good enough to plan with"
+    return f"differences of energy between motions are foreseen within {percent:.0f} %: {usable}"
+
+
+def side_words(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """One line a joint, for stdout."""
+    out = []
+    for row in rows:
+        if row["scale"] is None:
+            out.append(f"{row['joint']}: its readings do not follow its torque; nothing can be said in N m")
+            continue
+        said = f"{row['joint']}: "
+        said += f"Kt {row['scale']:.3g} N m/A" if row["unit"] != "1" else f"torque {row['scale']:.3g} times the reading"
+        if row["own"] is not None:
+            said += f", friction at {row['speed']:.2g} rad/s {_span(row['own'])} by its own readings"
+            if row["power"] is not None:
+                said += f", {_span(row['power'])} by the power alone, {_span(row['together'])} by both"
+        else:
+            said += ", hardly moves"
+        out.append(said)
+    return out
+
+
+def _span(word: dict[str, Any]) -> str:
+    low, high = word["ci95"]
+    return f"{word['friction']:.3g} ± {(high - low) / 2:.2g} N m"
+
+
+def _values(row: dict[str, Any], joints: list[str]) -> list[str]:
+    """An effect's values with joints' names and units, one line a parameter."""
+    out = []
+    for name, value in row["parameters"].items():
+        if isinstance(value, str):
+            out.append(f"{name} = {value}")
+            continue
+        unit, interval = row["units"][name], row["ci95"][name]
+        if not isinstance(value, list):
+            out.append(f"{name} = {value:.4g} [{interval[0]:.4g}, {interval[1]:.4g}] {unit}")
+        elif len(value) == len(joints):
+            parts = [f"{j} {x:.4g} [{a:.4g}, {b:.4g}]" for j, x, (a, b) in zip(joints, value, interval, strict=True)]
+            out.append(f"{name} in {unit}: " + ", ".join(parts))
+        else:
+            out.append(f"{name} = " + ", ".join(f"{x:.4g}" for x in value) + f" {unit}")
+    return out

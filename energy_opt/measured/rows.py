@@ -9,6 +9,7 @@ import numpy as np
 COARSE = 0.3  # share of rows with the stamp of the row before, from which stamps are coarser than the rows
 GAP = 0.25  # [s] without a row, or `GAP_STEPS` steps: nothing is known of the motion in between
 GAP_STEPS = 10
+BUNCHED = 5.0  # times the usual step is the mean one, where rows arrive in bunches
 SKIPPED = 1.6  # steps between rows from which one is missing
 
 
@@ -59,6 +60,11 @@ def clean(time: np.ndarray, values: np.ndarray) -> Rows:
                 remarks.append(f"{moved} rows with the stamp of the row before moved to the free place behind it")
             if int(same.sum()) - moved:
                 remarks.append(f"{int(same.sum()) - moved} rows with the stamp of the row before dropped")
+    spread = _unbunched(stamps)
+    if spread is not None:
+        stamps = spread
+        row = 1e3 * float(np.median(np.diff(stamps)))
+        remarks.append(f"stamps come in bunches: rows spread evenly, {row:.3g} ms apart, as on the controller's clock")
     if len(stamps) < 3:
         return Rows(kept, stamps, (), tuple(remarks))
     step = np.diff(stamps)
@@ -75,6 +81,21 @@ def clean(time: np.ndarray, values: np.ndarray) -> Rows:
         more = f" and {int(wide.sum()) - 3} more" if wide.sum() > 3 else ""
         remarks.append(f"cut at {int(wide.sum())} gap(s) without rows ({lengths}{more})")
     return Rows(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
+
+
+def _unbunched(stamps: np.ndarray) -> np.ndarray | None:
+    """Rows that arrived in bunches, spread evenly up to the last row of each bunch; None where they do not bunch."""
+    step = np.diff(stamps)
+    near = step[step < GAP]
+    if len(near) < 3 or BUNCHED * float(np.median(near)) >= float(near.mean()):
+        return None
+    last = np.append(np.flatnonzero(step > near.mean()), len(stamps) - 1)
+    size = np.diff(last, prepend=-1)
+    apart = np.diff(stamps[last], prepend=np.nan) / size
+    row = float(np.nanmedian(apart))
+    apart = np.where(apart < 2 * row, apart, row)  # also the first bunch, of which nobody knows when it began
+    bunch = np.repeat(np.arange(len(last)), size)
+    return np.asarray(stamps[last][bunch] - apart[bunch] * (last[bunch] - np.arange(len(stamps))))
 
 
 def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:

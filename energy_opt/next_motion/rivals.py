@@ -8,10 +8,10 @@ from itertools import combinations
 
 import numpy as np
 
+from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.fit import Fit
 from energy_opt.diagnose.predict import predict
-from energy_opt.diagnose.samples import Samples
-from energy_opt.diagnose.trace import Trace
+from energy_opt.diagnose.verdict import Inference
 from energy_opt.effects import Armature, CoulombFriction, ViscousFriction
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
@@ -45,7 +45,7 @@ class Rival:
     slack: Slack | None = None
 
 
-def rivals_of(found: Trace, n: int) -> list[Rival]:
+def rivals_of(found: Inference, n: int) -> list[Rival]:
     """The models to tell apart: those that fit equally well, or the accepted one with more in each idle joint.
 
     Every idle joint makes rivals of its own, so that the smallest difference stays nought until all of them move. What

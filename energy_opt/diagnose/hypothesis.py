@@ -31,7 +31,7 @@ SHAPE = 0.7  # standard deviation of a shape over the value tried
 
 
 @dataclass(frozen=True)
-class Told:
+class Measured:
     """What the joints' own readings say of an effect's numbers: which joints (m,), values (m,), covariance (m, m)."""
 
     joints: np.ndarray
@@ -43,13 +43,13 @@ class Told:
 class Scale:
     """What sizes are usual on an arm: effort [N m] and velocity limits [rad/s] (n,), level of its power [W].
 
-    `told`: by effect of one number per joint, what is known of it from elsewhere than the power.
+    `measured`: by effect of one number per joint, what is known of it from elsewhere than the power.
     """
 
     effort: np.ndarray
     velocity: np.ndarray
     level: float
-    told: Mapping[str, Told] = field(default_factory=dict)
+    measured: Mapping[str, Measured] = field(default_factory=dict)
 
     @property
     def usual_speed(self) -> np.ndarray:
@@ -200,18 +200,18 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
     mean, precision, unknown = _before(kind, term, entries, full, x0, scale, held is not None)
     covariance = precision[np.ix_(rows, rows)]
     mean = mean[rows]
-    if term.name in scale.told:
-        mean, covariance = _informed(mean, covariance, scale.told[term.name])
+    if term.name in scale.measured:
+        mean, covariance = _informed(mean, covariance, scale.measured[term.name])
     return Chart(
         term, n, x0, rows, x0[rows].copy(), mean, np.linalg.inv(covariance), low[rows], high[rows], unknown[rows]
     )
 
 
-def _informed(mean: np.ndarray, covariance: np.ndarray, told: Told) -> tuple[np.ndarray, np.ndarray]:
-    """The normal law after what is told of some of its numbers, one per joint."""
-    seen = covariance[told.joints]
-    gain = np.linalg.solve(seen[:, told.joints] + told.covariance, seen).T
-    mean = mean + gain @ (told.values - mean[told.joints])
+def _informed(mean: np.ndarray, covariance: np.ndarray, seen_by: Measured) -> tuple[np.ndarray, np.ndarray]:
+    """The normal law after what is measured of some of its numbers, one per joint."""
+    seen = covariance[seen_by.joints]
+    gain = np.linalg.solve(seen[:, seen_by.joints] + seen_by.covariance, seen).T
+    mean = mean + gain @ (seen_by.values - mean[seen_by.joints])
     covariance = covariance - gain @ seen
     return mean, (covariance + covariance.T) / 2
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from energy_opt.diagnose.long_sets import averaged, group_size, group_weight, per_bin
+from energy_opt.diagnose.noise import meter_noise
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
 from energy_opt.measured.meter import nodes, operator
 from energy_opt.power.past import dwells, idle_time
@@ -18,10 +18,8 @@ from energy_opt.robot import RigidBody
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
-EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight
-SLACK = 2e-3  # [s] by which motion and meter may be apart
-SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings of a slow meter; its noise over the level
+BIN = 0.03  # [s] readings closer than this are averaged
+MOST_READINGS = 10_000  # that enter a fit: five minutes of a fast meter; of more, neighbours are averaged
 PIECE = 8192  # nodes that are worked on at once, where each takes kilobytes
 REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise says
 
@@ -42,6 +40,9 @@ class Samples:
         single: set time and power of every single reading of the meter, run by run.
         logged: by name (K,) of further signals that every run has, and that change somewhere.
         group: how many neighbouring readings were averaged to one, 1 in all but long sets.
+        blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
+        lag: s, how far rows and steps of the positions leave the motion's time open.
+        allowed: (M,) W^2, variance of single readings by such errors and by clocks, see `weighted`.
     """
 
     body: RigidBody
@@ -66,6 +67,9 @@ class Samples:
     single: tuple[tuple[np.ndarray, np.ndarray], ...]
     group: int = 1
     logged: Mapping[str, np.ndarray] = field(default_factory=dict)
+    blur: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    lag: float = 0.0
+    allowed: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def n(self) -> int:
@@ -82,11 +86,17 @@ class Samples:
             operators=tuple(self.operators[r] for r in runs), counts=tuple(self.counts[r] for r in runs),
             files=tuple(self.files[r] for r in runs), kinds=tuple(self.kinds[r] for r in runs),
             single=tuple(self.single[r] for r in runs), logged={k: x[rows] for k, x in self.logged.items()},
+            blur=self.blur[rows] if len(self.blur) else self.blur,
+            allowed=self.allowed[read] if len(self.allowed) else self.allowed,
         )  # fmt: skip
         for name in ("free_torque", "gravity_torque", "last_regressors", "regressors", "warmth", "idle", "dwell"):
             if name in self.__dict__:
                 out.__dict__[name] = self.__dict__[name][rows]
         return out
+
+    def bare(self) -> Samples:
+        """A copy without what was computed of it, for another motion in its place."""
+        return replace(self)
 
     def shown(self, x: np.ndarray) -> np.ndarray:
         """What readings (M, ...) show of values at the nodes (K, ...): means over windows and bins."""
@@ -200,7 +210,7 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     smoothing = choose_smoothing(measured.runs)
     taken = [_windows(run, smoothing) if run.window.any() else _bins(run, smoothing) for run in measured.runs]
     first = min(float(run.start + run.time[0]) for run in measured.runs)
-    noise = _meter_noise([reading for _, reading, _, _ in taken])
+    noise = meter_noise([reading for _, reading, _, _ in taken])
     single = [(run.start + run.power_time - first, run.power) for run in measured.runs]
     group = group_size(sum(len(power) for _, (_, power), _, _ in taken))
     if group > 1:
@@ -211,40 +221,46 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
             for one, (_, reading, _, _), own in zip(single, taken, windows, strict=True)
         ]
     motion, readings, operators, counts = zip(*taken, strict=True)
-    t, q, v, a, temperature, torque = (np.concatenate(column) for column in zip(*motion, strict=True))
+    t, q, v, a, temperature, torque, blur = (np.concatenate(column) for column in zip(*motion, strict=True))
     at, power = (np.concatenate(column) for column in zip(*readings, strict=True))
     parts = laid([slice(0, len(r[0])) for r in readings])
     samples = Samples(
         measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature, torque,
         at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
-        _meter_noise([(r.power_time, r.power) for r in measured.runs]), measured.clock,
+        meter_noise([(r.power_time, r.power) for r in measured.runs]), measured.clock,
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
-        _logged(measured.runs, [m[0] for m in motion]),
+        _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v),
     )  # fmt: skip
     return samples, smoothing
 
 
-def weighted(samples: Samples, power: np.ndarray) -> Samples:
-    """The same samples, trusted less where power changes fast: clocks and motion are known to `SLACK` only.
+def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray) -> float:
+    """Time between the joints' rows, or in which a joint moves by a step of its positions, s."""
+    rows = float(np.median(np.concatenate([np.diff(run.time) for run in measured.runs])))
+    speed = np.abs(v[v != 0])
+    step = 12**0.5 * smoothing.position_noise
+    return max(rows, step / float(np.median(speed)) if speed.size else 0.0)
 
-    Where a motion begins or ends, smoothed positions do not say to the sample when; `EDGE` samples are doubted there.
 
-    Args:
-        power: (K,) W at the nodes, a model's power; its slope times `SLACK` adds to the meter's noise.
+def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> np.ndarray:
+    """Standard deviations (2 n,) of velocities and accelerations after smoothing of noisy positions or velocities.
+
+    White noise s of rows h apart has the density 2 s^2 h; the smoother's response is 1 / (1 + (f / f_c)^6). Both are
+    widened by the root of how many bins the error stays alike.
     """
-    weight = np.ones(len(samples.power))
-    moving = (samples.v != 0).any(axis=1)
-    noise = samples.noise * samples.group**0.5
-    for rows, part, op in zip(samples.slices, samples.parts, samples.operators, strict=True):
-        grouped = op is not None and (rows.stop - rows.start) // samples.group == part.stop - part.start
-        if op is not None and not (samples.group > 1 and grouped):
-            continue
-        slope = np.gradient(power[rows], samples.t[rows]) if rows.stop - rows.start > 1 else np.zeros(1)
-        own = 1 / np.sqrt(1 + (SLACK * slope / noise) ** 2)
-        for k in 1 + np.flatnonzero(moving[rows][1:] != moving[rows][:-1]):
-            own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
-        weight[part] = group_weight(own, samples.group) if grouped else own / samples.group**0.5
-    return replace(samples, weight=weight)
+    h, f = float(np.median(np.diff(run.time))), np.where(np.isfinite(cutoffs), cutoffs, 0.0)
+    alike = np.sqrt(np.maximum(1.0, 1 / np.maximum(2 * f * max(BIN, h), 1e-9)))
+    if run.velocity is None:
+        s = smoothing.position_noise
+        v = s * 2 * np.pi * np.sqrt(2 * h * f**3 * np.pi / 12)
+        a = s * (2 * np.pi) ** 2 * np.sqrt(2 * h * f**5 * np.pi / 18)
+    else:
+        s = smoothing.velocity_noise
+        v = s * np.sqrt(2 * h * f * 5 * np.pi / 18)
+        a = s * 2 * np.pi * np.sqrt(2 * h * f**3 * np.pi / 12)
+    if run.acceleration is not None:
+        a = 0 * a
+    return np.concatenate([v * alike, a * alike])
 
 
 Taken = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray], "csr_matrix | None", int]
@@ -288,7 +304,7 @@ def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarra
         np.full_like(q, np.nan) if x is None else np.column_stack([np.interp(time, run.time, c) for c in x.T])
         for x in (run.temperature, logged)
     ]
-    return run.start + time, q, v, a, *others
+    return run.start + time, q, v, a, *others, np.where(np.tile(v, 2) != 0, _blur(run, smoothing, k.cutoffs), 0.0)
 
 
 def _logged(runs: Sequence[Run], times: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
@@ -322,22 +338,25 @@ def _bin_matrix(readings: int, count: int) -> csr_matrix:
     return diags([bend[1:], 1 - 2 * bend, bend[:-1]], [-1, 0, 1], format="csr")
 
 
-def _meter_noise(readings: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
-    """Standard deviation of a reading's noise, W, from third differences: what no smooth power explains.
+def per_bin(run: Run) -> int:
+    """How many of a run's meter readings make a sample."""
+    return max(1, int(BIN / float(np.median(np.diff(run.power_time))) + 0.5)) if len(run.power) > 1 else 1
 
-    Robust twice: by the median within a run, so that kinks and steps of the true power do not count, and over the runs.
-    Coarse readings, whose median difference is zero, go by their rms. Between readings of a slow meter power is not
-    smooth: there the noise is taken to be no more than `SLOW_NOISE` of the level, or 1 W, and the fit finds it.
+
+def group_size(readings: int) -> int:
+    """How many neighbouring readings are averaged to one, of so many."""
+    return -(-readings // MOST_READINGS)
+
+
+def averaged(count: int, group: int, inner: csr_matrix) -> tuple[csr_matrix, csr_matrix]:
+    """Matrices from `count` readings to means of `group` neighbours, and from their nodes to these.
+
+    Args:
+        inner: (count, K), from the nodes to the readings.
     """
-    levels, steps = [], []
-    for t, x in readings:
-        if len(x) > 12:
-            third = np.diff(x, 3)
-            middle = float(np.median(np.abs(third))) / NORMAL_MEDIAN
-            levels.append((middle if middle > 0 else float(np.sqrt(np.mean(third**2)))) / np.sqrt(20))
-            steps.append(float(np.median(np.diff(t))))
-    if not levels:
-        return 1.0
-    level = float(np.median(np.abs(np.concatenate([x for _, x in readings]))))
-    most = max(1.0, SLOW_NOISE * level) if np.median(steps) > SLOW_METER else np.inf
-    return max(min(float(np.median(levels)), most), 1e-3)
+    from scipy.sparse import csr_matrix
+
+    whole = count // group
+    index = np.arange(whole * group)
+    mean = csr_matrix((np.full(len(index), 1 / group), (index // group, index)), shape=(whole, count))
+    return mean, (mean @ inner).tocsr()

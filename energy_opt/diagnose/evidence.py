@@ -21,7 +21,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from energy_opt.diagnose.candidates import Candidate
+from energy_opt.diagnose.clusters import clusters
 from energy_opt.diagnose.fit import DRIFTS, Fit, Free, Nuisance, bounded_step
+from energy_opt.diagnose.noise import MISFITS, WAVES, Noise, Whitener, likeliest
 
 SPREADS = (0.003, 0.025, 0.05, 0.085)  # of links around their URDF
 SPREAD_ODDS = (0.2, 0.2, 0.3, 0.3)  # before the data: most arms are off by 3 to 10 %
@@ -168,3 +170,70 @@ class Bank:
             cuts = np.cumsum([self.blocks[k].white.shape[1] for k in sorted(chosen)])[:-1]
             self.seen[chosen] = Weighed(total, best[1], tuple(np.split(best[2], cuts)) if chosen else ())
         return self.seen[chosen]
+
+
+def links_odds(bank: Bank) -> float:
+    """Logarithm of the odds that links deviate from their URDF, for the effects that a bank's fit has."""
+    here = frozenset(k for k, b in enumerate(bank.blocks) if isinstance(b.source, int))
+    worth = {n: bank.nuisances[n] + bank.under(here, n)[0] for n in bank.nuisances}
+    exact = max(value for n, value in worth.items() if n.spread == SPREADS[0])
+    return max(value for n, value in worth.items() if n.spread != SPREADS[0]) - exact
+
+
+def left_out(f: Fit) -> np.ndarray:
+    """Sum of squared white residuals of every cluster of runs (C,), by the hypothesis fitted without it.
+
+    The fit is repeated from what is known before the data, around the same linearisation; the cluster's own levels are
+    not known to it.
+    """
+    s = f.world.samples
+    white = f.world.whiten(f.residual)
+    jacobian, off = f.jacobian, f.theta - f.mean
+    whole = jacobian.T @ jacobian + f.precision
+    right = jacobian.T @ (white + jacobian @ off)
+    out = []
+    for group in clusters(s):
+        rows = np.concatenate([np.arange(s.parts[r].start, s.parts[r].stop) for r in group])
+        own = jacobian[rows]
+        found = np.linalg.solve(whole - own.T @ own, right - own.T @ (white[rows] + own @ off))
+        out.append(float(np.sum((white[rows] - own @ (found - off)) ** 2)))
+    return np.array(out)
+
+
+def noise_of(f: Fit) -> Noise:
+    """The noise under which a fit's residual is likeliest, its numbers integrated out (empirical Bayes).
+
+    First the wave and its memory beside the discrepancy as it was, then the discrepancy.
+    """
+    s, count = f.world.samples, len(f.residual)
+    times = [s.at[p] for p in s.parts]
+    old = f.world.whiten.noise
+    raw = np.column_stack([f.residual, _unwhitened(f)])
+    off = f.theta - f.mean
+    penalty = float(off @ f.precision @ off)
+    here = [w for w in WAVES if 0.2 * old.wave <= w * old.white <= 5 * max(old.wave, 0.6 * old.white)] or list(WAVES)
+
+    def worth(wave: float, memory: float, misfit: float) -> tuple[float, float]:
+        whiten = Whitener(Noise(1.0, wave, memory, misfit), times, s.weight, f.world.shared)
+        w = whiten(raw)
+        white = max((float(w[:, 0] @ w[:, 0]) + penalty) / count, 1e-12)
+        hessian = w[:, 1:].T @ w[:, 1:] / white + f.precision
+        value = -0.5 * count * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(hessian)[1])
+        return value, white**0.5
+
+    held = old.misfit / old.white
+    found = likeliest(lambda wave, memory: worth(wave, memory, held), s.noise, here)
+    wave, memory = found.wave / found.white, found.memory
+    if not f.world.shared.motions:
+        return found
+    _, white, misfit = max((*worth(wave, memory, m), m) for m in MISFITS)
+    white = max(white, 0.8 * s.noise)
+    return Noise(white, wave * white, memory, misfit * white)
+
+
+def _unwhitened(f: Fit) -> np.ndarray:
+    """Columns (M, P) of a fit by theta, W."""
+    p, s = f.prediction, f.world.samples
+    where = dict(zip((e.name for e in f.model.effects), f.model.slices(s.n), strict=True))
+    own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(f.charts, f.numbers, strict=True)]
+    return np.column_stack([*own, *(g.columns for g in f.free), p.pushed, f.world.offsets])

@@ -10,15 +10,16 @@ before d; rows are weighed down where they lie far off (Huber), and counted by h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.diagnose.links import USUAL_SPREAD, deviations_of
-from energy_opt.diagnose.terms import ROTOR
-from energy_opt.measured import MeasuredSet, Run, choose_smoothing, kinematics
+from energy_opt.diagnose.hypothesis import ROTOR
+from energy_opt.diagnose.predict import USUAL_SPREAD, deviations_of
+from energy_opt.measured import MeasuredSet, Run, choose_smoothing, coarse, kinematics
 from energy_opt.power import PowerModel
 from energy_opt.power.rigid import body_of, rigid_torque
+from energy_opt.robot import Limits
 
 STEP = 0.03  # [s] between rows; readings in between are averaged
 MOST = 6000  # rows that take part
@@ -26,11 +27,13 @@ STILL, SLOWEST = 0.02, 0.004  # [rad/s] slower joints are held by dry friction; 
 HELD = 0.15  # trust in a joint's row where it stands: dry friction may carry any part of its load
 HUBER = 1.5  # standard deviations from which a row counts less
 OFFSET = 0.05  # of the effort limit that a reading's offset may be
-TORQUES = 0.3  # standard deviation of k around 1 where torques are logged
+TORQUES = 0.3  # standard deviation of k around 1 where torques are logged, until gravity has spoken
+STRANGE = 0.5  # by which k of logged torques may be off 1, before they are taken to be something else
+EXACT = 1e-4  # standard deviation of k where torques are read as they are
 SURE = 5.0  # standard deviations of k from 0, from which torques in N m follow
 FEW = 20  # rows in motion without which a joint's friction is not there
 TURNS = 4  # of the fit, before and after drives of the same kind are taken to be alike
-TOLD = 0.1  # relative deviation within which a joint tells its k itself
+KNOWN = 0.1  # relative deviation within which a joint tells its k itself
 ALIKE = 0.1  # by which k differs among drives of the same kind, at least
 LONGEST = 60  # rows over which noise's memory is followed
 
@@ -143,7 +146,11 @@ def _fit(rows: Rows, measured: MeasuredSet, unit: str) -> JointSide:
     for turn in range(2 * TURNS):
         if turn == TURNS:  # every joint has spoken for itself: now drives of the same kind
             own = np.sqrt(np.diag(np.linalg.inv(h))[:n])
-            middle, tight = _kinds(k, own, np.column_stack([limits.effort, limits.velocity]), middle, flat)
+            if unit == "A":
+                middle, tight = _kinds(k, own, np.column_stack([limits.effort, limits.velocity]), middle, flat)
+            else:  # what is logged in N m is read as it is, unless gravity surely says that it is something else
+                plain = (np.abs(k - 1) <= STRANGE) | (np.abs(k - 1) < SURE * own)
+                tight = np.where(plain, EXACT**-2, flat)
         by = np.maximum(np.abs(k), 1e-6) * limits.effort  # reading at the effort limit
         usual = np.column_stack([by / 3, by / 3, 3 * ROTOR * by, OFFSET * by])
         h = np.diag(np.concatenate([tight, usual.ravel() ** -2.0, np.full(size - 5 * n, USUAL_SPREAD**-2)]))
@@ -183,12 +190,12 @@ def _kinds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and precision (n,) of every joint's k before its own readings, by those of the same limits (n, 2)."""
     middle, tight = middle.copy(), flat.copy()
-    told = deviation < TOLD * np.abs(k)
+    known = deviation < KNOWN * np.abs(k)
     for j in range(len(k)):
-        like = np.flatnonzero(told & (limits == limits[j]).all(axis=1) & (np.arange(len(k)) != j))
+        like = np.flatnonzero(known & (limits == limits[j]).all(axis=1) & (np.arange(len(k)) != j))
         if like.size:
             middle[j] = float(np.average(k[like], weights=deviation[like] ** -2.0))
-            others = np.append(k[like], k[j]) if told[j] else k[like]
+            others = np.append(k[like], k[j]) if known[j] else k[like]
             tight[j] = max(ALIKE * abs(middle[j]), float(np.std(others))) ** -2.0
     return middle, tight
 
@@ -244,3 +251,97 @@ def _side(
             unit, np.where(sure, 1 / k, np.nan), np.where(sure, deviation / k**2, np.nan), values, covariance, pair,
             usual, np.where(sure, noise / np.abs(k), np.nan), np.where(sure, residual / k, np.nan), rows,
         )  # fmt: skip
+
+
+LASTS = 0.3  # [s] over which a push is averaged
+PUSH = 0.1  # of a joint's effort limit, from which torque of unknown origin is a push; links off by 10 % leave 0.06
+BEYOND = 4.0  # times what the readings leave usually
+LED, SURELY = 0.01, 5.0  # of the effort limit, half of usual dry friction; standard deviations
+ENOUGH = 0.3  # of the runs in motion, that must be left to say anything
+
+
+@dataclass(frozen=True)
+class Push:
+    """The strongest push of a run: its file, joint, torque [N m] and time [s in the run's file]."""
+
+    run: int
+    file: str
+    joint: str
+    torque: float
+
+
+def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
+    """One for every run that was pushed; none where rows are too far apart to tell inertia from a push."""
+    if any(coarse(run) for run in measured.runs):
+        return []
+    limits, joints = measured.robot.limits, measured.robot.joints
+    led = _led(side, limits)
+    if led is not None:
+        j, torque = led
+        moving = [k for k in np.unique(side.rows.run) if measured.runs[k].kind == "motion"]
+        return [Push(int(k), measured.runs[k].file, joints[j], torque) for k in moving]
+    excess = side.left.copy()
+    carried = np.abs(np.nan_to_num(side.values[0]))
+    still = np.abs(side.rows.v) < STILL
+    excess = np.where(still, np.sign(excess) * np.maximum(np.abs(excess) - 1.5 * carried, 0.0), excess)
+    excess = np.nan_to_num(excess)
+    step = _step(side, measured)
+    width = max(1, round(LASTS / step))
+    slow = {int(r): _means(excess[side.rows.run == r], width) for r in np.unique(side.rows.run)}
+    usual = 1.4826 * np.median(np.abs(np.concatenate(list(slow.values()))), axis=0)
+    least = np.minimum(np.maximum(PUSH * limits.effort, BEYOND * usual), 2 * PUSH * limits.effort)
+    out = []
+    for r, own in slow.items():
+        share = np.abs(own).max(axis=0) / least
+        j = int(np.argmax(share))
+        if share[j] > 1:
+            out.append(Push(r, measured.runs[r].file, joints[j], float(np.abs(own[:, j]).max())))
+    return out
+
+
+def _led(side: JointSide, limits: Limits) -> tuple[int, float] | None:
+    """A joint whose friction comes out negative, and by how much [N m]: a hand that leads the arm does its work."""
+    for j in np.flatnonzero(side.known):
+        friction, deviation = side.friction(int(j), float(side.usual[j]))
+        if friction + SURELY * deviation < -LED * limits.effort[j]:
+            return int(j), -friction
+    return None
+
+
+def _step(side: JointSide, measured: MeasuredSet) -> float:
+    runs, counts = np.unique(side.rows.run, return_counts=True)
+    return float(np.median([np.ptp(measured.runs[r].time) / k for r, k in zip(runs, counts, strict=True)]))
+
+
+def _means(x: np.ndarray, width: int) -> np.ndarray:
+    """Means (K', n) over `width` rows, or over all where there are fewer."""
+    if len(x) <= width:
+        return np.asarray(x.mean(axis=0, keepdims=True))
+    total = np.vstack([np.zeros(x.shape[1]), np.cumsum(x, axis=0)])
+    return np.asarray((total[width:] - total[:-width]) / width)
+
+
+def free_runs(measured: MeasuredSet, found: list[Push]) -> tuple[MeasuredSet, bool]:
+    """The set less the runs that were pushed, and whether enough is left; the whole set where not."""
+    gone = {p.run for p in found}
+    moving = [k for k, r in enumerate(measured.runs) if r.kind == "motion"]
+    left = [k for k in moving if k not in gone]
+    if not gone:
+        return measured, True
+    if len(left) < max(2, ENOUGH * len(moving)):
+        return measured, False
+    return replace(measured, runs=tuple(r for k, r in enumerate(measured.runs) if k not in gone)), True
+
+
+def push_words(found: list[Push], enough: bool) -> list[str]:
+    """What to say of them."""
+    if not found:
+        return []
+    worst = max(found, key=lambda p: p.torque)
+    what = f"{worst.torque:.3g} N m on {worst.joint} in {worst.file}"
+    begin = (
+        f"Something outside pushed the arm in {len(found)} run(s), which shows as torque without power (up to {what})"
+    )
+    if enough:
+        return [f"{begin}: left out are {', '.join(p.file for p in found)}."]
+    return [f"{begin}: no cause can be claimed of such a set. Record it with nobody and nothing touching the arm."]

@@ -1,4 +1,4 @@
-"""Friction by the joints' own readings beside friction by the power: one told to the other, and both compared."""
+"""The joints' own readings beside the power: priors for the fit, rows of the document, sets without a meter."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.diagnose.findings import Finding
 from energy_opt.diagnose.fit import Fit, fit
-from energy_opt.diagnose.friction import friction_torque
-from energy_opt.diagnose.joints import JointSide
-from energy_opt.diagnose.terms import ROTOR, USUAL, Chart, Scale, Told, chart
-from energy_opt.effects import TorqueEffect
+from energy_opt.diagnose.hypothesis import ROTOR, USUAL, Chart, Measured, Scale, chart
+from energy_opt.diagnose.joint_side import STRANGE, JointSide
+from energy_opt.diagnose.predict import friction_torque
+from energy_opt.effects import TorqueEffect, effect_class
 from energy_opt.robot import Limits
 
 LAWS = ("coulomb_friction", "viscous_friction", "armature")  # in the order of `JointSide.values`
 WIDER = 1.5  # of the readings' own deviations, as laws of friction are simpler than friction
 APART = 0.1  # share by which both sides may differ: gears' losses under load, constants of the drives
-LEAST = 0.03  # of a usual size, that is not told better
+LEAST = 0.03  # of a usual size, that is not known better
 SHOWN = 0.05  # of usual dry friction, that readings must show before they speak of friction at all
 STUDENT = 1.96
-STRANGE = 0.5  # by which torque over a logged torque may be off 1, before that is said
 DISAGREE = 3.0  # standard deviations between both sides, from which that is said
 
 
@@ -33,7 +33,7 @@ def shows_friction(side: JointSide, limits: Limits) -> bool:
     return bool(len(above) and np.mean(above) >= 0.5)
 
 
-def told_by(side: JointSide | None, limits: Limits) -> dict[str, Told]:
+def prior_of(side: JointSide | None, limits: Limits) -> dict[str, Measured]:
     """What the joints' readings tell the fit of the power; nothing where they hold no friction."""
     if side is None or not shows_friction(side, limits):
         return {}
@@ -46,15 +46,15 @@ def told_by(side: JointSide | None, limits: Limits) -> dict[str, Told]:
         share = APART if k < 2 else 0.5  # rotors hide behind links and smoothed accelerations
         own = WIDER**2 * side.covariance[k][np.ix_(known, known)]
         least = LEAST * usual[k][known]
-        out[name] = Told(known, values, own + np.diag((share * values) ** 2 + least**2))
+        out[name] = Measured(known, values, own + np.diag((share * values) ** 2 + least**2))
     return out
 
 
 def by_power_alone(f: Fit) -> Fit:
     """The same hypothesis fitted as if the joints had no readings."""
     w = f.world
-    bare = replace(w.scale, told={})
-    charts = [c if c.term.name not in w.scale.told else chart(c.term, w.declared, bare, c.n) for c in f.charts]
+    bare = replace(w.scale, measured={})
+    charts = [c if c.term.name not in w.scale.measured else chart(c.term, w.declared, bare, c.n) for c in f.charts]
     return fit(w, f.nuisance, charts, list(f.numbers), f.free, f.amounts)
 
 
@@ -125,30 +125,6 @@ def _word(seen: tuple[float, float]) -> dict[str, Any]:
     return {"friction": value, "ci95": ci}
 
 
-def side_words(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """One line a joint, for stdout."""
-    out = []
-    for row in rows:
-        if row["scale"] is None:
-            out.append(f"{row['joint']}: its readings do not follow its torque; nothing can be said in N m")
-            continue
-        said = f"{row['joint']}: "
-        said += f"Kt {row['scale']:.3g} N m/A" if row["unit"] != "1" else f"torque {row['scale']:.3g} times the reading"
-        if row["own"] is not None:
-            said += f", friction at {row['speed']:.2g} rad/s {_span(row['own'])} by its own readings"
-            if row["power"] is not None:
-                said += f", {_span(row['power'])} by the power alone, {_span(row['together'])} by both"
-        else:
-            said += ", hardly moves"
-        out.append(said)
-    return out
-
-
-def _span(word: dict[str, Any]) -> str:
-    low, high = word["ci95"]
-    return f"{word['friction']:.3g} ± {(high - low) / 2:.2g} N m"
-
-
 def side_remarks(side: JointSide | None, limits: Limits, rows: Sequence[dict[str, Any]]) -> list[str]:
     """What the reader should know of both sides."""
     if side is None:
@@ -168,3 +144,54 @@ def side_remarks(side: JointSide | None, limits: Limits, rows: Sequence[dict[str
                 f"readings and {row['power']['friction']:.3g} N m by the power: the two sides disagree."
             )
     return out
+
+
+GUESS = 3.0  # times the median share, up to which a joint that says nothing may have
+SURE = 4.0  # standard deviations of some joint's number from 0, from which the law is claimed
+
+
+def friction_findings(
+    side: JointSide, limits: Limits, joints: Sequence[str], student: float
+) -> tuple[list[Finding], list[str]]:
+    """Dry and viscous friction where some joint surely has it, and what is to be said of the other joints.
+
+    A joint whose readings do not say gets the others' median share of the effort limit, with a wide interval, and no
+    more than the largest torque that was read there.
+    """
+    if not shows_friction(side, limits):
+        return [], []
+    known = np.flatnonzero(side.known)
+    unknown = np.flatnonzero(~side.known)
+    left = float(np.nansum(side.left[:, known] ** 2))
+    largest = np.full(len(limits.effort), np.inf)
+    if side.unit == "N m":
+        largest = np.nan_to_num(np.nanmax(np.abs(side.rows.reading), axis=0), nan=np.inf)
+    out, said = [], []
+    for k, name in enumerate(LAWS[:2]):
+        values, spread = side.values[k][known], WIDER**2 * side.covariance[k][np.ix_(known, known)]
+        deviation = np.sqrt(np.diag(spread))
+        if not (values > SURE * deviation).any():
+            continue
+        shares = np.maximum(values, 0.0) / limits.effort[known]
+        most = largest if k == 0 else largest / np.maximum(np.abs(side.rows.v).max(axis=0), 1e-3)
+        full = np.minimum(float(np.median(shares)) * limits.effort, most)
+        low, high = np.zeros_like(full), np.minimum(max(GUESS * float(np.median(shares)), float(shares.max()))
+                                                    * limits.effort, most)  # fmt: skip
+        full[known] = np.maximum(values, 0.0)
+        low[known] = np.maximum(full[known] - student * deviation, 0.0)
+        high[known] = full[known] + student * deviation
+        direction = np.sign(side.rows.v[:, known]) if k == 0 else side.rows.v[:, known]
+        own = float(np.nansum((direction * full[known]) ** 2))
+        parameter = effect_class(name).parameters[0]
+        out.append(
+            Finding(
+                name, {parameter.name: full.tolist()}, {parameter.name: np.column_stack([low, high]).tolist()},
+                {parameter.name: parameter.unit}, own / (own + left), None, None, False,
+            )
+        )  # fmt: skip
+    if out and unknown.size:
+        names = ", ".join(joints[int(j)] for j in unknown)
+        said.append(
+            f"Friction of {names} is not in the readings: guessed as the others' median share of the effort limit."
+        )
+    return sorted(out, key=lambda row: -row.share_of_residual), said

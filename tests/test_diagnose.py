@@ -12,8 +12,8 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.diagnose import diagnose
-from energy_opt.diagnose.data import take_samples
 from energy_opt.diagnose.predict import friction_torque
+from energy_opt.diagnose.recordings import take_samples
 from energy_opt.diagnose.words import next_step
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby, StandbyDrift
 from energy_opt.files import read_table, read_toml, write_toml

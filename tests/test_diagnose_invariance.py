@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnose import diagnose
-from energy_opt.diagnose.data import take_samples
 from energy_opt.diagnose.predict import predict
+from energy_opt.diagnose.recordings import take_samples
 from energy_opt.diagnose.residual import follows
 from energy_opt.diagnose.verdict import infer
 from energy_opt.effects import CoulombFriction, GravitySpring

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.diagnose import clusters, data, diagnose
-from energy_opt.diagnose.data import take_samples
+from energy_opt.diagnose import clusters, diagnose, recordings
 from energy_opt.diagnose.noise import weighted
 from energy_opt.diagnose.predict import predict
+from energy_opt.diagnose.recordings import take_samples
 from energy_opt.effects import CoulombFriction, Payload, Standby
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
@@ -40,7 +40,7 @@ def whole(made):
 
 def test_averaged_readings_name_the_same_cause(made, whole, monkeypatch):
     """Three neighbours a reading: friction is found at the values with which the arm was moved, and said to be so."""
-    monkeypatch.setattr(data, "MOST_READINGS", 700)
+    monkeypatch.setattr(recordings, "MOST_READINGS", 700)
     d = diagnose(whole, made.declared).document
     assert d["verdict"] == "explained" and [row["name"] for row in d["effects"]] == ["coulomb_friction"]
     low, high = np.array(d["effects"][0]["ci95"]["tau_c"]).T
@@ -52,7 +52,7 @@ def test_averaged_readings_name_the_same_cause(made, whole, monkeypatch):
 
 def test_what_averaged_readings_show_is_the_mean_of_what_the_readings_show(made, whole, monkeypatch):
     fine, _ = take_samples(whole)
-    monkeypatch.setattr(data, "MOST_READINGS", -(-len(fine.power) // 3))
+    monkeypatch.setattr(recordings, "MOST_READINGS", -(-len(fine.power) // 3))
     coarse, _ = take_samples(whole)
     assert coarse.group == 3 and coarse.noise == pytest.approx(fine.noise / 3**0.5)
     shown = [predict(made.declared, s).reading for s in (fine, coarse)]
@@ -81,14 +81,14 @@ def test_pieces_of_the_nodes_give_what_all_at_once_do(made, whole, monkeypatch):
 
 
 def test_of_too_many_runs_some_are_left_out_evenly_and_long_ones_are_cut(whole, monkeypatch):
-    nodes = sum(len(run.power) // data.per_bin(run) for run in whole.runs)
+    nodes = sum(len(run.power) // recordings.per_bin(run) for run in whole.runs)
     assert clusters.shortened(whole) is whole
     many = replace(whole, runs=whole.runs * 6)
     monkeypatch.setattr(clusters, "MOST_NODES", 2 * nodes)
     less = clusters.shortened(many)
     assert len(less.runs) == len(many.runs) // 3 and "runs, spread evenly, are looked at" in less.remarks[-1]
     few = whole.runs[:6]
-    monkeypatch.setattr(clusters, "MOST_NODES", sum(len(run.power) // data.per_bin(run) for run in few) // 2)
+    monkeypatch.setattr(clusters, "MOST_NODES", sum(len(run.power) // recordings.per_bin(run) for run in few) // 2)
     cut = clusters.shortened(replace(whole, runs=few))
     for run, of in zip(cut.runs, whole.runs, strict=False):
         assert 0 < len(run.power) < len(of.power) and len(run.time) == len(run.position) < len(of.time)

@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from energy_opt.diagnose.data import Samples, per_bin
+from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.noise import Shared
+from energy_opt.diagnose.recordings import per_bin
 from energy_opt.measured import MeasuredSet, Run
 from energy_opt.measured.meter import nodes
 from energy_opt.measured.segment import cut_at_standstill, pieces

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnose.clusters import parted, shortened, split
-from energy_opt.diagnose.data import Samples, take_samples
+from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.errors import errors, foreseen, usable
 from energy_opt.diagnose.findings import (
     STUDENT,
@@ -24,6 +24,7 @@ from energy_opt.diagnose.findings import (
 )
 from energy_opt.diagnose.joint_report import friction_findings, prior_of, side_remarks, side_rows
 from energy_opt.diagnose.joint_side import JointSide, free_runs, joint_side, push_words, pushes
+from energy_opt.diagnose.recordings import take_samples
 from energy_opt.diagnose.residual import Remainder, goes_with
 from energy_opt.diagnose.verdict import Inference, excited, infer, plain_fit
 from energy_opt.diagnose.words import headline, joints_headline, next_step, remarks, speeds_seen, summary

@@ -21,8 +21,9 @@ import numpy as np
 from energy_opt.diagnose.clusters import shared_functions
 from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.hypothesis import Chart, Scale
+from energy_opt.diagnose.links import Links
 from energy_opt.diagnose.noise import Noise, Shared, Whitener
-from energy_opt.diagnose.predict import Links, Prediction, predict
+from energy_opt.diagnose.predict import Prediction, predict
 from energy_opt.power import PowerModel
 
 ITERATIONS = 12

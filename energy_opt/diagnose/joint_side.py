@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.diagnose.hypothesis import ROTOR
-from energy_opt.diagnose.predict import USUAL_SPREAD, deviations_of
+from energy_opt.diagnose.links import USUAL_SPREAD, deviations_of
 from energy_opt.measured import MeasuredSet, Run, choose_smoothing, coarse, kinematics
 from energy_opt.power import PowerModel
 from energy_opt.power.rigid import body_of, rigid_torque

@@ -15,13 +15,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from energy_opt.diagnose.data import Samples
-    from energy_opt.diagnose.predict import Prediction
+from energy_opt.diagnose.data import Samples
+from energy_opt.diagnose.predict import Prediction
 
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight

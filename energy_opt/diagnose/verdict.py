@@ -30,8 +30,9 @@ from energy_opt.diagnose.errors import Quality, quality
 from energy_opt.diagnose.evidence import STEADY, left_out, links_odds, noise_of
 from energy_opt.diagnose.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnose.hypothesis import Measured, Scale
+from energy_opt.diagnose.links import links_of
 from energy_opt.diagnose.noise import Noise, standing_noise, weighted
-from energy_opt.diagnose.predict import links_of, predict
+from energy_opt.diagnose.predict import predict
 from energy_opt.diagnose.residual import follows
 from energy_opt.diagnose.search import Search, moved, root
 from energy_opt.power import PowerModel

@@ -11,19 +11,18 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnose.clusters import parted, shortened, split
-from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.errors import errors, foreseen, usable
 from energy_opt.diagnose.findings import (
     STUDENT,
     WIDER,
-    Finding,
+    Result,
     candidate_rows,
     evidence_rows,
     findings_of,
     nuisance_of,
 )
 from energy_opt.diagnose.joint_report import friction_findings, prior_of, side_remarks, side_rows
-from energy_opt.diagnose.joint_side import JointSide, free_runs, joint_side, push_words, pushes
+from energy_opt.diagnose.joint_side import free_runs, joint_side, push_words, pushes
 from energy_opt.diagnose.recordings import take_samples
 from energy_opt.diagnose.residual import Remainder, goes_with
 from energy_opt.diagnose.verdict import Inference, excited, infer, plain_fit
@@ -41,29 +40,8 @@ TOLERANCE = 3.0  # [%] of energy, within which a model is good enough to plan wi
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis:
-    """A diagnosis with what it was made from.
-
-    Attributes:
-        measured, declared, model: the set, the model handed in, and the calibrated one.
-        effects, remainder: what is claimed, and what the rest of the residual goes with.
-        document: the content of diagnosis.json.
-        samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
-        inference: what the search found, None without a meter.
-        side: what the joints' own readings say, None where there are none.
-    """
-
-    measured: MeasuredSet
-    declared: PowerModel
-    model: PowerModel
-    effects: tuple[Finding, ...]
-    remainder: tuple[Remainder, ...]
-    document: dict[str, Any]
-    side: JointSide | None
-    samples: Samples | None = None
-    train: tuple[int, ...] = ()
-    holdout: tuple[int, ...] = ()
-    inference: Inference | None = None
+class Diagnosis(Result):
+    """A diagnosis with what it was made from, see `Result`, ready to print and to save."""
 
     @property
     def verdict(self) -> str:

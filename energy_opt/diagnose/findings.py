@@ -7,11 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.evidence import left_out
 from energy_opt.diagnose.fit import Fit
+from energy_opt.diagnose.joint_side import JointSide
 from energy_opt.diagnose.predict import predict
+from energy_opt.diagnose.residual import Remainder
 from energy_opt.diagnose.verdict import Inference
 from energy_opt.effects import Effect, LinkInertia
+from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
 
 STUDENT = 1.96
@@ -162,3 +166,29 @@ def candidate_rows(found: Inference) -> list[dict[str, Any]]:
     alone, beside = (found.search.odds_of_candidates(f) for f in (found.root, found.accepted))
     rows = [{"name": name, "alone": value, "beside_accepted": beside.get(name)} for name, value in alone.items()]
     return sorted(rows, key=lambda row: -alone[str(row["name"])])
+
+
+@dataclass(frozen=True, repr=False)
+class Result:
+    """A diagnosis with what it was made from.
+
+    Attributes:
+        measured, declared, model: the set, the model handed in, and the calibrated one.
+        effects, remainder: what is claimed, and what the rest of the residual goes with.
+        document: the content of diagnosis.json.
+        samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
+        inference: what the search found, None without a meter.
+        side: what the joints' own readings say, None where there are none.
+    """
+
+    measured: MeasuredSet
+    declared: PowerModel
+    model: PowerModel
+    effects: tuple[Finding, ...]
+    remainder: tuple[Remainder, ...]
+    document: dict[str, Any]
+    side: JointSide | None
+    samples: Samples | None = None
+    train: tuple[int, ...] = ()
+    holdout: tuple[int, ...] = ()
+    inference: Inference | None = None

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnose.data import Samples
-from energy_opt.diagnose.diagnosis import Diagnosis
 from energy_opt.diagnose.errors import reading_of
+from energy_opt.diagnose.findings import Result
 from energy_opt.diagnose.joint_side import STILL, JointSide
 from energy_opt.diagnose.predict import friction_torque, predict
 from energy_opt.power.draws import draws_of
@@ -31,7 +31,7 @@ WILD = 3.0  # times the largest friction of a joint, beyond which a measured poi
 MOSTLY = 0.5  # of all joints' speed, beyond which a reading is shown as one joint's friction
 
 
-def page(result: Diagnosis) -> Report:
+def page(result: Result) -> Report:
     """The report."""
     d = result.document
     report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict'] or 'stopped'}")
@@ -114,7 +114,7 @@ def page(result: Diagnosis) -> Report:
     return report.command(d.get("request"))
 
 
-def _effects(report: Report, result: Diagnosis) -> None:
+def _effects(report: Report, result: Result) -> None:
     """What is claimed, with every number."""
     report.section("Effects")
     if not result.effects:
@@ -147,7 +147,7 @@ def _values(row: Mapping[str, Any], robot: Robot) -> list[list[object]]:
     return out
 
 
-def _power(result: Diagnosis, samples: Samples) -> list[Chart]:
+def _power(result: Result, samples: Samples) -> list[Chart]:
     """Measured, declared and calibrated power of every run (the first `SHOWN` of them)."""
     moving = [k for k, kind in enumerate(samples.kinds) if kind == "motion"] or list(range(len(samples.kinds)))
     declared, after = reading_of(result.declared, samples), reading_of(result.model, samples)
@@ -164,7 +164,7 @@ def _power(result: Diagnosis, samples: Samples) -> list[Chart]:
     return charts
 
 
-def _residuals(result: Diagnosis, samples: Samples) -> list[Chart]:
+def _residuals(result: Result, samples: Samples) -> list[Chart]:
     """The residual before and after against time, speed, torque and temperature."""
     p = predict(result.model, samples)
     before, after = samples.power - predict(result.declared, samples).reading, samples.power - p.reading
@@ -184,7 +184,7 @@ def _residuals(result: Diagnosis, samples: Samples) -> list[Chart]:
     ]
 
 
-def _friction(result: Diagnosis, samples: Samples) -> list[Chart]:
+def _friction(result: Result, samples: Samples) -> list[Chart]:
     """Friction of every joint over speed: the model's with its band, and what single joints' motion shows."""
     model, n = result.model, samples.n
     p = predict(model, samples)

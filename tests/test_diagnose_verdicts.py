@@ -143,7 +143,7 @@ def test_a_level_that_effects_add_is_taken_back_in_standby(tmp_path):
 
 
 def test_links_that_are_off_are_the_cause_where_they_take_the_error_to_the_noise(tmp_path):
-    truth = write_world(World("panda", 74, (0.09, 0.10), motions=9, poses=4), tmp_path / "set")
+    truth = write_world(World("ur5", 79, (0.09, 0.10), motions=9, poses=4), tmp_path / "set")
     result = diagnose(read_set(truth.folder, truth.robot), truth.declared)
     d = result.document
     ratio = d["error"]["before"]["holdout"]["power_rmse"] / d["noise_floor"]

@@ -108,7 +108,7 @@ def judged_answer(arm_name: str, case: dict[str, Any]) -> dict[str, Any]:
         model = model.replaced(eo.Payload(mass=case["payload"], com=np.zeros(3)))
     row = {"arm": arm_name, **case, "duration": None}
     begin = time.process_time()
-    other, loss = second(robot, case["payload"]), np.full(robot.n, float(copper.values["r_over_kt2"][0]))
+    other, loss = second(robot, case["payload"]), np.broadcast_to(copper.values["r_over_kt2"], robot.n)
     try:
         planner = eo.Planner(robot, model, eo.Settings(starts=4, compile="never"))
         move = eo.Move(case["start"], case["goal"], case["mode"])

@@ -137,8 +137,9 @@ def _run_workcell(args: argparse.Namespace) -> int:
     from energy_opt.cli.view import view
     from energy_opt.files import read_toml, to_json
     from energy_opt.folders import written_whole
-    from energy_opt.front.given import model_from
     from energy_opt.front.request import guard, stamp
+    from energy_opt.front.rivals import rivals_from
+    from energy_opt.job.models import mean_of
     from energy_opt.motion import Settings
     from energy_opt.robot import load_robot
     from energy_opt.workcell.file import load_workcell
@@ -150,7 +151,8 @@ def _run_workcell(args: argparse.Namespace) -> int:
 
     def model_of(name: str | None, robot: Robot) -> PowerModel:
         beside = None if name is None else args.job.parent / name
-        return model_from(given or (beside if beside is not None and beside.is_file() else name), robot)
+        named = given or (beside if beside is not None and beside.is_file() else name)
+        return mean_of(rivals_from([] if named is None else [named], None, robot)[0])
 
     worth = per_year_from(args)
     request = {"job": read_toml(args.job), **stamp(args.command)}

@@ -64,6 +64,10 @@ class Mixture(PowerModel):
     def kept(self, wanted: Callable[[Effect], bool]) -> Mixture:
         return Mixture.of([member.kept(wanted) for member in self.members], self.weights)
 
+    def standing(self, roll: float, pitch: float) -> Mixture:
+        """The mean of the members on a tilted base; see `PowerModel.standing`."""
+        return Mixture.of([member.standing(roll, pitch) for member in self.members], self.weights)
+
     def get(self, name: str) -> Effect | None:
         """The first member's."""
         return self.members[0].get(name)

@@ -32,8 +32,8 @@ from common import JUDGING, SEARCH, SUITES, Case, cases, clock, finish, robots, 
 from plain import plain
 
 from energy_opt.motion import Planner, Settings
+from energy_opt.motion.reshape.curve import Curve
 from energy_opt.motion.reshape.layout import Shape
-from energy_opt.motion.reshape.level import Curve
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.numerics.bspline import Basis
 from energy_opt.power import source_method_2

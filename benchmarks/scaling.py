@@ -23,8 +23,9 @@ from common import finish, table
 
 from energy_opt.files import write_text
 from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.motion.reshape.curve import fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Level, fitted
+from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.numerics.bspline import DEGREE, Basis
 from energy_opt.numerics.compile import compiled

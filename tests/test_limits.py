@@ -13,8 +13,9 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.limits.via import PASSED, ViaPoints
+from energy_opt.motion.reshape.curve import fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Level, fitted
+from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.bspline import Basis

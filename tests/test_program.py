@@ -5,8 +5,8 @@ import pytest
 
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, ViscousFriction
 from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.motion.reshape.curve import fitted
 from energy_opt.motion.reshape.layout import Ends, Pattern, Shape
-from energy_opt.motion.reshape.level import fitted
 from energy_opt.motion.reshape.nlp import ReshapeProgram
 from energy_opt.motion.reshape.nodes import OBJECTIVES, node_functions
 from energy_opt.numerics.bspline import Basis

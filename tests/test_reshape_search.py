@@ -8,8 +8,9 @@ import pytest
 from energy_opt.bench.moves import random_moves
 from energy_opt.effects import CoulombFriction
 from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.reshape.curve import Curve, Multipliers, Outcome
 from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome
+from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.starts import valleys
 from energy_opt.motion.reshape.task import Task
 from energy_opt.numerics.bspline import Basis

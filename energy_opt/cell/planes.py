@@ -4,7 +4,8 @@ A plane is held by the body that fewer joints move (`b`), touches it, and has th
 
     f = n·(p - o) - h,    n, o: normal and origin in b's frame,    p: the vertex of a that lies lowest over the plane
 
-As long as f >= 0 for every vertex, the bodies are apart by at least f; the vertex is frozen with the plane. Only joints
+As long as f >= 0 for every vertex, the bodies are apart by at least f; a few of the lowest vertices that lie apart from
+each other are frozen with the plane, so that it cannot be turned around one. Only joints
 between a and b move p against the plane; with z_j a joint's axis, o_j a point of it and w_j = z_j × (p - o_j) the
 velocity that it gives p,
 
@@ -17,120 +18,199 @@ Derivatives by joints that follow others go to those that lead (see `robot.coupl
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.cell.bodies import Bodies, Scenery
-from energy_opt.cell.solids import Piece, Plane
+from energy_opt.cell.bodies import Bodies
+from energy_opt.cell.solids import Piece, Plane, placement
 from energy_opt.robot.kinematics import Poses, into
 
 LENGTH = 0.1  # [m] that rows are divided by, so that they are of order one
-MOST = 6  # pieces of a pair of bodies that get rows at a place, the nearest: with all, steps took ten times as long
-KEYS = 100_000  # names of places within a pair of pieces
-
-
-@dataclass(frozen=True, eq=False)
-class Between:
-    """Two convex pieces of a pair that has number `pair`; `number` is that of these pieces."""
-
-    number: int
-    pair: int
-    a: Piece
-    b: Piece
-    plane: Plane
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """Pieces that are near at a place, and the normal (3,) from the second towards the first, in the base frame."""
-
-    place: int
-    between: Between
-    normal: np.ndarray
+KEPT = 0.06  # [m] where the last plane shows a pair to be farther apart, that plane is taken again
+VERTICES = 3  # of a near pair get a row, at most
+BESIDE, ABOVE = 0.02, 0.02  # [m] that these are apart at least, and above the lowest at most
+TURNING = 0.03  # [m] pairs that are farther get a row for the lowest vertex alone
+KEYS, POINTS = 100_000, 100_000  # names of places within a pair of pieces, and of vertices
 
 
 class Near:
-    """Finds planes between the pieces of a cell's bodies; what measures them is kept."""
+    """What is near along a curve: pairs of convex pieces, their distances and planes between them.
+
+    The last planes are kept by place: where one still shows a pair to be farther apart than rows are wanted, nothing is
+    measured anew. Distances are therefore lower bounds.
+    """
 
     def __init__(self, bodies: Bodies) -> None:
         self.bodies = bodies
+        pieces = [(i, piece) for i, body in enumerate(bodies.all) for piece in body.solid.pieces]
+        self.body = np.array([i for i, _ in pieces], dtype=int)
+        self.pieces: tuple[Piece, ...] = tuple(piece for _, piece in pieces)
+        self.radius = np.array([piece.radius for piece in self.pieces])
+        self.flat = bodies.flat[self.body]
+        self._joint = bodies.joint[self.body]
+        self.points = [
+            np.zeros((1, 3)) + bodies.shift[i] if bodies.flat[i] else p.points @ bodies.rotation[i].T + bodies.shift[i]
+            for i, p in pieces
+        ]  # in the frame of the joint
+        self._middle = np.array([(p.min(axis=0) + p.max(axis=0)) / 2 for p in self.points]).reshape(-1, 3)
+        self._half = np.array([(p.max(axis=0) - p.min(axis=0)) / 2 for p in self.points]).reshape(-1, 3)
+        self._half += self.radius[:, None]
         # a plane needs a body that holds it still while the other moves: not one that joints of its own branch move
-        self._usable = np.flatnonzero(~bodies.moves[1].any(axis=1))
-        self._pieces: dict[int, list[Between]] = {}
-        self._count = 0
+        of = [np.flatnonzero(self.body == i) for i in range(len(bodies.all))]
+        usable = np.flatnonzero(~bodies.moves[1].any(axis=1) & ~bodies.flat[bodies.pairs[:, 0]])
+        made = [(p, i, j) for p in usable.tolist() for i in of[bodies.pairs[p, 0]] for j in of[bodies.pairs[p, 1]]]
+        self.pair, self.a, self.b = np.array(made, dtype=int).reshape(-1, 3).T
+        self._measures: dict[int, Plane] = {}
+        self._kept = b"", np.zeros((0, 0, 3))
 
-    def _between(self, pair: int) -> list[Between]:
-        """All pairs of pieces of a pair."""
-        if pair not in self._pieces:
-            a, b = (self.bodies.all[k].solid.pieces for k in self.bodies.pairs[pair])
-            made = [(p, q) for p in a for q in b]
-            self._pieces[pair] = [Between(self._count + k, pair, p, q, Plane(p, q)) for k, (p, q) in enumerate(made)]
-            self._count += len(made)
-        return self._pieces[pair]
+    def measured(
+        self, u: np.ndarray, q: np.ndarray, reach: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Poses]:
+        """Pairs of pieces that are nearer than `reach` [m] at places u (K,), positions q (K, n).
 
-    def rows(
-        self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float, forced: Iterable[tuple[int, int]] = ()
-    ) -> PlaneRows:
+        Returns place, number of the pair of pieces, distance [m] (negative: overlap) and unit normal in the base frame
+        from the second towards the first, (M,) each; and the poses.
+        """
+        poses = self.bodies.kinematics(q)
+        k, number = np.nonzero(self._apart(poses) < reach)
+        if self._kept[0] != u.tobytes():
+            self._kept = u.tobytes(), np.zeros((len(u), len(self.pair), 3))
+        known = self._kept[1]
+        normal, distance = known[k, number], np.full(len(k), -np.inf)
+        old = np.flatnonzero(normal.any(axis=1))
+        distance[old] = self._heights(poses, k[old], number[old], normal[old])
+        again = np.flatnonzero(distance < KEPT)
+        of_a, of_b = self.body[self.a[number[again]]], self.body[self.b[number[again]]]
+        placed = self._placements(poses, k[again], of_a, of_b)
+        columns = (again, k[again], number[again], of_a, of_b)
+        for i, place, one, a, b in zip(*(column.tolist() for column in columns), strict=True):
+            measure = self._measures.get(one)
+            if measure is None:
+                measure = self._measures[one] = Plane(self.pieces[self.a[one]], self.pieces[self.b[one]])
+            distance[i], normal[i] = measure(placed[place, a], placed[place, b])
+        known[k, number] = normal
+        near = distance < reach
+        return k[near], number[near], distance[near], normal[near], poses
+
+    def _apart(self, poses: Poses) -> np.ndarray:
+        """Lower bounds (K, pairs of pieces) [m] of distances, from boxes along the axes of the base."""
+        rotation, origin = poses.rotation[:, self._joint], poses.origin[:, self._joint]
+        middle = np.matmul(rotation, self._middle[:, :, None])[..., 0] + origin
+        half = np.matmul(np.abs(rotation), self._half[:, :, None])[..., 0]
+        gap = np.abs(middle[:, self.a] - middle[:, self.b]) - half[:, self.a] - half[:, self.b]
+        out = np.sqrt(np.sum(np.maximum(gap, 0) ** 2, axis=2))
+        for one in np.flatnonzero(self.flat[self.b]):
+            b, a = self.b[one], self.a[one]
+            normal = rotation[:, b] @ self.bodies.rotation[self.body[b]][:, 2]
+            inward = np.matmul(normal[:, None], rotation[:, a])[:, 0]
+            height = np.sum(normal * (middle[:, a] - middle[:, b]), axis=1)
+            out[:, one] = np.maximum(height - np.abs(inward) @ self._half[a], 0)
+        return out
+
+    def _heights(self, poses: Poses, k: np.ndarray, number: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """Lower bounds (M,) [m] of distances: how far planes with these normals can be pushed apart."""
+        a, b = self.a[number], self.b[number]
+        ja, jb = self._joint[a], self._joint[b]
+        out = np.sum(normal * (poses.origin[k, ja] - poses.origin[k, jb]), axis=1) - self.radius[a] - self.radius[b]
+        out += self.lowest(a, into(poses.rotation[k, ja], normal))[1]
+        return np.asarray(out + self.lowest(b, into(poses.rotation[k, jb], -normal))[1])
+
+    def lowest(self, piece: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of pieces (M,) the vertex that goes least along directions (M, 3) in their joints' frames, and how far."""
+        vertex, height = np.zeros(len(piece), dtype=int), np.zeros(len(piece))
+        for which, rows in _groups(piece):
+            all_ = direction[rows] @ self.points[which].T
+            vertex[rows] = np.argmin(all_, axis=1)
+            height[rows] = all_[np.arange(len(rows)), vertex[rows]]
+        return vertex, height
+
+    def _placements(
+        self, poses: Poses, k: np.ndarray, a: np.ndarray, b: np.ndarray
+    ) -> dict[tuple[int, int], object]:  # fmt: skip
+        """Where bodies a and b (M,) are at places k (M,), as coal wants it, by place and body."""
+        bodies, count = self.bodies, len(self.bodies.all)
+        key = np.unique(np.concatenate([k * count + a, k * count + b]))
+        at, body = np.divmod(key, count)
+        r, joint = poses.rotation[at, bodies.joint[body]], bodies.joint[body]
+        rotation = np.matmul(r, bodies.rotation[body])
+        origin = np.matmul(r, bodies.shift[body][:, :, None])[..., 0] + poses.origin[at, joint]
+        names = zip(at.tolist(), body.tolist(), strict=True)
+        return {name: placement(rotation[i], origin[i]) for i, name in enumerate(names)}
+
+    def rows(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneRows:
         """Rows at places u (K,), positions q (K, n), for what is nearer than `reach` [m] there.
 
         Args:
             margin: (K, P) what each pair keeps at each place [m].
-            forced: places and pairs that get a row however far they are.
         """
-        bodies, scene = self.bodies, Scenery(self.bodies, q)
-        must = set(forced)
-        k, p = np.repeat(np.arange(len(u)), len(self._usable)), np.tile(self._usable, len(u))
-        floor, _, _ = scene.apart(k, p)
-        near = floor < reach
-        if must:
-            near |= np.isin(k * len(bodies.pairs) + p, [place * len(bodies.pairs) + pair for place, pair in must])
-        found: list[Found] = []
-        for side in (0, 1):
-            scene.place(k[near], bodies.pairs[p[near], side])
-        for place, pair in zip(k[near].tolist(), p[near].tolist(), strict=True):
-            a, b = bodies.pairs[pair].tolist()
-            at, bt = scene.placed(place, a), scene.placed(place, b)
-            between, limit = self._between(pair), reach
-            is_forced = (place, pair) in must
-            if len(between) > 1 and not is_forced and bodies.ruler(pair).near(at, bt) >= reach:
+        k, number, distance, normal, poses = self.measured(u, q, reach)
+        return PlaneRows(self, u, poses, (k, number, distance, normal), margin)
+
+    def spread(self, piece: np.ndarray, direction: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and their vertices: of each of pieces (M,) the lowest, and others that lie apart and hardly higher."""
+        rows, vertices = [], []
+        for which, members in _groups(piece):
+            points = self.points[which]
+            height = direction[members] @ points.T
+            first = np.argmin(height, axis=1)
+            rows.append(members)
+            vertices.append(first)
+            near = np.flatnonzero(distance[members] < TURNING)
+            if len(points) == 1 or not len(near):
                 continue
-            measured = sorted(((*one.plane(at, bt), one) for one in between), key=lambda found: found[0])[:MOST]
-            if is_forced:
-                limit = max(reach, measured[0][0] + 1e-9)
-            found += [Found(place, one, normal) for distance, normal, one in measured if distance < limit]
-        return PlaneRows(bodies, u, scene.poses, found, margin)
+            height, first, members = height[near], first[near], members[near]
+            usable = height <= height[np.arange(len(near)), first][:, None] + ABOVE
+            gap = np.sum((points[None] - points[first][:, None]) ** 2, axis=2)
+            for _ in range(VERTICES - 1):
+                gap = np.where(usable, gap, 0.0)
+                best = np.argmax(gap, axis=1)
+                good = gap[np.arange(len(gap)), best] > BESIDE**2
+                if not good.any():
+                    break
+                rows.append(members[good])
+                vertices.append(best[good])
+                members, usable, best = members[good], usable[good], best[good]
+                gap = np.minimum(gap[good], np.sum((points[None] - points[best][:, None]) ** 2, axis=2))
+        if not rows:
+            return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+        return np.concatenate(rows), np.concatenate(vertices)
 
 
 class PlaneRows:
-    """The rows of one round (see `motion.limits.base.PlaceRows`): heights over planes, in units of `LENGTH`.
+    """The rows of one linearisation (see `motion.limits.base.PlaceRows`): heights over planes, in units of `LENGTH`.
 
     Args:
         poses: at the places u (K,), where the planes were found.
+        found: place, number, distance and normal of each, as `Near.measured` gives them.
         margin: (K, P) what each pair keeps at each place [m].
     """
 
-    def __init__(self, bodies: Bodies, u: np.ndarray, poses: Poses, found: list[Found], margin: np.ndarray) -> None:
-        self.u, self._bodies = u, bodies
-        self.place = np.array([one.place for one in found], dtype=int)
-        pair = np.array([one.between.pair for one in found], dtype=int)
-        number = np.array([one.between.number for one in found], dtype=int)
-        self.keys = number * KEYS + np.round(u[self.place] * (KEYS - 1)).astype(int)
+    def __init__(
+        self, near: Near, u: np.ndarray, poses: Poses, found: tuple[np.ndarray, ...], margin: np.ndarray
+    ) -> None:
+        bodies = self._bodies = near.bodies
+        self.u = u
+        k, number, distance, normal = found
+        flat = np.flatnonzero(near.flat[near.b[number]])  # a half-space is its own plane, whatever was found
+        plane = near.body[near.b[number[flat]]]
+        turn = poses.rotation[k[flat], bodies.joint[plane]]
+        normal[flat] = np.matmul(turn, bodies.rotation[plane][:, :, 2, None])[..., 0]
+        joint_a = bodies.joint[near.body[near.a[number]]]
+        which, vertex = near.spread(near.a[number], into(poses.rotation[k, joint_a], normal), distance)
+        order = np.lexsort((vertex, number[which], k[which]))
+        which, vertex = which[order], vertex[order]
+        self.place, number, normal = k[which], number[which], normal[which]
+        a, b, pair = near.a[number], near.b[number], near.pair[number]
+        name = np.round(u[self.place] * (KEYS - 1)).astype(np.int64)
+        self.keys = (number * KEYS + name) * POINTS + vertex
         self.lower = margin[self.place, pair] / LENGTH
-        self.upper = np.full(len(found), np.inf)
-        sides = bodies.pairs[pair]
-        self._joint_a, self._joint_b = bodies.joint[sides[:, 0]], bodies.joint[sides[:, 1]]
+        self.upper = np.full(len(which), np.inf)
+        self._joint_a, self._joint_b = bodies.joint[near.body[a]], bodies.joint[near.body[b]]
         self._moves = bodies.moves[0][pair]
-        normal = np.array([one.normal for one in found]).reshape(-1, 3)
         self._normal = into(poses.rotation[self.place, self._joint_b], normal)  # in the frame of b's joint
-        flat = bodies.flat[sides[:, 1]]  # a half-space is its own plane, whatever was found
-        self._normal[flat] = bodies.rotation[sides[flat, 1]][:, :, 2]
-        turned = np.matmul(poses.rotation[self.place, self._joint_b], self._normal[:, :, None])[..., 0]
-        inward = into(poses.rotation[self.place, self._joint_a], turned)
-        self._point, radius = _lowest(bodies, sides[:, 0], [one.between.a for one in found], inward, -1.0)
-        support, outer = _lowest(bodies, sides[:, 1], [one.between.b for one in found], self._normal, 1.0)
-        support[flat] = bodies.shift[sides[flat, 1]]
-        self._height = np.sum(support * self._normal, axis=1) + outer + radius
+        self._point = np.array([near.points[i][v] for i, v in zip(a.tolist(), vertex.tolist(), strict=True)])
+        self._point = self._point.reshape(-1, 3)
+        self._height = -near.lowest(b, -self._normal)[1] + near.radius[a] + near.radius[b]
         self._at: np.ndarray | None = None
 
     def _move(self, q: np.ndarray) -> None:
@@ -170,21 +250,13 @@ class PlaneRows:
         return kinematics.coupling.joined(kinematics.coupling.joined(out), axis=1)
 
 
-def _lowest(
-    bodies: Bodies, body: np.ndarray, pieces: list[Piece], direction: np.ndarray, sign: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Of each piece the vertex that goes least (-1) or farthest (1) along a direction (R, 3), and the radius around it.
-
-    Directions and vertices are in the frame of the joint that carries the body.
-    """
-    point, radius = np.zeros((len(pieces), 3)), np.array([piece.radius for piece in pieces])
-    groups: dict[tuple[int, int], list[int]] = {}
-    for r, (which, piece) in enumerate(zip(body.tolist(), pieces, strict=True)):
-        groups.setdefault((which, id(piece)), []).append(r)
-    for (which, _), rows in groups.items():
-        points = pieces[rows[0]].points @ bodies.rotation[which].T + bodies.shift[which]
-        point[rows] = points[np.argmax(sign * direction[rows] @ points.T, axis=1)]
-    return point, radius
+def _groups(piece: np.ndarray) -> Iterable[tuple[int, np.ndarray]]:
+    """Each of pieces (M,) with the indices where it is."""
+    if not len(piece):
+        return
+    order = np.argsort(piece, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(piece[order])) + 1):
+        yield int(piece[rows[0]]), rows
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

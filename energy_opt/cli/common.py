@@ -92,7 +92,7 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument("--tube", metavar="WIDTH", help="0.1rad (each joint) or 0.02m (tool): near the given path (no)")
     group = parser.add_argument_group("solving")
-    group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default)")
+    group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default), sqp (no last polish)")
     group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping at most (24)")
     group.add_argument("--ways", type=int, metavar="N", help="free ways to start from (1; 0 besides a free --path)")
     group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move (48)")

@@ -23,6 +23,7 @@ COUNTS = (  # of settings: name, least, most without `allow_large` (what the mos
     ("ways", 0, 100),  # minutes of planning each
     ("controls", 10, 400),  # 2,800 unknowns for seven joints: minutes a start
 )
+SOLVERS = ("ipopt", "sqp")
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
 
 
@@ -115,7 +116,7 @@ class Settings:
         seed: of the starting points.
         compile: "auto", "always" or "never" (see `numerics.compile`).
         objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
-        solver: "ipopt".
+        solver: "ipopt", which polishes the best curve that the search finds, or "sqp", which leaves that out.
         dynamics: source of the symbolic dynamics (see `dynamics`).
         verify_samples: samples of the certificate; None for ten between every two rows.
         end_acceleration: "zero" or "free".
@@ -165,8 +166,8 @@ class Settings:
                 raise BadInput(f"--{name.replace('_', '-')} {value!s:.24}; expected {least} to {most}{hint}")
         if self.objective not in OBJECTIVES:
             raise BadInput(f"--objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
-        if self.solver != "ipopt":
-            raise BadInput(f"--solver {self.solver!r}; expected ipopt")
+        if self.solver not in SOLVERS:
+            raise BadInput(f"--solver {self.solver!r}; expected one of {', '.join(SOLVERS)}")
         if self.compile not in POLICIES:
             raise BadInput(f"--compile {self.compile!r}; expected one of {', '.join(POLICIES)}")
         if self.end_acceleration not in ("zero", "free"):

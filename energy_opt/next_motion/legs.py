@@ -9,8 +9,9 @@ import numpy as np
 
 from energy_opt.motion.limits.base import Limit, box_of, scaled
 from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.motion.reshape.curve import Curve, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Curve, Level, fitted
+from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import all_rows
 from energy_opt.motion.trajectory import Trajectory

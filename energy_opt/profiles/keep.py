@@ -23,4 +23,4 @@ class Keep:
 
     def rows(self) -> ClearanceRows:
         """The limit to be added to the others."""
-        return ClearanceRows(self._near, self._places.u, self._margins.at(self._places), REACH, self._places.must)
+        return ClearanceRows(self._near, self._places.u, self._margins.at(self._places), REACH)

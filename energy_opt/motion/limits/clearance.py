@@ -22,7 +22,6 @@ class ClearanceRows(Limit):
         u: (K,) places in [0, 1].
         margin: (K, P) what each pair keeps at each place [m].
         reach: nearer than this a pair gets a row [m].
-        forced: places and pairs that get a row anyway.
     """
 
     name = "clearance"
@@ -31,9 +30,8 @@ class ClearanceRows(Limit):
     u: np.ndarray
     margin: np.ndarray
     reach: float
-    forced: frozenset[tuple[int, int]] = frozenset()
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaneRows | None:
         """Rows over planes between what is near along `curve`."""
-        rows = self.near.rows(self.u, curve(self.u), self.margin, self.reach, self.forced)
+        rows = self.near.rows(self.u, curve(self.u), self.margin, self.reach)
         return rows if len(rows.place) else None

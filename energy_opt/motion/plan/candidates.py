@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +12,8 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.context import Context, path_of
+from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.layout import Ends
-from energy_opt.motion.reshape.level import Outcome
 from energy_opt.motion.reshape.search import Kept, Reshaper, trajectory_of
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution, retime
@@ -222,6 +222,7 @@ def reshaped(
     retimed: RetimeSolution | None,
     warm: Sequence[Trajectory] = (),
     kept: Kept | None = None,
+    worth: Callable[[Curve], bool] | None = None,
 ) -> Made:
     """The curve of least objective that the search finds, within limits by the judge.
 
@@ -229,6 +230,7 @@ def reshaped(
         retimed: the least-energy timing of the first path, where there is one.
         warm: trajectories to start from besides.
         kept: what starts led to at other durations of the same move.
+        worth: whether an optimum is one to solve in full; else it is handed on without a trajectory.
 
     Raises:
         Infeasible: no curve holds the limits, or none in the time asked for.
@@ -242,7 +244,9 @@ def reshaped(
     guess = 2 * reference if retimed is None else retimed.trajectory.duration
     lines = [first_line(move, guess), *(Line.of(t) for t in (*warm, *([move.input] if move.input else [])))]
     reshaper = context.reshaper(settings.objective)
-    answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept)
+    answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept, worth)
+    if not answer.wanted:
+        return Made(None, answer.iterations, starts=answer.starts, outcome=answer.optima[0], optima=answer.optima)
     best, spent, starts = answer.best, answer.iterations, answer.starts
     if best is None and retimed is not None and not context.stopped():  # it holds the limits from the beginning
         again = reshaper.search(task, [Line.of(retimed.trajectory)], 1, settings.seed, context.stopped)
@@ -255,6 +259,11 @@ def reshaped(
         best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
         return Made(None, spent, False, "no start of the reshaping led to a trajectory within limits", starts)
+    if settings.solver == "ipopt" and not context.stopped():
+        better = reshaper.polish(best, task)
+        spent += better.iterations
+        if better.broken <= FEASIBLE and better.cost < best.cost:
+            best = better
     best, trajectory, certificate, more = mended(context, reshaper, best, task)
     spent += more
     if free_time and move.duration is not None:

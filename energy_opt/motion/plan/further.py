@@ -14,7 +14,8 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.candidates import Made, reshaped
 from energy_opt.motion.plan.context import Context
 from energy_opt.motion.plan.ways import room_between
-from energy_opt.motion.reshape.level import Curve, Level, Outcome
+from energy_opt.motion.reshape.curve import Curve, Outcome
+from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.task import Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
@@ -66,7 +67,7 @@ def wider_optima(
             found.append(reshaped(other, move, timing, retimed))
         except Infeasible:
             continue
-    good = [made for made in found if made.outcome is not None and made.trajectory is not None]
+    good = [made for made in found if made.outcome is not None]
     if not good:
         return free
     best = min(good, key=lambda made: made.outcome.cost if made.outcome is not None else np.inf)

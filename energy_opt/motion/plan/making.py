@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from functools import partial
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
@@ -19,7 +20,7 @@ from energy_opt.motion.plan.candidates import (
     unseen,
 )
 from energy_opt.motion.plan.choice import Work
-from energy_opt.motion.plan.clear import kept_clear
+from energy_opt.motion.plan.clear import kept_clear, nearly_clear
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.reshape.search import Kept
 from energy_opt.motion.timing.law import Timing
@@ -64,7 +65,8 @@ def made(
         solution = least_energy_timing(context, move, timing)
     curve = None
     if not stands_still(move):
-        curve = reshaped(context, move, timing, solution, warm, kept)
+        worth = None if context.cell is None else partial(nearly_clear, context, move)
+        curve = reshaped(context, move, timing, solution, warm, kept, worth)
         log.info("keeping clear", extra={"share": 0.6})
         curve = kept_clear(context, move, timing, solution, curve, warm)
         if not curve.converged and not context.stopped():

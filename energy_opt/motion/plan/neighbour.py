@@ -22,17 +22,16 @@ from energy_opt.motion.plan.candidates import (
     reference_time,
     task_of,
 )
-from energy_opt.motion.plan.clear import mended_clear
+from energy_opt.motion.plan.clear import ROUGH, TRIAL, Clearing, mended_clear
 from energy_opt.motion.plan.single import Single
-from energy_opt.motion.reshape.clear import ClearSearch
-from energy_opt.motion.reshape.level import Outcome
+from energy_opt.motion.reshape.clear import TRUST
+from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Reshaper
 from energy_opt.motion.reshape.starts import joined
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory
 
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
-CARRIED, TRIAL = 6, 3  # rounds from a neighbour that keeps clear, and those after which it must come near the best
 PROMISING = 0.01  # of the cost
 BUMP = 0.005  # of the cost: where a front is so little above the line between neighbours, it may be its own curve
 
@@ -59,11 +58,6 @@ class Neighbours:
     def _reshaper(self) -> Reshaper:
         return self._context.reshaper("energy")
 
-    @cached_property
-    def _clear(self) -> ClearSearch | None:
-        cell = self._context.cell
-        return None if cell is None else ClearSearch(cell, self._context.robot.joints)
-
     def at(self, duration: float, neighbour: Optimum) -> Optimum | None:
         """The optimum at exactly `duration` s, from starts and a neighbour's; None where nothing within limits came.
 
@@ -80,7 +74,9 @@ class Neighbours:
         step = duration, neighbour.trajectory.duration, neighbour.energy.total
         if step not in self._tried and self._may_lead_lower(task, here, neighbour):
             self._tried.add(step)
-            stepped = self._carried(task, neighbour) if self._clear is None else self._cleared(task, neighbour, here)
+            stepped = (
+                self._carried(task, neighbour) if self._context.cell is None else self._cleared(task, neighbour, here)
+            )
             here = min((x for x in (here, stepped) if x is not None), key=lambda x: x.energy.total, default=None)
         self._known[duration] = here if here is not None else self._retimed(duration)
         return self._known[duration]
@@ -123,21 +119,20 @@ class Neighbours:
 
     def _cleared(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
         """From a neighbour that keeps clear, on to what does so at this duration."""
-        search, level = self._clear, self._reshaper.fine(task.vias)
-        assert search is not None
+        level = self._reshaper.fine(task.vias)
         curve = task.curve(level.shape, Line.of(neighbour.trajectory))
         if neighbour.outcome is not None and neighbour.outcome.curve.shape is level.shape:
             curve = replace(neighbour.outcome.curve, duration=task.durations[0])
-        descent, stopped = search.begin(level, task, curve), self._context.stopped
-        descent.go(stopped, TRIAL)
-        if here is not None and descent.cost > (1 + PROMISING) * (here.energy.total - task.offset * task.durations[0]):
+        work = Clearing.of(self._context, task, [curve])
+        if here is not None:
+            trial = work.search.descent(curve, TRIAL, TRUST, ROUGH)
+            known = here.energy.total - task.offset * task.durations[0]
+            if work.search.merit(trial) > (1 + PROMISING) * work.search.scale * known:
+                return None
+            curve = work.search.curve_of(trial)
+        if not work.finish(curve, TRUST) or work.best is None:
             return None
-        descent.go(stopped, CARRIED)
-        descent.finish(stopped)
-        found = descent.found
-        if found.best is None:
-            return None
-        made = mended_clear(self._context, search, task, found.best)
+        made = mended_clear(self._context, work.search, task, work.best)
         if made.trajectory is None or made.outcome is None:
             return None
         judged = self._context.judge(made.trajectory)

@@ -12,7 +12,7 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.plan.choice import choose
 from energy_opt.motion.plan.context import Context
 from energy_opt.motion.plan.making import first_timing, made
-from energy_opt.motion.reshape.level import Outcome
+from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Kept
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.timing.law import Timing

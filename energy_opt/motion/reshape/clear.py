@@ -1,73 +1,52 @@
-"""Reshaping that keeps clear of the arm's own body and of its cell: rounds of rows over frozen planes, each proven.
+"""Reshaping that keeps clear of the arm's own body and of its cell: SQP over planes that each linearisation renews.
 
-A round fixes a plane between every two bodies that are near at places along the curve, lets IPOPT go a little way from
-there, and has the result proven. Where the proof fails, the next round looks there too and keeps more distance; the
-best curve that was proven stays the answer while the search goes on from the last; and the part of the way towards
-this one that can be proven is kept too, so that a search which ends a hair inside of something is not lost.
+At places along the curve, rows over planes keep every two bodies apart that may come near in a step (see `sqp`). Where
+that has converged, the curve is looked at at many more places: those where bodies are too near join the others. Only
+what is clear at all of these is handed to the proof; where this fails, it is gone on with more distance.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
-from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.limits.clearance import ClearanceRows
-from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome, between
+from energy_opt.motion.reshape.curve import Curve, Outcome
+from energy_opt.motion.reshape.level import Level
+from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.search import trajectory_of
-from energy_opt.motion.reshape.task import FEASIBLE, Task, all_rows
+from energy_opt.motion.reshape.sqp import Descent, begin, descend
+from energy_opt.motion.reshape.task import FEASIBLE, Task
 
 log = logging.getLogger(__name__)
-PLACES = 60  # along a curve, evenly in time, where pairs are looked at
-ROUNDS, BOLD = 12, 6  # rounds, and those of them in which a failed proof does not make the next step shorter
+PLACES, DENSE = 60, 240  # along a curve, evenly in time, where pairs are looked at; and before a proof
 CLOSE = 0.05  # of their spacing: a corner that is passed fast needs places as near to each other as this
-REACH = 0.1  # [m] pairs that are nearer get rows
-ARM, AGAIN = 1.0, 2.0  # [m] by which turns of joints come near; a round goes so many times as far as the last, at most
+REACH = 0.06  # [m] pairs that are nearer get rows
 MARGIN = 0.002  # [m] rows keep this much more than is to be proven
-MORE, MOST = 0.0005, 0.0015  # [m] added to it where a proof failed, and how much of that at most
+BESIDE = 0.005  # [m] farther a curve is not looked at to find out whether it keeps clear
+HAIR = 2e-4  # [m] more than is to be proven is kept at the many places
+MORE, MOST = 0.0007, 0.003  # [m] added to it where a proof failed, and how much of that at most
 RAMP = 0.15  # share of the move over which the margin of an end that stands nearer grows to the full one
 END_SHARE = 0.8  # of what an end has beyond the clearance that is asked for, the margin there
-TRUST, GROWTH, SHRINK = 0.25, 1.5, 0.5  # [rad] that control points may go in a round; after a proven and a failed one
-LEAST = 0.03  # [rad]
-LOOSE, FINE = 1e-3, 1e-5  # IPOPT's tolerance in a round, and in the last one
-ITERATIONS = 40
-DONE = 3e-3  # two proven rounds that win less of the cost than this share end the search
-SHARES = (0.9, 0.7, 0.4)  # of the way from the best proven curve to one that is cheaper and not proven
-CHEAPER = 0.002  # of the cost: where less is to be won, no part of the way is tried
-HOPELESS, LESS = 0.45, 0.9  # [rows' units] rows broken by more, and not by less than this share of what it was before
-
-
-@dataclass
-class Cleared:
-    """The best outcome that is proven to keep clear, if any, and the iterations spent."""
-
-    best: Outcome | None = None
-    iterations: int = 0
-
-    def take(self, outcome: Outcome) -> None:
-        """Keep an outcome if it is the cheapest."""
-        if self.best is None or outcome.cost < self.best.cost:
-            self.best = outcome
-
-    def join(self, other: Cleared) -> None:
-        """Count what another search took, and keep its best if it is the cheapest."""
-        self.iterations += other.iterations
-        if other.best is not None:
-            self.take(other.best)
+TRUST = 0.1  # [rad, m] of the first step from a curve that is free
+ROUNDS, AGAIN = 10, 5  # descents from a curve at most; iterations of each but the first
+SLACK, GIVE = 0.01, 0.1  # of rows over planes, and of limits in the first descent, that count as kept while it goes on
+NEARBY = 0.06  # [rad, m] first step of each descent but the first
+FINE = 1e-3  # relative: such a descent ends where so little is to be won
+POLISH = 1e-5  # IPOPT's tolerance
 
 
 @dataclass
 class Places:
-    """Where rows are wanted: places u, pairs that are forced near a time, and what pairs keep beyond the usual [m]."""
+    """Where rows are wanted: places u, and what pairs keep beyond the usual [m]."""
 
     u: np.ndarray
     more: np.ndarray
-    forced: set[tuple[float, int]] = field(default_factory=set)
 
     @classmethod
     def evenly(cls, pairs: int) -> Places:
@@ -76,19 +55,19 @@ class Places:
 
     def learn(self, proof: Clearance, duration: float) -> None:
         """Look where a proof failed, and keep more distance there."""
-        for touch in proof.touches:
-            at = touch.time / duration
-            self.forced.add((at, touch.pair))
-            if np.abs(self.u - at).min() > CLOSE / PLACES:
-                self.u = np.sort(np.append(self.u, at))
-        pairs = np.unique(np.array([touch.pair for touch in proof.touches], dtype=int))
-        self.more[pairs] = np.minimum(self.more[pairs] + MORE, MOST)
+        self.look(np.array([touch.time / duration for touch in proof.touches]))
+        self.keep(np.array([touch.pair for touch in proof.touches], dtype=int))
 
-    @property
-    def must(self) -> frozenset[tuple[int, int]]:
-        """Places and pairs that get a row anyway."""
-        near = ((int(np.argmin(np.abs(self.u - at))) + d, pair) for at, pair in self.forced for d in (-1, 0, 1))
-        return frozenset((k, pair) for k, pair in near if 0 <= k < len(self.u))
+    def look(self, at: np.ndarray) -> bool:
+        """Look at more places too; whether any of them is new."""
+        new = [u for u in np.unique(at) if np.abs(self.u - u).min() > CLOSE / PLACES]
+        self.u = np.sort(np.append(self.u, new))
+        return bool(new)
+
+    def keep(self, pairs: np.ndarray) -> None:
+        """Keep more distance between pairs."""
+        pairs = np.unique(pairs)
+        self.more[pairs] = np.minimum(self.more[pairs] + MORE, MOST)
 
 
 class Margins:
@@ -113,142 +92,111 @@ class Margins:
 
 
 class ClearSearch:
-    """Searches of one cell; what measures distances is kept from one to the next."""
+    """Searches of one task in a cell.
 
-    def __init__(self, cell: Cell, joints: tuple[str, ...]) -> None:
-        self.cell, self.joints, self.near = cell, joints, Near(cell.bodies)
+    Args:
+        scale: what costs are multiplied by, to be of order one.
+    """
 
-    def begin(self, level: Level, task: Task, first: Curve, trust: float = TRUST) -> Descent:
-        """A search from `first`; its first round goes at most `trust` [rad]."""
-        first = replace(first, points=np.clip(first.points, *box_of(task.limits, level.shape.joints)))
-        return Descent(_Rounds(self, level, task), first, all_rows(level.shape, task.limits), task, trust)
+    def __init__(
+        self, cell: Cell, joints: tuple[str, ...], level: Level, task: Task, scale: float, stopped: Callable[[], bool]
+    ) -> None:
+        self.cell, self.joints, self.level, self.task, self.stopped = cell, joints, level, task, stopped
+        self.near, self._many = Near(cell.bodies), Near(cell.bodies)
+        self.margins = Margins(cell, np.stack([task.ends.start, task.ends.goal]))
+        self.wanted = self.margins.wanted
+        self._model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset)
+        self._model.scale = self.scale = scale
+        self.iterations = 0
 
-    def run(
-        self, level: Level, task: Task, first: Curve, stopped: Callable[[], bool], rounds: int = ROUNDS,
-        enough: float = -np.inf, trust: float = TRUST,
-    ) -> Cleared:  # fmt: skip
-        """The cheapest proven curve that at most so many rounds from `first` come to, or the first that is `enough`."""
-        descent = self.begin(level, task, first, trust)
-        descent.go(stopped, rounds, enough)
-        descent.finish(stopped)
-        return descent.found
-
-    def polished(self, level: Level, task: Task, outcome: Outcome) -> Cleared:
-        """A proven outcome solved again nearby, under limits that have changed a little."""
-        rounds = _Rounds(self, level, task)
-        rounds.one(outcome.curve, outcome.rows, LEAST, FINE)
-        return rounds.found
-
-    def proof(self, curve: Curve, wanted: np.ndarray) -> Clearance:
+    def proof(self, curve: Curve) -> Clearance:
         """Does the trajectory of a curve keep clear?"""
         t = trajectory_of(curve, self.joints)
-        return self.cell.prove(t.time, t.position, t.velocity, t.acceleration, wanted)
+        return self.cell.prove(t.time, t.position, t.velocity, t.acceleration, self.wanted)
 
+    def gap(self, curve: Curve) -> tuple[float, float]:
+        """How far pairs are at least beyond their margin at the usual places [m], and the share of these that touch."""
+        places = Places.evenly(len(self.wanted))
+        k, number, distance, _, _ = self.near.measured(places.u, curve.position(places.u), BESIDE)
+        if not len(k):
+            return BESIDE, 0.0
+        margin = self.margins.at(places)[k, self.near.pair[number]]
+        return float((distance - margin).min()), len(np.unique(k[distance < 0])) / len(places.u)
 
-class Descent:
-    """A search from one curve, that can be left and gone on with; `found` is the cheapest proven curve."""
+    def descent(self, curve: Curve, iterations: int, trust: float, tolerance: float) -> Descent:
+        """A few iterations from a curve, at the usual places."""
+        model = self._with(Places.evenly(len(self.wanted)))
+        now = begin(model.at_curve(curve, trust))
+        found = descend(
+            model, now, iterations, trust, tolerance=tolerance, give=GIVE, slack=SLACK, stopped=self.stopped
+        )
+        self.iterations += found.iterations
+        return found
 
-    def __init__(self, work: _Rounds, first: Curve, rows: np.ndarray, task: Task, trust: float) -> None:
-        self._work, self._task, self.found = work, task, work.found
-        self._curve, self._rows = first, rows
-        self._trust, self._turn, self._quiet = trust, 0, 0
-        self._known: Multipliers | None = None
-        self._broken, self._moved = np.inf, np.inf
+    def merit(self, found: Descent) -> float:
+        """Scaled cost, with what is still broken on top."""
+        return found.point.cost + 10 * self._with(Places.evenly(len(self.wanted))).broken(found.point, GIVE, SLACK)
 
-    @property
-    def cost(self) -> float:
-        """What the path can change of the cost of the best that is proven; infinite where nothing is."""
-        return np.inf if self.found.best is None else self._task.cost(self.found.best)
+    def curve_of(self, found: Descent) -> Curve:
+        """The curve where a search stands."""
+        point = found.point
+        return Curve(self.level.shape, point.points, point.duration, point.via_u)
 
-    def go(self, stopped: Callable[[], bool], rounds: int = ROUNDS, enough: float = -np.inf) -> None:
-        """Up to `rounds` rounds in all, fewer where no more is to be won, or the cost is `enough`."""
-        while self._turn < rounds and self._quiet < 2 and self.cost > enough and not stopped():
-            before = self.cost
-            far = min(self._trust, AGAIN * self._moved)
-            outcome, proof = self._work.one(self._curve, self._rows, self._trust, LOOSE, self._known, far)
-            self._moved = float(np.abs(outcome.curve.points - self._curve.points).max())
-            self._curve, self._rows, self._turn = outcome.curve, outcome.rows, self._turn + 1
-            self._known = outcome.multipliers
-            share = {"share": 0.6 + 0.35 * self._turn / rounds}
-            log.info(
-                "round %d of at most %d: %s, cost %.6g", self._turn, rounds, proof.verdict, outcome.cost, extra=share
-            )
-            if proof.proven:
-                self._trust *= GROWTH
-                cost = self._task.cost(outcome)
-                small = abs(before - cost) < DONE * max(cost, 1e-9)
-                self._quiet = self._quiet + 1 if small else 0
+    def finish(self, curve: Curve, iterations: int, trust: float, tolerance: float) -> Outcome | None:
+        """The proven curve that a search from `curve` leads to; None where that fails."""
+        places = Places.evenly(len(self.wanted))
+        dense = (np.arange(DENSE) + 0.5) / DENSE
+        now: Descent | None = None
+        for turn in range(ROUNDS):
+            model, first = self._with(places), now is None
+            point = model.at_curve(curve, trust if first else NEARBY)
+            now = begin(point) if now is None else replace(now, point=point, damping=0.0)
+            if first:
+                descend(
+                    model, now, iterations, trust, tolerance=tolerance, give=GIVE, slack=SLACK, stopped=self.stopped
+                )
             else:
-                self._work.places.learn(proof, outcome.curve.duration)
-                self._trust = self._trust if self._turn <= BOLD else max(self._trust * SHRINK, LEAST)
-                self._quiet = 0
-            if outcome.broken > max(HOPELESS, LESS * self._broken):  # it is stuck inside of something
+                descend(model, now, AGAIN, NEARBY, tolerance=FINE, slack=SLACK, stopped=self.stopped)
+            curve = self.curve_of(now)
+            k, number, distance, _, _ = self._many.measured(dense, curve.position(dense), self.cell.asked + HAIR)
+            bad = distance < self.wanted[self.near.pair[number]] + HAIR
+            if bad.any():
+                if not places.look(dense[k[bad]]) or turn > 1:
+                    places.keep(self.near.pair[number[bad]])
+            elif model.excess(now.point) > FEASIBLE / 10:
+                pass
+            else:
+                proof = self.proof(curve)
+                if proof.proven:
+                    self.iterations += now.iterations
+                    return model.outcome(now.point, now.iterations, True)
+                places.learn(proof, curve.duration)
+            if self.stopped():
                 break
-            self._broken = outcome.broken
+        self.iterations += now.iterations if now is not None else 0
+        return None
 
-    def finish(self, stopped: Callable[[], bool]) -> None:
-        """Polish the best, and go towards what is cheaper as far as that can be proven."""
-        if self.found.best is not None and not stopped():
-            self._work.one(self.found.best.curve, self.found.best.rows, LEAST, FINE)
-            self._work.part_way()
+    def polished(self, outcome: Outcome, task: Task | None = None) -> Outcome | None:
+        """An outcome solved again nearby by IPOPT, over planes that do not move; None where that is not proven.
 
-
-class _Rounds:
-    """Rounds of one task: what pairs keep, where they are looked at, and the best that was found."""
-
-    def __init__(self, search: ClearSearch, level: Level, task: Task) -> None:
-        self._search, self._level, self._task = search, level, task
-        self._kept = Margins(search.cell, np.stack([task.ends.start, task.ends.goal]))
-        self._wanted = self._kept.wanted
-        self.places = Places.evenly(len(self._wanted))
-        self.found = Cleared()
-        self.near: Outcome | None = None  # the cheapest that could not be proven
-
-    def one(
-        self, start: Curve, rows: np.ndarray, reach: float, tolerance: float, known: Multipliers | None = None,
-        far: float = LEAST,
-    ) -> tuple[Outcome, Clearance]:  # fmt: skip
-        """Solve from `start`, at most `reach` away from it, and have it proven; `far` [rad] is what is expected."""
-        outcome, proof = self._solved(start, rows, reach, tolerance, known, far)
-        if proof.proven and self._excess(outcome) > FEASIBLE:  # a limit has come to bind that had no row
-            outcome, proof = self._solved(outcome.curve, outcome.rows, LEAST, tolerance, outcome.multipliers, LEAST)
-        if proof.proven and self._excess(outcome) <= FEASIBLE:
-            self.found.take(outcome)
-        elif self.near is None or outcome.cost < self.near.cost:
-            self.near = outcome
-        return outcome, proof
-
-    def _solved(
-        self, start: Curve, rows: np.ndarray, reach: float, tolerance: float, known: Multipliers | None, far: float
-    ) -> tuple[Outcome, Clearance]:
-        places, task, near = self.places, self._task, min(REACH, MARGIN + ARM * far)
-        held = ClearanceRows(self._search.near, places.u, self._kept.at(places), near, places.must)
-        outcome = self._level.solve(
-            start, task.ends, (*task.limits, held), task.parameters, task.durations,
-            tolerance=tolerance, rows=rows, offset=task.offset, rounds=1, reach=reach, multipliers=known,
-            options={"max_iter": ITERATIONS, "mu_init": 1e-2},
+        Args:
+            task: with limits that have changed a little.
+        """
+        task = task or self.task
+        places = Places.evenly(len(self.wanted))
+        rows = ClearanceRows(self.near, places.u, self.margins.at(places), REACH / 2)
+        found = self.level.solve(
+            outcome.curve, task.ends, (*task.limits, rows), task.parameters, task.durations, tolerance=POLISH,
+            rows=outcome.rows, offset=task.offset, rounds=2, reach=NEARBY / 2,
+            options={"max_iter": 30, "mu_init": 1e-4},
         )  # fmt: skip
-        self.found.iterations += outcome.iterations
-        return outcome, self._search.proof(outcome.curve, self._wanted)
+        self.iterations += found.iterations
+        cost, excess = self.level.excess(found.curve, task.parameters, task.limits)
+        if excess > FEASIBLE or not self.proof(found.curve).proven:
+            return None
+        return replace(found, cost=cost, broken=excess)
 
-    def part_way(self) -> None:
-        """Keep what lies farthest on the way from the best to the cheapest that is not proven, and is proven."""
-        best, outcome, task = self.found.best, self.near, self._task
-        if (
-            best is None
-            or outcome is None
-            or task.cost(outcome) > (1 - CHEAPER) * task.cost(best)
-            or outcome.broken > HOPELESS
-        ):
-            return
-        for share in SHARES:
-            curve = between(best.curve, outcome.curve, share)
-            cost, excess = self._level.excess(curve, task.parameters, task.limits)
-            if cost >= best.cost or excess > FEASIBLE or not self._search.proof(curve, self._wanted).proven:
-                continue
-            self.found.take(replace(outcome, curve=curve, cost=cost, broken=excess))
-            return
-
-    def _excess(self, outcome: Outcome) -> float:
-        """The worst excess over a limit, planes aside."""
-        return self._level.excess(outcome.curve, self._task.parameters, self._task.limits)[1]
+    def _with(self, places: Places) -> Model:
+        """The model with rows at places."""
+        rows = ClearanceRows(self.near, places.u, self.margins.at(places), REACH)
+        return self._model.keeping(rows)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit, box_of, values_of
+from energy_opt.motion.reshape.curve import Curve, Multipliers, Outcome
+from energy_opt.motion.reshape.frame import Frame
 from energy_opt.motion.reshape.layout import Ends, Pattern, Shape
+from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.nlp import ReshapeProgram
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.numerics import ipopt
@@ -19,61 +22,23 @@ NEAR = 0.97  # share of a bound from which a limit joins the rows when others do
 ROUNDS = 10
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A move as control points (controls, n) over u in [0, 1], its duration [s] and the via points' times u."""
-
-    shape: Shape
-    points: np.ndarray
-    duration: float
-    via_u: np.ndarray
-
-    def position(self, u: np.ndarray) -> np.ndarray:
-        """Positions (M, n) at u (M,)."""
-        return self.shape.basis.matrix(u) @ self.points
-
-    def derivatives(self, u: np.ndarray) -> list[np.ndarray]:
-        """Position, velocity, acceleration and jerk (M, n) at t = u T."""
-        return [self.shape.basis.matrix(u, k) @ self.points / self.duration**k for k in range(4)]
-
-
-@dataclass(frozen=True)
-class Multipliers:
-    """Of the bounds on the unknowns, and of rows that are named by `keys` (R, 3) (see ReshapeProgram.keys)."""
-
-    bounds: np.ndarray
-    keys: np.ndarray
-    rows: np.ndarray
-
-    def of(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Those of the bounds, and of other rows; of rows that are new, none."""
-        known = dict(zip(map(tuple, self.keys.tolist()), self.rows.tolist(), strict=True))
-        return self.bounds, np.array([known.get(tuple(key), 0.0) for key in keys.tolist()])
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess at a node.
-
-    `rows` (R, 3) number what was held: limit, site or node, joint or column.
-    """
-
-    curve: Curve
-    cost: float
-    broken: float
-    converged: bool
-    status: str
-    iterations: int
-    rows: np.ndarray
-    multipliers: Multipliers
-
-
 class Level:
     """All programs of one shape."""
 
     def __init__(self, shape: Shape, nodes: NodeFunctions) -> None:
         self.shape, self.pattern, self._nodes = shape, Pattern(shape), nodes
         self._value = Batch(nodes.value, len(shape.grid[0]))
+
+    @cached_property
+    def frame(self) -> Frame:
+        """Banded matrices of the shape."""
+        return Frame(self.shape)
+
+    def model(
+        self, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray, durations: tuple[float, float], offset: float
+    ) -> Model:
+        """The problem for sequential quadratic programming."""
+        return Model(self.frame, self._nodes, ends, limits, parameters, durations, offset)
 
     def shares(
         self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit]
@@ -177,26 +142,3 @@ class Level:
                 held[:-1] |= new[k][1:]
         assert known is not None
         return Outcome(curve, cost, broken, answer.success, answer.status, iterations, chosen, known)
-
-
-def fitted(
-    shape: Shape, u: np.ndarray, q: np.ndarray, ends: Ends, duration: float, via_u: np.ndarray | None = None
-) -> Curve:
-    """The curve of `shape` closest to positions q (M, n) at u (M,), with the ends as they must be."""
-    zero = None if shape.free_acceleration else np.zeros(shape.joints)
-    head = shape.basis.ends(ends.start, ends.v_start * duration, zero, False)
-    tail = shape.basis.ends(ends.goal, ends.v_goal * duration, zero, True)
-    places = np.zeros(0) if via_u is None else via_u
-    return Curve(shape, shape.basis.fit(u, q, head, tail), duration, places)
-
-
-def between(a: Curve, b: Curve, share: float) -> Curve:
-    """The curve at a share of the straight way from one to another of the same shape."""
-    mixed = [(1 - share) * x + share * y for x, y in ((a.points, b.points), (a.via_u, b.via_u))]
-    return Curve(a.shape, mixed[0], (1 - share) * a.duration + share * b.duration, mixed[1])
-
-
-def refined(curve: Curve, shape: Shape, ends: Ends) -> Curve:
-    """The same curve with the control points of another shape."""
-    u = np.linspace(0, 1, 6 * shape.basis.controls)
-    return fitted(shape, u, curve.shape.basis.matrix(u) @ curve.points, ends, curve.duration, curve.via_u)

@@ -20,21 +20,24 @@ from itertools import islice
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.motion.reshape.curve import Curve, Outcome, refined
 from energy_opt.motion.reshape.layout import Shape
-from energy_opt.motion.reshape.level import Curve, Level, Outcome, refined
+from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.nodes import NodeFunctions
-from energy_opt.motion.reshape.starts import Optima, search, solved, valleys
+from energy_opt.motion.reshape.starts import Optima, search, valleys
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import Basis
 
 log = logging.getLogger(__name__)
 COARSE, COARSE_PACKING = 12, 0.5  # control points of starts: with 10, every tenth move's best optimum is lost
-MIDDLE, MIDDLE_PACKING = 20, 0.9  # of the comparison of optima: with 12 it errs by some 10 %, with 20 by some percent
+ITERATIONS, FINE = 25, 1e-4  # of those that are gone on with
+TRIAL, TRUST, ROUGH = 8, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance of the comparison of optima
 PER_VIA = 2  # control points more for every via point
 RUNG = 1.5  # ratio of the durations at which starts are solved
 KEPT, WORTH_KEEPING = 5, 2.0  # so many valleys are compared at the move's own duration, if so near the best
 REFINED, WORTH_REFINING = 3, 1.1  # so many of these are solved in full, if so near the best
+FEW = 8  # starts of which the best optimum is first asked about
 MENDABLE = 0.05  # more control points may still mend an excess up to this share of a bound
 
 Kept = dict[float, Optima]  # what starts led to, by the duration at which they were solved
@@ -44,13 +47,14 @@ Kept = dict[float, Optima]  # what starts led to, by the duration at which they 
 class Answer:
     """The best outcome of a search (None where no start leads to a feasible curve), and what it took.
 
-    `optima`: of different valleys, the best first, as coarse as they were compared.
+    `optima`: of different valleys, the best first, as coarse as they were compared. `wanted`: they were worth solving.
     """
 
     best: Outcome | None
     starts: int
     iterations: int
     optima: tuple[Outcome, ...] = ()
+    wanted: bool = True
 
 
 class Reshaper:
@@ -75,11 +79,6 @@ class Reshaper:
         basis = Basis(min(COARSE + PER_VIA * vias, self._controls), COARSE_PACKING)
         return self._level(Shape(self._joints, basis, free_acceleration=True, vias=vias))
 
-    def middle(self, vias: int) -> Level:
-        """The level on which optima are compared."""
-        basis = Basis(min(MIDDLE + PER_VIA * vias, self._controls), MIDDLE_PACKING)
-        return self._level(Shape(self._joints, basis, free_acceleration=True, vias=vias))
-
     def fine(self, vias: int) -> Level:
         """The level of the answer.
 
@@ -92,21 +91,24 @@ class Reshaper:
         return self._level(Shape(self._joints, Basis(self._controls), free_acceleration=self._free, vias=vias))
 
     def search(
-        self,
-        task: Task,
-        lines: Sequence[Line],
-        starts: int,
-        seed: int,
-        stopped: Callable[[], bool],
-        kept: Kept | None = None,
-    ) -> Answer:
+        self, task: Task, lines: Sequence[Line], starts: int, seed: int, stopped: Callable[[], bool],
+        kept: Kept | None = None, worth: Callable[[Curve], bool] | None = None,
+    ) -> Answer:  # fmt: skip
         """The best outcome from at most `starts` starts.
 
         Args:
             lines: first guesses, at least one; the first is bent, the others are solved as they are.
             kept: what was found before for other durations of the same move, and is added to.
+            worth: whether a curve near the best optimum of a few starts is worth more of them, and to be solved in
+                full; else what was found is given as it is. None: always.
         """
-        optima, used, spent = self.optima(task, lines, starts, seed, stopped, kept)
+        kept = {} if kept is None else kept
+        optima, used, spent = self.optima(task, lines, min(starts, FEW if worth else starts), seed, stopped, kept)
+        if worth:
+            if optima[0].broken <= MENDABLE and not worth(optima[0].curve):
+                return Answer(None, used, spent, tuple(optima), False)
+            optima, more, again = self.optima(task, lines, starts, seed, stopped, kept)
+            used, spent = used + more, spent + again
         best, more = self.refined(task, optima, stopped)
         return Answer(best, used, spent + more, tuple(optima))
 
@@ -120,36 +122,42 @@ class Reshaper:
         kept: Kept | None = None,
     ) -> tuple[list[Outcome], int, int]:
         """Coarse optima of the task, the best first; the starts and iterations that they took."""
-        coarse, middle = self.coarse(task.vias), self.middle(task.vias)
+        coarse, fine = self.coarse(task.vias), self.fine(task.vias)
         there, used, spent = task, 0, 0
         if task.fixed:
             there = task.lasting(float(RUNG ** np.ceil(np.log(task.durations[0]) / np.log(RUNG) - 1e-9)))
         rung = there.durations[1]
         kept = {} if kept is None else kept
-        if rung not in kept:
-            found = search(coarse, there, lines[0], starts, seed, stopped)
-            kept[rung], used, spent = found, found.starts, found.iterations
+        known = kept.get(rung, Optima())
+        if known.starts < starts and not known.enough:
+            found = kept[rung] = search(coarse, there, lines[0], starts, seed, stopped, known)
+            used, spent = found.starts - known.starts, found.iterations - known.iterations
         best = min(kept[rung].found, key=there.rank)
         most = WORTH_KEEPING * there.cost(best)
         near = [o for o in kept[rung].found if o is best or (o.broken <= FEASIBLE and there.cost(o) <= most)]
         optima = islice(valleys(coarse, there, near), KEPT)
-        guesses = [refined(task.within(o.curve), middle.shape, task.ends) for o in optima]
-        guesses += [task.curve(middle.shape, line) for line in lines[1:]]
-        compared = list(solved(middle, task, guesses, stopped))
+        guesses = [refined(task.within(o.curve), fine.shape, task.ends) for o in optima]
+        guesses += [task.curve(fine.shape, line) for line in lines[1:]]
+        compared: list[Outcome] = []
+        for guess in guesses:
+            compared.append(task.descended(fine, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped))
+            if stopped():
+                break
         iterations = spent + sum(o.iterations for o in compared)
-        return list(valleys(middle, task, compared)), used + len(lines) - 1, iterations
+        return sorted(compared, key=task.promise), used + len(lines) - 1, iterations
 
     def refined(self, task: Task, optima: Sequence[Outcome], stopped: Callable[[], bool]) -> tuple[Outcome | None, int]:
-        """The best fine outcome from coarse optima, the best of which come first; and the iterations spent."""
-        fine = self.fine(task.vias)
+        """The best outcome from fine trials, the best of which come first; and the iterations spent."""
         best: Outcome | None = None
         spent = count = 0
         for outcome in optima:
-            near = task.cost(outcome) <= WORTH_REFINING * task.cost(optima[0])
-            if outcome.broken > MENDABLE or (best is not None and not (near and count < REFINED)):
+            near = task.promise(outcome) <= WORTH_REFINING * task.promise(optima[0])
+            if best is not None and not (near and count < REFINED):
                 break
             log.info("refining optimum %d of %d", count + 1, len(optima), extra={"share": 0.5})
-            better = self._refine(refined(outcome.curve, fine.shape, task.ends), task)
+            better = self.descended(outcome.curve, task, stopped)
+            if better.broken > FEASIBLE:
+                better = self._refine(outcome.curve, task)
             spent, count = spent + better.iterations, count + 1
             if better.broken <= FEASIBLE and (best is None or better.cost < best.cost):
                 best = better
@@ -159,6 +167,12 @@ class Reshaper:
 
     def _refine(self, curve: Curve, task: Task) -> Outcome:
         return task.solved(self._level(curve.shape), curve, tolerance=1e-5, barrier=1e-2)
+
+    def descended(self, curve: Curve, task: Task, stopped: Callable[[], bool]) -> Outcome:
+        """The optimum that sequential quadratic programming finds from a curve near it."""
+        return task.descended(
+            self._level(curve.shape), curve, ITERATIONS, trust=TRUST / 4, tolerance=FINE, stopped=stopped
+        )
 
     def from_line(self, line: Line, task: Task) -> Outcome:
         """The fine problem solved from a line."""

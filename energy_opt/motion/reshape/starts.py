@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.motion.limits.base import box_of
-from energy_opt.motion.reshape.level import Curve, Level, Outcome, between
+from energy_opt.motion.reshape.curve import Curve, Outcome, between
+from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 
 log = logging.getLogger(__name__)
@@ -41,24 +42,35 @@ ITERATIONS = 240  # smooth models take some 20, dry friction on every joint 60 t
 
 @dataclass(frozen=True)
 class Optima:
-    """Different optima of a coarse problem, in the order found; starts and iterations that they took."""
+    """Different optima of a coarse problem, in the order found; starts and iterations that they took.
 
-    found: tuple[Outcome, ...]
-    starts: int
-    iterations: int
+    `enough`: no better one is to be expected.
+    """
+
+    found: tuple[Outcome, ...] = ()
+    starts: int = 0
+    iterations: int = 0
+    costs: tuple[float, ...] = ()  # of all feasible outcomes
+    enough: bool = False
 
 
-def search(level: Level, task: Task, line: Line, starts: int, seed: int, stopped: Callable[[], bool]) -> Optima:
-    """Solve from a line and from bends of it, `starts` in all, or fewer where that will do."""
+def search(
+    level: Level, task: Task, line: Line, starts: int, seed: int, stopped: Callable[[], bool],
+    known: Optima = Optima(),
+) -> Optima:  # fmt: skip
+    """Solve from a line and from bends of it, `starts` in all, or fewer where that will do.
+
+    Args:
+        known: what fewer starts led to, which is gone on from.
+    """
     straight = task.curve(level.shape, line)
 
     def guesses() -> Iterator[Curve]:
-        yield straight
-        yield from (_bent(level, straight, task, seed, k) for k in range(starts - 1))
+        for k in range(known.starts, starts):
+            yield _bent(level, straight, task, seed, k - 1) if k else straight
 
-    found: list[Outcome] = []
-    costs: list[float] = []  # of all feasible outcomes
-    used = iterations = 0
+    found, costs = list(known.found), list(known.costs)
+    used, iterations, enough = known.starts, known.iterations, False
     for outcome in solved(level, task, guesses(), stopped):
         used, iterations = used + 1, iterations + outcome.iterations
         text = "start %d of at most %d: cost %.6g, %d iterations"
@@ -67,9 +79,10 @@ def search(level: Level, task: Task, line: Line, starts: int, seed: int, stopped
             found.append(outcome)
         if outcome.broken <= FEASIBLE:
             costs.append(task.cost(outcome))
-        if _enough(np.sort(costs), used):
+        enough = _enough(np.sort(costs), used)
+        if enough:
             break
-    return Optima(tuple(found), used, iterations)
+    return Optima(tuple(found), used, iterations, tuple(costs), enough)
 
 
 def _enough(costs: np.ndarray, starts: int) -> bool:

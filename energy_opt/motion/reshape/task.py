@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.reshape.curve import Curve, Multipliers, Outcome, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Curve, Level, Multipliers, Outcome, fitted
+from energy_opt.motion.reshape.level import Level
+from energy_opt.motion.reshape.sqp import begin, descend
 from energy_opt.motion.trajectory import Trajectory
 
 ITERATIONS = 400  # smooth models take some 30, dry friction on every joint up to 250
+FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed it by, to be mended later
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 
 
@@ -89,6 +92,22 @@ class Task:
             multipliers=multipliers,
         )
 
+    def descended(
+        self, level: Level, guess: Curve, iterations: int, *, trust: float, tolerance: float, loose: float = 1e-6,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> Outcome:  # fmt: skip
+        """What sequential quadratic programming comes to on a level from a guess."""
+        model = level.model(self.ends, self.limits, self.parameters, self.durations, self.offset)
+        lower, upper = model.box
+        guess = replace(guess, points=np.clip(guess.points, lower, upper))
+        point = model.at_curve(guess)
+        model.scale = 1 / max(abs(point.cost), 1e-6)
+        now = begin(model.at_curve(guess))
+        descend(
+            model, now, iterations, trust, tolerance=tolerance, give=FREE, loose=loose, stopped=stopped
+        )  # fmt: skip
+        return model.outcome(now.point, now.iterations, now.converged)
+
     def curve(self, shape: Shape, line: Line) -> Curve:
         """The curve of a shape that is nearest to a line, with the task's ends."""
         duration = float(np.clip(line.duration, *self.durations))
@@ -101,6 +120,10 @@ class Task:
     def cost(self, outcome: Outcome) -> float:
         """What the path can change of an outcome's cost."""
         return outcome.cost - self.offset * outcome.curve.duration
+
+    def promise(self, outcome: Outcome) -> float:
+        """What the path can change of the cost of a curve that may not hold the limits yet: more by its excess."""
+        return self.cost(outcome) * (1 + max(outcome.broken, 0.0))
 
     def rank(self, outcome: Outcome) -> tuple[bool, float]:
         """Feasible outcomes first, by cost; infeasible ones by how far they are off."""

@@ -1,0 +1,81 @@
+"""Curves of a shape, and what a search for the best of them comes to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.motion.reshape.layout import Ends, Shape
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A move as control points (controls, n) over u in [0, 1], its duration [s] and the via points' times u."""
+
+    shape: Shape
+    points: np.ndarray
+    duration: float
+    via_u: np.ndarray
+
+    def position(self, u: np.ndarray) -> np.ndarray:
+        """Positions (M, n) at u (M,)."""
+        return self.shape.basis.matrix(u) @ self.points
+
+    def derivatives(self, u: np.ndarray) -> list[np.ndarray]:
+        """Position, velocity, acceleration and jerk (M, n) at t = u T."""
+        return [self.shape.basis.matrix(u, k) @ self.points / self.duration**k for k in range(4)]
+
+
+@dataclass(frozen=True)
+class Multipliers:
+    """Of the bounds on the unknowns, and of rows that are named by `keys` (R, 3) (see ReshapeProgram.keys)."""
+
+    bounds: np.ndarray
+    keys: np.ndarray
+    rows: np.ndarray
+
+    def of(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Those of the bounds, and of other rows; of rows that are new, none."""
+        known = dict(zip(map(tuple, self.keys.tolist()), self.rows.tolist(), strict=True))
+        return self.bounds, np.array([known.get(tuple(key), 0.0) for key in keys.tolist()])
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess at a node.
+
+    `rows` (R, 3) number what was held: limit, site or node, joint or column.
+    """
+
+    curve: Curve
+    cost: float
+    broken: float
+    converged: bool
+    status: str
+    iterations: int
+    rows: np.ndarray
+    multipliers: Multipliers
+
+
+def fitted(
+    shape: Shape, u: np.ndarray, q: np.ndarray, ends: Ends, duration: float, via_u: np.ndarray | None = None
+) -> Curve:
+    """The curve of `shape` closest to positions q (M, n) at u (M,), with the ends as they must be."""
+    zero = None if shape.free_acceleration else np.zeros(shape.joints)
+    head = shape.basis.ends(ends.start, ends.v_start * duration, zero, False)
+    tail = shape.basis.ends(ends.goal, ends.v_goal * duration, zero, True)
+    places = np.zeros(0) if via_u is None else via_u
+    return Curve(shape, shape.basis.fit(u, q, head, tail), duration, places)
+
+
+def between(a: Curve, b: Curve, share: float) -> Curve:
+    """The curve at a share of the straight way from one to another of the same shape."""
+    mixed = [(1 - share) * x + share * y for x, y in ((a.points, b.points), (a.via_u, b.via_u))]
+    return Curve(a.shape, mixed[0], (1 - share) * a.duration + share * b.duration, mixed[1])
+
+
+def refined(curve: Curve, shape: Shape, ends: Ends) -> Curve:
+    """The same curve with the control points of another shape."""
+    u = np.linspace(0, 1, 6 * shape.basis.controls)
+    return fitted(shape, u, curve.shape.basis.matrix(u) @ curve.points, ends, curve.duration, curve.via_u)

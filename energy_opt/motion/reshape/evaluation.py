@@ -1,0 +1,216 @@
+"""A reshaping problem at a curve: its cost and gradient, shares of limits, and what is near.
+
+The same problem as `nlp.ReshapeProgram` states for IPOPT. Unknowns are the free control points, point by point, and
+behind them T, unless it is given, and the via points' times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+
+from energy_opt.motion.limits.base import Limit, PlaceRows, box_of, values_of
+from energy_opt.motion.limits.clearance import ClearanceRows
+from energy_opt.motion.reshape.curve import Curve, Multipliers, Outcome
+from energy_opt.motion.reshape.frame import Frame
+from energy_opt.motion.reshape.layout import Ends
+from energy_opt.motion.reshape.nodes import NodeFunctions
+from energy_opt.numerics.batch import Batch
+
+NEAREST, ARM = 0.01, 0.5  # [m] bodies that are nearer than this get rows, and more for each rad that joints will turn
+USED = 0.97  # share of a bound from which a row is handed on
+
+
+@dataclass
+class Point:
+    """A curve with what was evaluated there; `placed` are numeric rows and their values."""
+
+    points: np.ndarray
+    duration: float
+    via_u: np.ndarray
+    z: np.ndarray
+    cost: float
+    slope: np.ndarray  # (K, nz) of the cost's rate, weighted
+    linear: np.ndarray  # signed shares of bounds
+    hot: np.ndarray  # (nodes, columns) signed shares
+    hot_slope: np.ndarray  # (nodes, nz, columns)
+    via: np.ndarray  # (vias, n) what is off
+    placed: list[tuple[int, PlaceRows, np.ndarray, np.ndarray]] = field(default_factory=list)  # limit, rows, q, values
+
+
+class Evaluation:
+    """One problem of a shape: ends, limits, the model's values and the bounds of T.
+
+    Args:
+        scale: what the cost is multiplied by; offset: what it costs per second whatever the path.
+    """
+
+    def __init__(
+        self, frame: Frame, nodes: NodeFunctions, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray,
+        durations: tuple[float, float], offset: float = 0.0, clearance: ClearanceRows | None = None,
+    ) -> None:  # fmt: skip
+        s = self.shape = frame.shape
+        self.frame, self.ends, self.limits, self.offset, self.scale = frame, ends, tuple(limits), offset, 1.0
+        self.fixed = durations[0] == durations[1]
+        self.durations, self.clearance = durations, clearance
+        self.offset = offset if self.fixed else 0.0
+        self._at_places = b"", np.zeros((0, 0))
+        self._values = np.concatenate([parameters, values_of(limits)])
+        u, w = s.grid
+        self._quad, self._breaks = np.flatnonzero(w), np.flatnonzero(w == 0)
+        self._weight, self._u = w[self._quad], u[:, None]
+        self._cost = Batch(nodes.cost, len(self._quad))
+        self._curvature = Batch(nodes.curvature, len(self._quad))
+        self._nodes = nodes
+        self.box = box_of(limits, s.joints)
+        self.border = (0 if self.fixed else 1) + s.vias
+        self._set_linear()
+        self._set_hot()
+        controls, n = s.basis.controls, s.joints
+        self._pinned_slope = np.zeros((controls, n))  # d(control points)/dT
+        self._pinned_slope[: s.pinned] = np.outer(s.end_slopes[0], ends.v_start)
+        self._pinned_slope[controls - s.pinned :] = np.outer(s.end_slopes[1], ends.v_goal)
+        self._still = not self._pinned_slope.any()
+        self._z_slope = np.concatenate(
+            [(s.stacked @ self._pinned_slope).reshape(len(u), -1), np.ones((len(u), 1))], axis=1
+        )
+        self._linear_slope = self._per * (self._linear_all @ self._pinned_slope.ravel())
+        stacked = s.stacked.reshape(len(u), 3, -1)[self._quad].reshape(3 * len(self._quad), -1)
+        self._down = stacked.T[s.pinned : controls - s.pinned].copy()
+        self._down_all = stacked.T.copy()
+
+    def _set_linear(self) -> None:
+        """Rows of bounds on derivatives: as functions of all control points, and their squares."""
+        n = self.shape.joints
+        held = [(number, limit) for number, limit in enumerate(self.limits) if limit.order]
+        self._linear_all, self._linear_free, self._linear_square = self.frame.linear(tuple(x.order for _, x in held))
+        counts = [len(self.shape.sites[limit.order - 1]) for _, limit in held]
+        self._order = np.repeat([limit.order for _, limit in held], np.array(counts, dtype=int) * n)
+        bounds = [np.tile(1 / limit.bound, count) for count, (_, limit) in zip(counts, held, strict=True)]
+        self._per = np.concatenate([np.zeros(0), *bounds])
+        sites = [np.indices((count, n)).reshape(2, -1) for count in counts]
+        keys = [np.insert(site.T, 0, number, axis=1) for (number, _), site in zip(held, sites, strict=True)]
+        self.linear_keys = np.concatenate([np.zeros((0, 3), dtype=int), *keys])
+
+    def _set_hot(self) -> None:
+        """What is limited at nodes."""
+        held = [(k, limit) for k, limit in enumerate(self.limits) if limit.scale.size]
+        self._hot_scale = np.concatenate([np.zeros(0), *(limit.scale for _, limit in held)])
+        one = [np.full(limit.scale.size, limit.one_sided) for _, limit in held]
+        self._hot_one = np.concatenate([np.zeros(0, dtype=bool), *one])
+        always = [np.full(limit.scale.size, limit.everywhere) for _, limit in held]
+        self._hot_always = np.concatenate([np.zeros(0, dtype=bool), *always])
+        self.hot_keys = np.array([(k, j) for k, limit in held for j in range(limit.scale.size)]).reshape(-1, 2)
+        self._limited = Batch(self._nodes.limited, len(self._u)) if len(self._hot_scale) else None
+
+    def at(self, points: np.ndarray, duration: float, via_u: np.ndarray, far: float = np.inf) -> Point:
+        """Everything at a curve; control points will go at most `far` [rad, m] next."""
+        s, n = self.shape, self.shape.joints
+        z = np.empty((len(self._u), 3 * n + 1))
+        z[:, :-1] = (s.stacked @ points).reshape(len(z), -1)
+        z[:, -1] = duration
+        rate, slope = self._cost(z[self._quad], self._u[self._quad], self._values)
+        cost = self.scale * (float(self._weight @ rate[:, 0]) - self.offset * duration)
+        linear = self._per * (self._linear_all @ points.ravel()) / duration**self._order
+        hot, hot_slope = np.zeros((len(z), 0)), np.zeros((len(z), 3 * n + 1, 0))
+        if self._limited is not None:
+            value, jac = self._limited(z, self._u, self._values)
+            hot = value / self._hot_scale
+            hot_slope = jac.reshape(len(z), -1, len(self._hot_scale)).copy()
+        via = s.basis.matrix(via_u) @ points - self.ends.via if s.vias else np.zeros((0, n))
+        out = Point(
+            points, duration, via_u, z, cost, self.scale * self._weight[:, None] * slope, linear, hot, hot_slope, via
+        )
+        held: list[Limit] = list(self.limits)
+        if self.clearance is not None:
+            reach = min(self.clearance.reach, NEAREST + ARM * far)
+            held.append(replace(self.clearance, reach=reach))
+        for number, limit in enumerate(held):
+            rows = limit.places(lambda u: self._matrix(u) @ points)
+            if rows is not None:
+                q = self._matrix(rows.u) @ points
+                out.placed.append((number, rows, q, rows.value(q)))
+        return out
+
+    def at_curve(self, curve: Curve, far: float = np.inf) -> Point:
+        """Everything at a curve."""
+        return self.at(curve.points, curve.duration, curve.via_u, far)
+
+    def keeping(self, clearance: ClearanceRows | None) -> Self:
+        """The same problem with other rows between bodies."""
+        out = copy(self)
+        out.clearance = clearance
+        return out
+
+    def outcome(self, point: Point, iterations: int, converged: bool) -> Outcome:
+        """What a search came to, with the rows that are used nearly in full."""
+        curve = Curve(self.shape, point.points, point.duration, point.via_u)
+        k, j = np.nonzero((self.hot_share(point) > USED) | (self._hot_always & np.isfinite(self._hot_scale)))
+        hot = np.stack([self.hot_keys[j, 0], k, self.hot_keys[j, 1]], axis=1)
+        rows = np.concatenate([self.linear_keys[np.abs(point.linear) > USED], hot])
+        cost = point.cost / self.scale + self.offset * point.duration
+        none = Multipliers(np.zeros(0), np.zeros((0, 3), dtype=int), np.zeros(0))
+        return Outcome(curve, cost, self.excess(point), converged, "sqp", iterations, rows, none)
+
+    def _matrix(self, u: np.ndarray) -> np.ndarray:
+        """The basis at places, the last of which are kept."""
+        key = u.tobytes()
+        if self._at_places[0] != key:
+            self._at_places = key, self.shape.basis.matrix(u)
+        return self._at_places[1]
+
+    def moved(self, point: Point, d: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+        """Control points, duration and via times after a step."""
+        s, n = self.shape, self.shape.joints
+        points = point.points.copy()
+        points[s.pinned : len(points) - s.pinned] += d[: self.frame.size].reshape(-1, n)
+        duration, border = point.duration, d[self.frame.size :]
+        if not self.fixed:
+            duration = float(np.clip(duration + border[0], *self.durations))
+            points += (duration - point.duration) * self._pinned_slope
+        return points, duration, np.clip(point.via_u + border[len(border) - s.vias :], 0, 1)
+
+    def broken(self, point: Point, give: float, slack: float) -> float:
+        """The sum of all excesses: of shares of bounds beyond `give`, of numeric rows beyond `slack`."""
+        out = float(np.maximum(np.abs(point.linear) - 1 - give, 0).sum())
+        out += float(np.maximum(np.where(self._hot_one, point.hot, np.abs(point.hot)) - 1 - give, 0).sum())
+        out += float(np.abs(point.via).sum())
+        for _, rows, _, value in point.placed:
+            out += float(np.maximum(np.maximum(rows.lower - value, value - rows.upper) - slack, 0).sum())
+        return out
+
+    def deepest(self, point: Point) -> float:
+        """The largest excess of a numeric row, in its own unit."""
+        parts = (np.maximum(rows.lower - value, value - rows.upper) for _, rows, _, value in point.placed)
+        return max((float(part.max(initial=0.0)) for part in parts), default=0.0)
+
+    def excess(self, point: Point) -> float:
+        """The worst excess over a limit's bound, clearances aside; and by how much a via point is missed."""
+        out = [float(np.abs(point.linear).max(initial=0)) - 1, float(np.abs(point.via).max(initial=0))]
+        out.append(float(np.where(self._hot_one, point.hot, np.abs(point.hot)).max(initial=0)) - 1)
+        return max(out)
+
+    def gradient(self, point: Point) -> np.ndarray:
+        """Of the cost, (N + k,)."""
+        s, n = self.shape, self.shape.joints
+        by_node = point.slope[:, :-1].reshape(-1, n)
+        out = np.zeros(self.frame.size + self.border)
+        out[: self.frame.size] = (self._down @ by_node).ravel()
+        if not self.fixed:
+            pinned = 0.0 if self._still else float(np.sum((self._down_all @ by_node) * self._pinned_slope))
+            out[self.frame.size] = point.slope[:, -1].sum() + pinned
+        assert s.vias == 0 or self.border
+        return out
+
+    def hot_share(self, point: Point) -> np.ndarray:
+        """Shares of bounds at nodes as far as they count, (nodes, columns)."""
+        return np.where(self._hot_one, point.hot, np.abs(point.hot))
+
+    def linear_after(self, point: Point, d: np.ndarray) -> np.ndarray:
+        """Signed shares of bounds of derivatives after a step."""
+        points, duration, _ = self.moved(point, d)
+        return np.asarray(self._per * (self._linear_all @ points.ravel()) / duration**self._order)

@@ -1,0 +1,150 @@
+"""Sequential quadratic programming on a reshaping problem, with a trust region and an l1 merit function.
+
+Each linearisation is one banded quadratic program (see `numerics.quadratic`). A step is taken where the merit, cost
+plus price times the sum of excesses, falls; excesses up to a small share of a bound are free, so that steps along
+curved limits are not cut short (N. Maratos' effect). After a step that fails, what is linearised at its end joins the
+program: a second-order correction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.motion.reshape.evaluation import Point
+from energy_opt.motion.reshape.model import Model
+from energy_opt.motion.reshape.rows import Rows
+from energy_opt.numerics.quadratic import Banded, Minimum, minimise
+
+PRICE = 30.0  # of a row's excess in a quadratic program, where the cost is of order one
+USED = 0.3  # share of a bound from which a linear row is held, and, in a trial, is added
+BOLD, FAIR = 0.7, 0.3  # ratios of what was won to what was expected above, and below, which the trust region changes
+LEAST_TRUST = 2e-4  # [rad]
+ACCEPTED = 1e-3  # least such ratio at which a step is taken
+SHALLOW = 0.12  # excess of a numeric row below which what a failed step met joins the program
+TRIES = 5  # failed steps from one point
+
+
+@dataclass
+class Descent:
+    """Where a search stands: the point, multipliers by row, damping and trust region; iterations and steps so far."""
+
+    point: Point
+    keys: np.ndarray
+    multipliers: np.ndarray
+    damping: float = 0.0
+    trust: float = 0.0
+    iterations: int = 0
+    steps: int = 0
+    converged: bool = False
+
+
+def begin(point: Point) -> Descent:
+    """A search that has not begun."""
+    return Descent(point, np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
+def descend(
+    model: Model, now: Descent, iterations: int, trust: float, *, tolerance: float = 1e-4, give: float = 1e-6,
+    slack: float = 0.0, loose: float = 1e-6, most: float = 0.8, stopped: Callable[[], bool] = lambda: False,
+) -> Descent:  # fmt: skip
+    """Go on from where a search stands.
+
+    Args:
+        trust: [rad, m] that control points go at most in the first step; most: in any.
+        tolerance: relative; it ends where so little is to be won.
+        give: share of a bound by which limits may be exceeded free of charge; slack: the same of numeric rows.
+        loose: the last barrier parameter of quadratic programs.
+    """
+    point = now.point
+    price = 3.0
+    broken = model.broken(point, give, slack)
+    now.converged = False
+    for turn in range(iterations):
+        if stopped():
+            break
+        known = model.multipliers(point, now.keys, now.multipliers)
+        hessian, gradient = model.hessian(point, known), model.gradient(point)
+        held = np.abs(point.linear) > (-1.0 if turn < 2 else USED)
+        others, failed = model.other_rows(point, trust), 0
+        damping = now.damping / 3 if now.damping > 0.1 else 0.0
+        while True:
+            box = _box(model, point, trust)
+            found, rows, held = _program(model, point, hessian, gradient, others, held, box, damping, give, loose)
+            now.steps += found.steps
+            predicted = -(gradient @ found.d + hessian.times(found.d) @ found.d / 2)
+            predicted -= found.damping * model.mass.times(found.d) @ found.d / 2 if found.damping else 0.0
+            elastic = found.broken if found.broken > 1e-3 else 0.0
+            most_price = float(np.abs(found.multipliers).max(initial=0.0))
+            price = max(0.5 * price, 2 * most_price, 1.0) if not elastic else PRICE
+            predicted += price * (broken - elastic)
+            step = float(np.abs(found.d[: model.frame.size]).max(initial=0.0))
+            trial = model.at(*model.moved(point, found.d), 2 * step)
+            trial_broken = model.broken(trial, give, slack)
+            won = point.cost - trial.cost + price * (broken - trial_broken)
+            ratio = won / max(predicted, 1e-12)
+            now.iterations += 1
+            good = ratio > ACCEPTED or abs(predicted) < 1e-9
+            if good:
+                point, broken = trial, trial_broken
+                now.keys, now.multipliers, now.damping = rows.keys, found.multipliers, found.damping
+                now.point = point
+                if ratio > BOLD and step > 0.9 * trust:
+                    trust = min(2 * trust, most)
+                elif ratio < FAIR:
+                    trust = max(0.7 * step, LEAST_TRUST)
+                break
+            failed += 1
+            damping = found.damping
+            again = model.other_rows(trial, step) if model.deepest(trial) < SHALLOW else None
+            if again is not None and again.count:
+                others = others.joined(again.moved(found.d))
+            full = failed == 1 and again is not None and again.count and trial_broken > broken
+            trust = min(step, trust) * (1.0 if full else 0.5)
+            if failed > TRIES or trust < LEAST_TRUST or abs(predicted) < tolerance * max(point.cost, 0.02):
+                break
+        now.trust = trust
+        if abs(predicted) < tolerance * max(point.cost, 0.02):
+            now.converged = True
+            break
+        if not good:
+            break
+    return now
+
+
+def _box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of a step: those of control points, of T and of via times, within the trust region."""
+    s = model.shape
+    inner = point.points[s.pinned : len(point.points) - s.pinned]
+    low = np.maximum(model.box[0] - inner, -trust).ravel()
+    high = np.minimum(model.box[1] - inner, trust).ravel()
+    edge_low, edge_high = [], []
+    if not model.fixed:
+        most = min(trust, 0.5) * point.duration
+        edge_low.append(max(model.durations[0] - point.duration, -most))
+        edge_high.append(min(model.durations[1] - point.duration, most))
+    for u in point.via_u:
+        edge_low.append(max(-u, -0.3 * min(trust, 0.5)))
+        edge_high.append(min(1 - u, 0.3 * min(trust, 0.5)))
+    low, high = np.concatenate([low, edge_low]), np.concatenate([high, edge_high])
+    return np.minimum(low, 0.0), np.maximum(high, 0.0)
+
+
+def _program(
+    model: Model, point: Point, hessian: Banded, gradient: np.ndarray, others: Rows, held: np.ndarray,
+    box: tuple[np.ndarray, np.ndarray], damping: float, give: float, loose: float,
+) -> tuple[Minimum, Rows, np.ndarray]:  # fmt: skip
+    """The quadratic program of a linearisation; linear rows that its step breaks are added and it is solved again."""
+    while True:
+        rows = model.linear_rows(point, held).joined(others)
+        found = minimise(hessian, gradient, box, rows, (rows.floor, rows.ceiling), PRICE, model.mass, damping, loose)
+        if held.all():
+            break
+        share = np.abs(model.linear_after(point, found.d))
+        if not ((share > 1 + give) & ~held).any():
+            break
+        held = held | (share > 0.9)
+        damping = found.damping
+    return found, rows, held

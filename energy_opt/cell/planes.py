@@ -26,6 +26,7 @@ from energy_opt.cell.solids import Piece, Plane, placement
 from energy_opt.robot.kinematics import Poses, into
 
 LENGTH = 0.1  # [m] that rows are divided by, so that they are of order one
+MOST = 2  # pieces of a pair of bodies that are looked at, at a place, the nearest: more make steps slow
 KEPT = 0.06  # [m] where the last plane shows a pair to be farther apart, that plane is taken again
 VERTICES = 3  # of a near pair get a row, at most
 BESIDE, ABOVE = 0.02, 0.02  # [m] that these are apart at least, and above the lowest at most
@@ -66,7 +67,7 @@ class Near:
     def measured(
         self, u: np.ndarray, q: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Poses]:
-        """Pairs of pieces that are nearer than `reach` [m] at places u (K,), positions q (K, n).
+        """Pairs of pieces that are nearer than `reach` [m] at places u (K,), positions q (K, n), the nearest of bodies.
 
         Returns place, number of the pair of pieces, distance [m] (negative: overlap) and unit normal in the base frame
         from the second towards the first, (M,) each; and the poses.
@@ -89,8 +90,13 @@ class Near:
                 measure = self._measures[one] = Plane(self.pieces[self.a[one]], self.pieces[self.b[one]])
             distance[i], normal[i] = measure(placed[place, a], placed[place, b])
         known[k, number] = normal
-        near = distance < reach
-        return k[near], number[near], distance[near], normal[near], poses
+        near = np.flatnonzero(distance < reach)
+        order = near[np.lexsort((distance[near], self.pair[number[near]], k[near]))]
+        name = k[order] * len(self.bodies.pairs) + self.pair[number[order]]
+        first = np.flatnonzero(np.diff(name, prepend=-1))
+        rank = np.arange(len(order)) - np.repeat(first, np.diff(np.append(first, len(order))))
+        order = order[rank < MOST]
+        return k[order], number[order], distance[order], normal[order], poses
 
     def _apart(self, poses: Poses) -> np.ndarray:
         """Lower bounds (K, pairs of pieces) [m] of distances, from boxes along the axes of the base."""

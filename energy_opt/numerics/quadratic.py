@@ -26,7 +26,7 @@ BEGIN_BOX, BEGIN_ROW = 1e-3, 1e-2  # least first distances from bounds
 CLOSE = 0.995  # of the way to the nearest bound is gone
 STEPS = 40
 PRIMAL, DUAL = 1e-5, 1e-4  # residuals at which it ends
-LEAST_DAMPING = 0.05
+LEAST_DAMPING = 0.0005
 
 
 @dataclass

@@ -32,6 +32,7 @@ TRIAL, ROUGH = 7, 3e-3  # iterations of each of several searches, and the share 
 ITERATIONS, DONE = 30, 5e-4  # and of those that are gone on with
 FINISHED, RIVAL = 3, 1.0  # so many, which may cost so many times what the best does
 APART = 0.3  # [rad, m] of control points: curves that are nearer lead to one optimum
+DEEPER, WIDER = 0.15, 0.5  # the same half-way to an optimum
 HALF = 0.05  # of the cost: where the optimum without regard to anything is cheaper, it is tried half-way to it
 LITTLE = 0.25  # of the loss of the first path slowed evenly: where no more is saved, another way is looked for
 HAIR = 0.0005  # [m] that a mix may be too near by
@@ -178,9 +179,9 @@ class Clearing:
             return
         middle = between(self.best.curve, optima[0], 0.5)
         gap, touching = self.search.gap(middle)
-        if gap < -DEEP / 2 or touching > TOUCHING:
+        if gap < -DEEPER or touching > WIDER:
             return
-        trial = self.search.descent(middle, TRIAL, BOLD, ROUGH)
+        trial = self.search.descent(middle, 2 * TRIAL, BOLD, ROUGH)
         if self.search.merit(trial) < 1.1 * self._scaled(self.best):
             self.finish(self.search.curve_of(trial), TRUST)
 

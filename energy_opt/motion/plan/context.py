@@ -111,7 +111,7 @@ class Workshop:
         """The reshaper of a robot, a model's structure, what of the settings it depends on, and limits' structure."""
         held = tuple(limit.structure for limit in limits)
         built = model.structure, held, objective, settings.dynamics, settings.compile
-        key = *built, settings.controls, settings.end_acceleration
+        key = *built, settings.controls, settings.end_acceleration, settings.solver
         if key not in self._reshapers:
             begin = time.perf_counter()
             if built not in self._nodes:
@@ -119,7 +119,8 @@ class Workshop:
                 functions, self.compiled = compiled(nodes.as_list(), settings.compile, self._batch)
                 self._nodes[built] = NodeFunctions(*functions)
             free = settings.end_acceleration == "free"
-            self._reshapers[key] = Reshaper(self._nodes[built], robot.n, settings.controls, free)
+            polished = settings.solver == "ipopt"
+            self._reshapers[key] = Reshaper(self._nodes[built], robot.n, settings.controls, free, polished)
             self.seconds += time.perf_counter() - begin
         return self._reshapers[key]
 

@@ -31,7 +31,7 @@ from energy_opt.numerics.bspline import Basis
 
 log = logging.getLogger(__name__)
 COARSE, COARSE_PACKING = 12, 0.5  # control points of starts: with 10, every tenth move's best optimum is lost
-ITERATIONS, FINE = 25, 1e-4  # of those that are gone on with
+ITERATIONS, FINE, NEAR = 60, 1e-5, 1e-3  # of those that are gone on with; the tolerance where IPOPT polishes the best
 TRIAL, TRUST, ROUGH = 8, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance of the comparison of optima
 PER_VIA = 2  # control points more for every via point
 RUNG = 1.5  # ratio of the durations at which starts are solved
@@ -60,9 +60,12 @@ class Answer:
 class Reshaper:
     """Searches moves of one robot and model structure; levels are built when first needed."""
 
-    def __init__(self, nodes: NodeFunctions, joints: int, controls: int, free_acceleration: bool) -> None:
+    def __init__(
+        self, nodes: NodeFunctions, joints: int, controls: int, free_acceleration: bool, polished: bool = True
+    ) -> None:  # fmt: skip
         self._nodes, self._joints = nodes, joints
         self._controls, self._free = controls, free_acceleration
+        self._tolerance = NEAR if polished else FINE
         self._levels: dict[Shape, Level] = {}
 
     def _level(self, shape: Shape) -> Level:
@@ -171,7 +174,7 @@ class Reshaper:
     def descended(self, curve: Curve, task: Task, stopped: Callable[[], bool]) -> Outcome:
         """The optimum that sequential quadratic programming finds from a curve near it."""
         return task.descended(
-            self._level(curve.shape), curve, ITERATIONS, trust=TRUST / 4, tolerance=FINE, stopped=stopped
+            self._level(curve.shape), curve, ITERATIONS, trust=TRUST / 4, tolerance=self._tolerance, stopped=stopped
         )
 
     def from_line(self, line: Line, task: Task) -> Outcome:

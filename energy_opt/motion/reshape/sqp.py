@@ -16,7 +16,7 @@ import numpy as np
 from energy_opt.motion.reshape.evaluation import Point
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.rows import Rows
-from energy_opt.numerics.quadratic import Banded, Minimum, minimise
+from energy_opt.numerics.quadratic import LEAST_DAMPING, Banded, Minimum, minimise
 
 PRICE = 30.0  # of a row's excess in a quadratic program, where the cost is of order one
 USED = 0.3  # share of a bound from which a linear row is held, and, in a trial, is added
@@ -69,7 +69,7 @@ def descend(
         hessian, gradient = model.hessian(point, known), model.gradient(point)
         held = np.abs(point.linear) > (-1.0 if turn < 2 else USED)
         others, failed = model.other_rows(point, trust), 0
-        damping = now.damping / 3 if now.damping > 0.1 else 0.0
+        damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
         while True:
             box = _box(model, point, trust)
             found, rows, held = _program(model, point, hessian, gradient, others, held, box, damping, give, loose)

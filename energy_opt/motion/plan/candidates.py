@@ -259,11 +259,6 @@ def reshaped(
         best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
         return Made(None, spent, False, "no start of the reshaping led to a trajectory within limits", starts)
-    if settings.solver == "ipopt" and not context.stopped():
-        better = reshaper.polish(best, task)
-        spent += better.iterations
-        if better.broken <= FEASIBLE and better.cost < best.cost:
-            best = better
     best, trajectory, certificate, more = mended(context, reshaper, best, task)
     spent += more
     if free_time and move.duration is not None:

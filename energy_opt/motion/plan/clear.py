@@ -27,6 +27,7 @@ OPTIMA, WORTH = 3, 1.25  # optima without regard to anything that are begun from
 NEARLY = 0.0015  # [m] an optimum that is too near by less is gone on with first
 TOUCHING, DEEP = 0.3, 0.12  # share of places at which an optimum may touch, and how deep [m], to be begun from
 TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum
+CLOSE, LEFT = 0.6, 0.12  # a search from so far on that way ends all, where no more than this share is left to be won
 BOLD = 0.25  # [rad, m] of the first step from such a curve
 TRIAL, ROUGH = 7, 3e-3  # iterations of each of several searches, and the share of the cost at which they end
 ITERATIONS, DONE = 30, 5e-4  # and of those that are gone on with
@@ -124,8 +125,14 @@ class Clearing:
                 return
             if touching < TOUCHING and gap > -DEEP:
                 begun.append((optimum, BOLD))
-            mixes = (between(self.first, optimum, share) for share in TOWARDS)
-            begun += [(mix, BOLD) for mix in mixes if search.gap(mix)[0] > -HAIR][:1]
+            clear = (share for share in TOWARDS if search.gap(between(self.first, optimum, share))[0] > -HAIR)
+            share = next(clear, None)
+            if share is None:
+                continue
+            mix = between(self.first, optimum, share)
+            if number == 0 and share >= CLOSE and self.finish(mix, BOLD) and self._left(optimum) < LEFT:
+                return
+            begun.append((mix, BOLD))
         self.best_of(begun)
         self._half_way(optima)
 
@@ -167,6 +174,15 @@ class Clearing:
         if found is not None and (self.best is None or found.cost < self.best.cost):
             self.best = found
         return found is not None
+
+    def _left(self, optimum: Curve) -> float:
+        """What an optimum without regard to anything costs less than the best, as a share of what it does than the
+        first path."""
+        level, task = self.search.level, self.task
+        first, least = (level.excess(c, task.parameters, task.limits)[0] - task.offset * c.duration
+                        for c in (self.first, optimum))  # fmt: skip
+        assert self.best is not None
+        return (task.cost(self.best) - least) / max(first - least, 1e-9)
 
     def _half_way(self, optima: Sequence[Curve]) -> None:
         """A search from half-way to the best optimum without regard to anything: it may be another valley."""

@@ -31,12 +31,12 @@ from energy_opt.numerics.bspline import Basis
 
 log = logging.getLogger(__name__)
 COARSE, COARSE_PACKING = 12, 0.5  # control points of starts: with 10, every tenth move's best optimum is lost
-ITERATIONS, FINE, NEAR = 60, 1e-5, 1e-3  # of those that are gone on with; the tolerance where IPOPT polishes the best
-TRIAL, TRUST, ROUGH = 8, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance of the comparison of optima
+ITERATIONS, FINE = 60, 1e-5  # of those that are gone on with, where IPOPT does not
+TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance of the comparison of optima
 PER_VIA = 2  # control points more for every via point
 RUNG = 1.5  # ratio of the durations at which starts are solved
 KEPT, WORTH_KEEPING = 5, 2.0  # so many valleys are compared at the move's own duration, if so near the best
-REFINED, WORTH_REFINING = 3, 1.1  # so many of these are solved in full, if so near the best
+REFINED, WORTH_REFINING = 2, 1.03  # so many of these are solved in full, if so near the best
 FEW = 8  # starts of which the best optimum is first asked about
 MENDABLE = 0.05  # more control points may still mend an excess up to this share of a bound
 
@@ -65,7 +65,7 @@ class Reshaper:
     ) -> None:  # fmt: skip
         self._nodes, self._joints = nodes, joints
         self._controls, self._free = controls, free_acceleration
-        self._tolerance = NEAR if polished else FINE
+        self._polished = polished
         self._levels: dict[Shape, Level] = {}
 
     def _level(self, shape: Shape) -> Level:
@@ -158,8 +158,8 @@ class Reshaper:
             if best is not None and not (near and count < REFINED):
                 break
             log.info("refining optimum %d of %d", count + 1, len(optima), extra={"share": 0.5})
-            better = self.descended(outcome.curve, task, stopped)
-            if better.broken > FEASIBLE:
+            better = outcome if self._polished else self._descended(outcome.curve, task, stopped)
+            if self._polished or better.broken > FEASIBLE:
                 better = self._refine(outcome.curve, task)
             spent, count = spent + better.iterations, count + 1
             if better.broken <= FEASIBLE and (best is None or better.cost < best.cost):
@@ -171,10 +171,10 @@ class Reshaper:
     def _refine(self, curve: Curve, task: Task) -> Outcome:
         return task.solved(self._level(curve.shape), curve, tolerance=1e-5, barrier=1e-2)
 
-    def descended(self, curve: Curve, task: Task, stopped: Callable[[], bool]) -> Outcome:
+    def _descended(self, curve: Curve, task: Task, stopped: Callable[[], bool]) -> Outcome:
         """The optimum that sequential quadratic programming finds from a curve near it."""
         return task.descended(
-            self._level(curve.shape), curve, ITERATIONS, trust=TRUST / 4, tolerance=self._tolerance, stopped=stopped
+            self._level(curve.shape), curve, ITERATIONS, trust=TRUST / 4, tolerance=FINE, stopped=stopped
         )
 
     def from_line(self, line: Line, task: Task) -> Outcome:

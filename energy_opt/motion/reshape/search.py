@@ -169,7 +169,7 @@ class Reshaper:
         return best, spent
 
     def _refine(self, curve: Curve, task: Task) -> Outcome:
-        return task.solved(self._level(curve.shape), curve, tolerance=1e-5, barrier=1e-2)
+        return task.solved(self._level(curve.shape), curve, tolerance=1e-6, barrier=1e-2)
 
     def _descended(self, curve: Curve, task: Task, stopped: Callable[[], bool]) -> Outcome:
         """The optimum that sequential quadratic programming finds from a curve near it."""

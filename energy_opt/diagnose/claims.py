@@ -11,6 +11,7 @@ from energy_opt.diagnose.evidence import noise_of
 from energy_opt.diagnose.fit import Fit, fit
 from energy_opt.diagnose.noise import Noise
 from energy_opt.diagnose.search import GAIN, Search, buildable, moved, root
+from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
 RIVAL = 3.0  # and within which another set explains as well: twenty to one
@@ -176,3 +177,25 @@ def widened(f: Fit) -> Fit:
         charts = [c.wider(width) for c, width in zip(usual, widths, strict=True)]
         widened = fit(f.world, f.nuisance, charts, list(widened.numbers), list(f.free), widened.amounts)
     return widened
+
+
+def written(f: Fit, links: bool | None = None, level: bool = True) -> PowerModel:
+    """The model of a fit as it is written: links where they show, and the runs' common level in `standby`.
+
+    Whatever an effect adds to the level, the fit takes back in the levels of the runs; a model without them must take
+    it back in its standby.
+    """
+    model = f.full_model(links_show(f) if links is None else links)
+    standby = model.get("standby")
+    if standby is None or "standby" in f.names or not level:
+        return model
+    power = float(standby.values["power"][0]) + float(np.mean(f.levels))
+    return model.replaced(type(standby)(power=max(power, 0.0)))
+
+
+def links_show(f: Fit) -> bool:
+    """Do the links' deviations show at all, beyond what is known before?"""
+    first = len(f.theta) - len(f.levels) - len(f.amounts)
+    rows = slice(first, first + len(f.amounts))
+    own = np.sqrt(np.diag(f.covariance[rows, rows]))
+    return bool(np.any(np.abs(f.amounts) > 3 * own))

@@ -112,7 +112,8 @@ def diagnose(
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     effects, left = findings_of(found), _remainder(found, joints)
-    ahead = foreseen(model, samples)
+    nuisance = found.best.nuisance
+    ahead = foreseen(model, samples, found.still, float(np.hypot(nuisance.offset, nuisance.drift)))
     floor = found.after.noise
     rows = side_rows(side, joints, limits, found.accepted if enough else None)
     document: dict[str, Any] = {

@@ -157,11 +157,15 @@ class Foreseen:
     motions: int
 
 
-def foreseen(model: PowerModel, samples: Samples) -> Foreseen:
+def foreseen(model: PowerModel, samples: Samples, noise: Noise, offset: float) -> Foreseen:
     """The error of energies over a set's distinct motions, beside what going faster and waiting changes there.
 
     A motion's error is e = measured - model [J] less the common level, which two plans of the same time share; the
-    errors of two plans differ by about sqrt(2) |e|. The difference is the model's own, in rms over the motions.
+    errors of two plans differ by about sqrt(2) |e|. What the meter's noise adds to an energy is taken off first, in
+    squares. The difference is the model's own, in rms over the motions.
+
+    Args:
+        noise: of the meter at standstill. offset: of its level from run to run, W.
     """
     shown = reading_of(model, samples)
     slow = replace(samples.bare(), v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
@@ -185,7 +189,9 @@ def foreseen(model: PowerModel, samples: Samples) -> Foreseen:
         return Foreseen(None, 0)
     e, time = np.array(errors_), np.array(lasting)
     e = e - time * (e @ time) / max(float(time @ time), 1e-9)
-    scores = np.sort(2**0.5 * np.abs(e) / max(float(np.sqrt(np.mean(np.square(changes)))), 1e-9))
+    by_noise = (noise.white**2 * samples.step + 2 * noise.wave**2 * noise.memory) * time + (offset * time) ** 2
+    own = np.sqrt(np.maximum(e**2 - by_noise, 0.0))
+    scores = np.sort(2**0.5 * own / max(float(np.sqrt(np.mean(np.square(changes)))), 1e-9))
     rank = min(int(np.ceil((len(scores) + 1) * STATED)), len(scores))
     return Foreseen(100 * float(scores[rank - 1]), len(scores))
 

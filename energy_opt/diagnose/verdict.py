@@ -19,10 +19,12 @@ from energy_opt.diagnose.claims import (
     alternatives,
     claimed,
     likelier,
+    links_show,
     other_drives,
     plain_fit,
     widened,
     without_effects,
+    written,
 )
 from energy_opt.diagnose.clusters import FEWEST, clusters
 from energy_opt.diagnose.data import Samples
@@ -92,7 +94,7 @@ class Inference:
     Attributes:
         root: the declared model as it is, links and levels allowed for. best: the likeliest hypothesis.
         accepted: what is claimed of it. claims: of its effects, in order. rivals: sets that explain as well, the
-            accepted one first. noise: of the readings.
+            accepted one first. noise, still: of the readings, in the fit and at standstill.
         before, after: errors of the declared model and of the one that is written, on motions held out.
         links: True where the URDF's links are the cause that is claimed.
         idle: joints (indices) that never move. follows: False where power does not go with the motion.
@@ -108,6 +110,7 @@ class Inference:
     claims: tuple[Claim, ...]
     rivals: tuple[Fit, ...]
     noise: Noise
+    still: Noise
     before: Quality
     after: Quality
     model: PowerModel
@@ -165,7 +168,20 @@ def infer(
         model = written(best, links=False) if given or best is not nothing else declared
         after = judge.of_model(model, best)
         return Inference(
-            found, nothing, best, nothing, verdict, (), (nothing,), still, as_declared, after, model, idle=idle, **more
+            found,
+            nothing,
+            best,
+            nothing,
+            verdict,
+            (),
+            (nothing,),
+            still,
+            still,
+            as_declared,
+            after,
+            model,
+            idle=idle,
+            **more,
         )
 
     if blind:
@@ -226,7 +242,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     if idle and verdict != "ambiguous":
         verdict = "insufficient"
     return Inference(
-        found, start, best, accepted, verdict, claims, rivals, noise, declared, after, model, linked, idle
+        found, start, best, accepted, verdict, claims, rivals, noise, judge.noise, declared, after, model, linked, idle
     )  # fmt: skip
 
 
@@ -251,28 +267,6 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
     if _trifling(found, named, best):
         best = named
     return found, max([best, *other_drives(found, best)], key=found.score), noise
-
-
-def written(f: Fit, links: bool | None = None, level: bool = True) -> PowerModel:
-    """The model of a fit as it is written: links where they show, and the runs' common level in `standby`.
-
-    Whatever an effect adds to the level, the fit takes back in the levels of the runs; a model without them must take
-    it back in its standby.
-    """
-    model = f.full_model(links_show(f) if links is None else links)
-    standby = model.get("standby")
-    if standby is None or "standby" in f.names or not level:
-        return model
-    power = float(standby.values["power"][0]) + float(np.mean(f.levels))
-    return model.replaced(type(standby)(power=max(power, 0.0)))
-
-
-def links_show(f: Fit) -> bool:
-    """Do the links' deviations show at all, beyond what is known before?"""
-    first = len(f.theta) - len(f.levels) - len(f.amounts)
-    rows = slice(first, first + len(f.amounts))
-    own = np.sqrt(np.diag(f.covariance[rows, rows]))
-    return bool(np.any(np.abs(f.amounts) > 3 * own))
 
 
 def drift_of(f: Fit, samples: Samples) -> np.ndarray:

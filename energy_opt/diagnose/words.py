@@ -246,7 +246,8 @@ def _foreseen(d: dict[str, Any]) -> str:
     if percent is None:
         return "no motion, so nothing is known of differences of energy"
     usable = "good enough to plan with" if d["usable"] else "not shown to be good enough to plan with"
-    return f"differences of energy between motions are foreseen within {percent:.0f} %: {usable}"
+    within = f"{percent:.0f} %" if percent >= 0.5 else "the meter's noise"
+    return f"differences of energy between motions are foreseen within {within}: {usable}"
 
 
 def side_words(rows: Sequence[dict[str, Any]]) -> list[str]:

@@ -25,7 +25,7 @@ from energy_opt.diagnose.joint_report import friction_findings, prior_of, side_r
 from energy_opt.diagnose.joint_side import free_runs, joint_side, push_words, pushes
 from energy_opt.diagnose.recordings import take_samples
 from energy_opt.diagnose.residual import Remainder, goes_with
-from energy_opt.diagnose.verdict import Inference, excited, infer, plain_fit
+from energy_opt.diagnose.verdict import NOISE, Inference, excited, infer, plain_fit
 from energy_opt.diagnose.words import headline, joints_headline, next_step, remarks, speeds_seen, summary
 from energy_opt.effects import Payload, effect_class
 from energy_opt.errors import BadInput
@@ -112,8 +112,9 @@ def diagnose(
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     effects, left = findings_of(found), _remainder(found, joints)
-    nuisance = found.best.nuisance
-    ahead = foreseen(model, samples, found.still, float(np.hypot(nuisance.offset, nuisance.drift)))
+    nuisance, fits = found.best.nuisance, found.after.ratio < NOISE  # else levels may be misfit, too
+    offset = float(np.hypot(nuisance.offset, nuisance.drift)) if fits else 0.0
+    ahead = foreseen(model, samples, found.still, offset)
     floor = found.after.noise
     rows = side_rows(side, joints, limits, found.accepted if enough else None)
     document: dict[str, Any] = {

@@ -34,6 +34,7 @@ ITERATIONS, DONE = 30, 5e-4  # and of those that are gone on with
 FINISHED, RIVAL = 3, 1.0  # so many, which may cost so many times what the best does
 APART = 0.3  # [rad, m] of control points: curves that are nearer lead to one optimum
 DEEPER, WIDER = 0.15, 0.5  # the same half-way to an optimum
+HOPES = (1.3, 1.1)  # so many times the best it may cost after a trial, and after a second one, to be gone on with
 HALF = 0.05  # of the cost: where the optimum without regard to anything is cheaper, it is tried half-way to it
 LITTLE = 0.25  # of the loss of the first path slowed evenly: where no more is saved, another way is looked for
 HAIR = 0.0005  # [m] that a mix may be too near by
@@ -197,9 +198,12 @@ class Clearing:
         gap, touching = self.search.gap(middle)
         if gap < -DEEPER or touching > WIDER:
             return
-        trial = self.search.descent(middle, 2 * TRIAL, BOLD, ROUGH)
-        if self.search.merit(trial) < 1.1 * self._scaled(self.best):
-            self.finish(self.search.curve_of(trial), TRUST)
+        for most in HOPES:
+            trial = self.search.descent(middle, TRIAL, BOLD, ROUGH)
+            middle = self.search.curve_of(trial)
+            if self.search.merit(trial) > most * self._scaled(self.best):
+                return
+        self.finish(middle, TRUST)
 
     def _scaled(self, outcome: Outcome) -> float:
         return self.search.scale * self.task.cost(outcome)

@@ -19,7 +19,7 @@ BESIDE = {
                     "plot.png", "report.html"),
     "tradeoff.json": ("tradeoff.csv", "trajectory_minimum.csv", "trajectory_cycle_minimum.csv", "plot.png",
                       "report.html"),
-    "job.json": ("step_[0-9]*.csv", "cycle.csv", *(f"trajectory{s}" for s in SUFFIXES), "trajectory_*hz.csv",
+    "job.json": ("step_[0-9]*.csv", "cycle.csv", "cycle_*.csv", *(f"trajectory{s}" for s in SUFFIXES), "trajectory_*hz.csv",
                  "report.html"),
     "results.jsonl": ("results.parquet", "summary.json", "report.html"),
     "identify.json": ("model_method1.toml", "model_method2.toml", "plot.png", "report.html"),
@@ -82,6 +82,8 @@ def faults_of_results(out: Path) -> list[str] | None:
     faults = []
     for answer in answers:
         files = listed(answer)
+        if answer.suffix == ".json" and not files:
+            faults.append(f"{answer}: lists no files with their digests; what is beside it cannot be compared with it")
         for name, digest in files.items():
             found = digest_of(answer.parent / name)
             if found != digest:

@@ -66,8 +66,8 @@ def _nothing_unforeseen(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--seed", "-1"], "--seed -1"),
         (["--seed", "9" * 400], "--seed 9999"),
         (["--max-power", "1e-300"], "0.001 to 1e+09 W"),
-        (["--tool-speed", "nan"], "1e-06 to 1e+06 m/s"),
-        (["--tool-acceleration", "1e300"], "1e-06 to 1e+06 m/s^2"),
+        (["--tool-speed", "nan"], "1e-06 to 50 m/s"),
+        (["--tool-acceleration", "1e300"], "1e-06 to 1000 m/s^2"),
         (["--limits", "a\0b"], "--limits a\\x00b"),
         (["--scene=\0"], "NUL"),
         (["--srdf=--"], "--srdf: no value"),
@@ -163,8 +163,9 @@ def test_a_planned_motion_is_not_taken_for_a_measured_set(tmp_path: Path, capsys
     for name in ("result.json", "trajectory.csv"):
         (tmp_path / name).write_text("{}")
     assert main(["check", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert "a planned motion, not a measured set" in said and "trajectory.csv --robot" in said
+    assert "result.json: lists no files" in capsys.readouterr().err
+    assert main(["diagnose", str(tmp_path), "--robot", "panda", "--model", "source-method-2"]) == 2
+    assert "a planned motion, not a measured set" in capsys.readouterr().err
 
 
 def test_results_change_place_together_and_the_last_comes_last(tmp_path: Path) -> None:
@@ -175,11 +176,11 @@ def test_results_change_place_together_and_the_last_comes_last(tmp_path: Path) -
         raise RuntimeError
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"result.json": "old", "trajectory.csv": "old"}
     (tmp_path / "trajectory.csv").unlink()
-    (tmp_path / "trajectory.csv").mkdir()  # its place cannot be taken: as if the process died there
-    with pytest.raises(eo.BadInput, match="cannot be written"), written_whole(tmp_path, "result.json") as aside:
+    (tmp_path / "trajectory.csv").mkdir()  # its place cannot be taken
+    with pytest.raises(eo.BadInput, match="a folder where a file"), written_whole(tmp_path, "result.json") as aside:
         (aside / "trajectory.csv").write_text("new")
-        (aside / "result.json").write_text("new")
-    assert not (tmp_path / "result.json").exists()
+        (aside / "result.json").write_text("{}")
+    assert (tmp_path / "result.json").read_text() == "old"
 
 
 def test_out_is_tried_before_the_work_and_left_as_it_was(tmp_path: Path) -> None:

@@ -151,7 +151,7 @@ def test_signatures_say_units_and_reprs_are_short():
     assert str(inspect.signature(CoulombFriction)) == "(*, tau_c: 'N m, a number or one per joint')"
     assert repr(CoulombFriction(tau_c=0.3)) == "CoulombFriction(tau_c=0.3)"
     assert CoulombFriction(tau_c=0.3) == CoulombFriction(tau_c=[0.3]) != CoulombFriction(tau_c=0.4)
-    with pytest.raises(BadInput, match=r"tau_c = -1 is outside \[0, 1000\] N m"):
+    with pytest.raises(BadInput, match=r"tau_c = -1 is outside \[0, 100000\] N m"):
         CoulombFriction(tau_c=-1)
 
 

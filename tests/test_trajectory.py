@@ -73,7 +73,8 @@ def swing(name: str, seconds: float = 1.5) -> Trajectory:
 def test_energy_of_the_source_model_against_a_plain_sum(name: str) -> None:
     """Trapezoids over 20001 samples of tau.v + r |tau|^2 + p0, with nothing of the scorer in them."""
     robot, motion = load_robot(name), swing(name)
-    energy = Scorer(robot, source_method_2(name)).energy(motion)
+    model = PowerModel(name, (BY_NAME["standby"](power=88.04), BY_NAME["copper_loss"](r_over_kt2=0.0036)))
+    energy = Scorer(robot, model).energy(motion)
     t = np.linspace(0, motion.duration, 20001)
     q, v, a, _ = motion.sample(t)
     tau = robot.body.torque(q, v, a)

@@ -62,10 +62,15 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
         return replace(point, optimum=known[id(point.optimum)], waiting=waiting)
 
     points = [found for point in front.points if (found := under_first(point)) is not None]
-    return replace(
-        front, points=points, minimum=under_first(front.minimum), fastest=under_first(front.fastest),
-        cycle_minimum=under_first(front.cycle_minimum),
-    )  # fmt: skip
+    minimum, quickest, in_cycle = map(under_first, (front.minimum, front.fastest, front.cycle_minimum))
+    # the least of the mean need not be the least under the first model: what is called the minimum is the least stated
+    solved = [p for p in (*points, minimum, quickest) if p is not None and p.status == "solved"]
+    if minimum is not None and minimum.status == "solved":
+        minimum = min(solved, key=lambda point: point.total)
+    if in_cycle is not None and in_cycle.status == "solved":
+        known_in_cycle = [in_cycle, *(point for point in solved if point.waiting is not None)]
+        in_cycle = min(known_in_cycle, key=lambda point: point.cycle_total)
+    return replace(front, points=points, minimum=minimum, fastest=quickest, cycle_minimum=in_cycle)
 
 
 def models_of_front(robust: RobustPlanner, move: Move, front: Front) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.diagnose import diagnose
+from energy_opt.diagnose.evidence import without_steps
 from energy_opt.diagnose.predict import friction_torque
 from energy_opt.diagnose.recordings import take_samples
 from energy_opt.diagnose.words import next_step
@@ -116,6 +117,19 @@ def test_what_no_effect_accounts_for_stays_unexplained(special, tmp_path):
     assert result.document["verdict"] == "unexplained" and names(result) == []
     signal = result.document["residual_goes_with"][0]["signal"]
     assert signal.startswith("position" if special == "cogging" else "time")
+
+
+def test_a_switched_load_is_no_drift_of_the_meter():
+    time, rng = 14.0 * np.arange(12), np.random.default_rng(3)
+    drift = 0.2 * np.sin(time / 40) + 0.05 * rng.normal(size=12)
+    for on, off in ((5, 12), (4, 9), (0, 7)):  # for good, for a while, until some time
+        load = np.where((np.arange(12) >= on) & (np.arange(12) < off), 4.0, 0.0)
+        left = without_steps(time, drift + load)
+        assert np.ptp(left) < 0.8 and np.abs(left).max() < (0.5 if off - on < 7 else 4.6)
+    np.testing.assert_array_equal(without_steps(time, 10 * drift), 10 * drift)
+    pause = np.where(np.arange(12) >= 6, 3600.0, 0.0)  # in which a meter may drift
+    wander = drift + 0.01 * pause**0.5
+    np.testing.assert_array_equal(without_steps(time + pause, wander), wander)
 
 
 def test_supply_and_gain_are_one_at_the_meter(tmp_path):

@@ -22,8 +22,9 @@ import numpy as np
 
 from energy_opt.diagnose.candidates import Candidate
 from energy_opt.diagnose.clusters import clusters
+from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.fit import DRIFTS, Fit, Free, Nuisance, bounded_step
-from energy_opt.diagnose.noise import MISFITS, WAVES, Noise, Whitener, likeliest
+from energy_opt.diagnose.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, likeliest
 
 SPREADS = (0.003, 0.025, 0.05, 0.085)  # of links around their URDF
 SPREAD_ODDS = (0.2, 0.2, 0.3, 0.3)  # before the data: most arms are off by 3 to 10 %
@@ -35,6 +36,9 @@ LEVELS = (
     (0.03, 0.012, DRIFTS / 2, True), (0.03, 0.012, DRIFTS, True),
 )  # fmt: skip
 STEADY = 50.0  # [W] added to the level, as meters of small arms drift as much
+DRIFT = 0.025  # of the arm's level, that a meter drifts at most
+FEW_LEVELS = 4  # runs, of fewer of which no drift can be seen
+JUMP = 6.0  # times the usual change of level between neighbouring runs, beyond which it is a step, no drift
 LEVEL_ODDS = (0.35, 0.15, 0.15, 0.1, 0.05, 0.05, 0.075, 0.075)
 
 Subset = frozenset[int]
@@ -237,3 +241,37 @@ def _unwhitened(f: Fit) -> np.ndarray:
     where = dict(zip((e.name for e in f.model.effects), f.model.slices(s.n), strict=True))
     own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(f.charts, f.numbers, strict=True)]
     return np.column_stack([*own, *(g.columns for g in f.free), p.pushed, f.world.offsets])
+
+
+def drift_of(f: Fit, samples: Samples) -> np.ndarray:
+    """(R,) W by which the meter's drift, as the fitted runs show it, moves the level of some runs.
+
+    Only what neighbouring runs have in common counts as drift, no more than meters drift, and no step: a load that is
+    switched is a cause of its own.
+    """
+    own = np.array([f.world.samples.at[part].mean() for part in f.world.samples.parts])
+    order = np.argsort(own)
+    levels = without_steps(own[order], f.levels[order])
+    whole = float(np.mean(levels**2))
+    if len(levels) < FEW_LEVELS or whole == 0:
+        return np.zeros(len(samples.parts))
+    common = max(0.0, 1 - float(np.mean(np.diff(levels) ** 2)) / 2 / whole) ** 0.5
+    most = DRIFT * (f.world.scale.level + STEADY)
+    at = np.array([samples.at[part].mean() for part in samples.parts])
+    return np.asarray(np.clip(common * np.interp(at, own[order], levels), -most, most))
+
+
+def without_steps(time: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """Levels (R,) W of runs at ascending times (R,) s less their steps, as the stretch of lowest levels has them.
+
+    A step is a change that is far beyond the median of all, each over the root of the time that passed, as in a
+    random walk.
+    """
+    if len(levels) < FEW_LEVELS:
+        return levels
+    changes = np.diff(levels)
+    pace = np.abs(changes) / np.sqrt(np.maximum(np.diff(time), 1e-6))
+    usual = float(np.median(pace)) / NORMAL_MEDIAN
+    steps = np.concatenate([[0.0], np.cumsum(np.where(pace > JUMP * usual, changes, 0.0))])
+    own = levels - steps
+    return np.asarray(min((own + s for s in steps), key=lambda x: float(np.mean(x**2))))

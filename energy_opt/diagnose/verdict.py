@@ -29,7 +29,7 @@ from energy_opt.diagnose.claims import (
 from energy_opt.diagnose.clusters import FEWEST, clusters
 from energy_opt.diagnose.data import Samples
 from energy_opt.diagnose.errors import Quality, quality
-from energy_opt.diagnose.evidence import STEADY, left_out, links_odds, noise_of
+from energy_opt.diagnose.evidence import drift_of, left_out, links_odds, noise_of
 from energy_opt.diagnose.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnose.hypothesis import Measured, Scale
 from energy_opt.diagnose.links import links_of
@@ -45,8 +45,6 @@ log = logging.getLogger(__name__)
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
 HALF = 0.5  # of the error above the noise, that claims must take away to be claimed where more than noise is left
 TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
-DRIFT = 0.025  # of the arm's level, that a meter drifts at most
-FEW_LEVELS = 4  # runs, of fewer of which no drift can be seen
 LAGS = 1.5  # times what rows and steps of positions leave open of the time, that a lag of the meter must exceed
 NOISE = 1.2  # times the noise, below which a model's held-out error is noise
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
@@ -267,22 +265,6 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
     if _trifling(found, named, best):
         best = named
     return found, max([best, *other_drives(found, best)], key=found.score), noise
-
-
-def drift_of(f: Fit, samples: Samples) -> np.ndarray:
-    """(R,) W by which the meter's drift, as the fitted runs show it, moves the level of some runs.
-
-    Only what neighbouring runs have in common counts as drift, and no more than meters drift.
-    """
-    own = np.array([f.world.samples.at[part].mean() for part in f.world.samples.parts])
-    order = np.argsort(own)
-    levels, whole = f.levels[order], float(np.mean(f.levels**2))
-    if len(levels) < FEW_LEVELS or whole == 0:
-        return np.zeros(len(samples.parts))
-    common = max(0.0, 1 - float(np.mean(np.diff(levels) ** 2)) / 2 / whole) ** 0.5
-    most = DRIFT * (f.world.scale.level + STEADY)
-    at = np.array([samples.at[part].mean() for part in samples.parts])
-    return np.asarray(np.clip(common * np.interp(at, own[order], levels), -most, most))
 
 
 def _is_a_step(f: Fit, claim: Claim) -> bool:

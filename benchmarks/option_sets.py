@@ -169,7 +169,9 @@ def option_set(number: int, folder: Path) -> tuple[Robot, dict[str, Any], list[s
         words += ["--as", "moves", *(["--vias", "1"] if chance(0.5) else [])]
         asked["moves"] = True
     if chance(0.05):
-        words += ["--objective", str(rng.choice(["time", "torque", "path_length"]))]
+        objective = str(rng.choice(["time", "torque", "path_length"]))
+        if objective == "time" or (mode == "reshape" and kind == "exact"):  # the others are refused elsewhere
+            words += ["--objective", objective]
     if chance(0.08):
         words += ["--end-acceleration", "free"] if mode == "reshape" else ["--verify-samples", "5000"]
     return robot, asked, ["optimize", *words]

@@ -32,6 +32,7 @@ WARM: dict[str, object] = {
 }
 
 
+EXHAUSTED = "Maximum_Iterations_Exceeded"
 # Where steps cannot be computed, the linear solver's own scaling may still help.
 STUCK = ("Restoration_Failed", "Error_In_Step_Computation")
 CAREFUL: dict[str, object] = {"mumps_scaling": 77, "mumps_permuting_scaling": 7, "min_refinement_steps": 1}

@@ -268,7 +268,7 @@ def reshaped(
         certificate = context.judge(trajectory).within
     if not certificate.valid:
         return Made(None, spent, False, broken("reshaped", certificate), starts)
-    message = "" if best.converged else f"IPOPT stopped with {best.status}"
+    message = "" if best.converged else f"the solver stopped with {best.status}"
     return Made(trajectory, spent, best.converged, message, starts, best, answer.optima)
 
 

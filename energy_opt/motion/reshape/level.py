@@ -92,11 +92,13 @@ class Level:
         rounds: int = ROUNDS,
         multipliers: Multipliers | None = None,
         reach: float = np.inf,
+        last: Sequence[str] = ("User_Requested_Stop",),
     ) -> Outcome:
         """Minimise from `guess`; `durations` bounds T (equal: fixed).
 
         `multipliers` of a neighbouring problem make it a warm start. `reach` [rad] is how far control points may go
         from where they are. `offset` is what the objective costs per second whatever the path; it only serves scaling.
+        After IPOPT's statuses `last`, no round follows.
         """
         s = self.shape
         cost, shares = self.shares(guess, parameters, limits)
@@ -133,7 +135,7 @@ class Level:
             cost, shares = self.shares(curve, parameters, limits)
             broken = max([float(share.max()) - 1 for share in shares.values()] + [program.broken_places(x)])
             new = {k: (share > 1 + BROKEN) & ~active[k] for k, share in shares.items()}
-            if not any(block.any() for block in new.values()) or answer.status == "User_Requested_Stop":
+            if not any(block.any() for block in new.values()) or answer.status in last:
                 break
             for k, held in active.items():
                 held |= shares[k] > NEAR

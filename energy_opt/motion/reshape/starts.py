@@ -21,7 +21,7 @@ import numpy as np
 from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.reshape.curve import Curve, Outcome, between
 from energy_opt.motion.reshape.level import Level
-from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
+from energy_opt.motion.reshape.task import EXACT, FEASIBLE, FIRST, STEPS, Line, Task
 
 log = logging.getLogger(__name__)
 UNSEEN = 0.05  # share of starts that would find something new at which the search ends: 7, 12 or 16 starts for 1, 2, 3
@@ -94,9 +94,15 @@ def _enough(costs: np.ndarray, starts: int) -> bool:
 
 
 def solved(level: Level, task: Task, guesses: Iterable[Curve], stopped: Callable[[], bool]) -> Iterator[Outcome]:
-    """The coarse problem solved from each guess."""
+    """The coarse problem solved from each guess: by IPOPT, as long as it does not spend all its iterations."""
+    exhausted = False
     for guess in guesses:
-        yield task.solved(level, guess, tolerance=TOLERANCE, barrier=1e-2, iterations=ITERATIONS, rounds=ROUNDS)
+        if exhausted:
+            outcome = task.descended(level, guess, STEPS, trust=FIRST, tolerance=TOLERANCE / 10, give=EXACT)
+        else:
+            outcome = task.solved(level, guess, tolerance=TOLERANCE, barrier=1e-2, iterations=ITERATIONS, rounds=ROUNDS)
+            exhausted = outcome.status == "sqp"
+        yield outcome
         if stopped():
             return
 

@@ -13,9 +13,12 @@ from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.sqp import begin, descend
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.ipopt import EXHAUSTED
 
 ITERATIONS = 400  # smooth models take some 30, dry friction on every joint up to 250
 FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed it by, to be mended later
+EXACT = 1e-6  # and where the outcome is to hold the limits
+STEPS, FIRST = 60, 0.2  # iterations and first step [rad, m] of it where IPOPT spends all of its own
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 
 
@@ -76,9 +79,10 @@ class Task:
     ) -> Outcome:
         """The program of a level solved from a guess; `barrier` is the first value of IPOPT's barrier parameter.
 
-        Without `rows`, all limits on velocity and acceleration are held from the beginning.
+        Without `rows`, all limits on velocity and acceleration are held from the beginning. Where IPOPT spends all its
+        iterations, as it may on the kinks of dry friction, sequential quadratic programming begins at the same guess.
         """
-        return level.solve(
+        found = level.solve(
             guess,
             self.ends,
             self.limits,
@@ -90,11 +94,17 @@ class Task:
             options={"mu_init": barrier, "max_iter": iterations},
             rounds=rounds,
             multipliers=multipliers,
+            last=("User_Requested_Stop", EXHAUSTED),
         )
+        if found.status != EXHAUSTED:
+            return found
+        steps = self.descended(level, guess, STEPS, trust=FIRST, tolerance=10 * tolerance, give=EXACT)
+        best = min(steps, found, key=self.rank)
+        return replace(best, iterations=found.iterations + steps.iterations)
 
     def descended(
         self, level: Level, guess: Curve, iterations: int, *, trust: float, tolerance: float, loose: float = 1e-6,
-        stopped: Callable[[], bool] = lambda: False,
+        give: float = FREE, stopped: Callable[[], bool] = lambda: False,
     ) -> Outcome:  # fmt: skip
         """What sequential quadratic programming comes to on a level from a guess."""
         model = level.model(self.ends, self.limits, self.parameters, self.durations, self.offset)
@@ -104,7 +114,7 @@ class Task:
         model.scale = 1 / max(abs(point.cost), 1e-6)
         now = begin(model.at_curve(guess))
         descend(
-            model, now, iterations, trust, tolerance=tolerance, give=FREE, loose=loose, stopped=stopped
+            model, now, iterations, trust, tolerance=tolerance, give=give, loose=loose, stopped=stopped
         )  # fmt: skip
         return model.outcome(now.point, now.iterations, now.converged)
 

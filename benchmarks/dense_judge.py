@@ -111,7 +111,8 @@ def _arm(urdf: str, name: str, locked: tuple[tuple[str, float], ...]) -> tuple[A
     geometry = pin.buildGeomFromUrdf(model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
     fixed = pin.neutral(model)
     for joint, value in locked:
-        fixed[model.joints[model.getJointId(joint)].idx_q] = value
+        held = model.joints[model.getJointId(joint)]
+        fixed[held.idx_q : held.idx_q + held.nq] = [np.cos(value), np.sin(value)] if held.nq == 2 else [value]
     model, geometry = pin.buildReducedModel(model, geometry, [model.getJointId(j) for j, _ in locked], fixed)
     geometry.addAllCollisionPairs()
     srdf = srdf_beside(name, Path(urdf))
@@ -129,8 +130,8 @@ def _without_what_always_touches(model: Any, geometry: Any) -> None:
     low, high = (np.clip(x, -np.pi, np.pi) for x in (model.lowerPositionLimit, model.upperPositionLimit))
     rng, always = np.random.default_rng(7), np.ones(len(geometry.collisionPairs), dtype=bool)
     for _ in range(OFTEN):
-        pin.computeCollisions(model, data, geometry, found, rng.uniform(low, high), False)
-        always &= [result.isCollision() for result in found.collisionResults]
+        pin.computeCollisions(model, data, geometry, found, pin.normalize(model, rng.uniform(low, high)), False)
+        always &= np.array([result.isCollision() for result in found.collisionResults], dtype=bool)
     pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]  # numbers: removing one moves the others
     for (first, second), touch in zip(pairs, always, strict=True):
         a, b = objects[first].parentJoint, objects[second].parentJoint

@@ -168,13 +168,13 @@ def ends(robot: Robot, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
     held = (np.abs(robot.body.torque(q, 0 * q, 0 * q)) <= 0.9 * robot.limits.effort).all(axis=1)
     start = None
     for k in np.flatnonzero(held).tolist():
-        if cell.distances(q[k], 0.005):
+        if not cell.free(q[k]):
             continue
         if start is None:
             start = q[k]
         elif np.abs(q[k] - start).max() > 0.3:
             middle = start + 0.5 * (q[k] - start)
-            goal = middle if not cell.distances(middle, 0.005) else q[k]
+            goal = middle if cell.free(middle) else q[k]
             return start, goal
     raise BadInput(f"{robot.name}: no two of {len(q)} postures are free and held under gravity")
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from poses import GOAL, START
 
 from energy_opt.cell.cell import Cell
@@ -17,7 +18,7 @@ from energy_opt.formats import write
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion import Rival, propose
 from energy_opt.power import source_method_2
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, load_robot
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from dense_judge import DenseJudge
@@ -81,3 +82,25 @@ def test_the_motion_to_record_next_touches_nothing(ur5: Robot, table: Path, tmp_
         write(motion.trajectory, tmp_path / "t.csv")
         found.append(DenseJudge(ur5, table).file(tmp_path / "t.csv", 1500).touching)
     assert found[1] == 0 < found[0]
+
+
+WHEEL = """<robot name="wheel"><link name="base"/><link name="beam"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="1 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+<joint name="wheel" type="continuous"><parent link="base"/><child link="beam"/><axis xyz="0 0 1"/>
+<limit velocity="2" effort="100"/></joint>
+<joint name="turn" type="revolute"><parent link="beam"/><child link="arm"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="2" effort="100"/></joint></robot>"""
+
+
+def test_the_judge_of_many_poses_places_locked_wheels(tmp_path: Path) -> None:
+    """A beam of 1 m that is locked at a right angle, an arm of 1 m straight on: its ball is 2 m along y."""
+    (tmp_path / "wheel.urdf").write_text(WHEEL)
+    robot = load_robot(tmp_path / "wheel.urdf", lock={"wheel": np.pi / 2})
+    box = {"type": "box", "size": [0.1, 0.1, 0.1]}
+    things = [{"name": name, "position": at, **box} for name, at in (("there", [0, 2, 0]), ("beside", [2, 0, 0]))]
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump({"objects": things}))
+    touched = DenseJudge(robot, tmp_path / "scene.yaml").pose(np.zeros(1))
+    assert touched is not None and "there" in touched
+    assert DenseJudge(robot, tmp_path / "scene.yaml").pose(np.ones(1)) is None

@@ -378,3 +378,16 @@ def test_an_arm_that_is_too_heavy_for_its_size_or_drives_is_named(tmp_path: Path
     assert any("more than every effort limit" in w for w in heavy.warnings)
     assert any("several times what such arms weigh" in w for w in heavy.warnings)
     assert not any("kg move" in w for name in known_robots() for w in load_robot(name).warnings)
+
+
+def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
+    """A public description of an arm for 120 kg of load and 2.5 m long has 12 kg of moving links in all."""
+    said = {}
+    for mass in ("5", "200"):
+        path = Path(two_joints(tmp_path, effort="5000", mass=mass, inertia="1"))
+        path.write_text(path.read_text().replace('origin xyz="0.3 0 0"', 'origin xyz="2.5 0 0"'))
+        said[mass] = [w for w in load_robot(path).warnings if "kg move" in w]
+    assert said["5"] == [
+        "6 kg move on an arm of 2.5 m: a fraction of what such arms weigh; energies are too low; used as it is"
+    ]
+    assert said["200"] == []

@@ -259,6 +259,8 @@ def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:
 
 def _base(path: Path, links: dict[str, LinkPart], joints: dict[str, JointPart]) -> str:
     """The link that hangs on no other; every other link hangs on one, and in the end on it."""
+    if not links:
+        raise BadInput(f"{path}: no <link>; where xacro wrote it, give xacro the file that uses the robot's macro")
     parent_of: dict[str, str] = {}
     for name, joint in joints.items():
         if joint.child in parent_of:

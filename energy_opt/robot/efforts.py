@@ -14,6 +14,7 @@ DOUBTFUL, ABSURD = 100.0, 1e4  # times what holds the arm out straight: named bu
 MOST = 0.5  # share of postures: a drive that cannot hold its arm in more of them is another one
 DENSEST = 150.0  # [kg/m^2] mass over squared reach: industrial arms have 10 to 70
 SHORTEST = 0.3  # [m] below it the rule says nothing of use
+LIGHTEST = 4.0  # [kg/m^3] mass over cubed length: the lightest arms sold have 5 (Kinova Jaco), most have 10 to 20
 REMEDY = "--limits with max_effort gives the real one"
 
 
@@ -64,8 +65,15 @@ def believed_efforts(
     return out, said
 
 
-def too_heavy(effort: np.ndarray, gravity: np.ndarray, mass: float, reach: float) -> list[str]:
-    """Lines where an arm of `mass` [kg] and summed offsets `reach` [m] is too heavy for its drives, or its size."""
+def doubtful_masses(effort: np.ndarray, gravity: np.ndarray, mass: float, reach: float, length: float) -> list[str]:
+    """Lines where an arm of `mass` [kg] is too heavy for its drives, or too heavy or too light for its size.
+
+    Args:
+        effort: limits (n,) [N m or N].
+        gravity: (N, n) what holds the arm in postures all over its range.
+        reach: summed offsets of all joints from the base [m].
+        length: summed offsets behind the first joint [m]; a column below the arm adds nothing.
+    """
     out, stated = [], effort[np.isfinite(effort) & (effort >= SMALLEST)]
     share = float(np.mean(np.abs(gravity).max(axis=1) > stated.max())) if len(stated) else 0.0
     if share > MOST:
@@ -75,4 +83,9 @@ def too_heavy(effort: np.ndarray, gravity: np.ndarray, mass: float, reach: float
         )
     if mass > DENSEST * max(reach, SHORTEST) ** 2:
         out.append(f"{mass:.4g} kg move on an arm of {reach:.3g} m: several times what such arms weigh; used as it is")
+    if mass < LIGHTEST * length**3:
+        out.append(
+            f"{mass:.4g} kg move on an arm of {length:.3g} m: a fraction of what such arms weigh; "
+            "energies are too low; used as it is"
+        )
     return out

@@ -14,7 +14,7 @@ from energy_opt.errors import BadInput, near
 from energy_opt.files import inside, write_text
 from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
 from energy_opt.robot.description import Description, read_description
-from energy_opt.robot.efforts import believed_efforts, too_heavy
+from energy_opt.robot.efforts import believed_efforts, doubtful_masses
 from energy_opt.robot.limits import Limits, with_assumptions
 from energy_opt.robot.limits_file import overlay
 from energy_opt.robot.masses import check_masses
@@ -193,10 +193,11 @@ def _body(description: Description, lock: Mapping[str, float]) -> tuple[RigidBod
 def _completed(limits: Limits, stated: np.ndarray, body: RigidBody) -> tuple[Limits, list[str]]:
     """Limits with assumptions for what is missing or a placeholder; `stated` (n,) are the URDF's efforts."""
     links, q = body.tree(), postures(limits)
-    reach = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in links)
+    offsets = [float(np.linalg.norm(link.placement[:3, 3])) for link in links]
+    reach, length = sum(offsets), sum(offsets[1:])
     mass = sum(link.mass for link in links)
     gravity = body.torque(q, np.zeros_like(q), np.zeros_like(q))
     holding = 9.81 * mass * max(reach, 1.0)
     effort, said = believed_efforts(limits.effort, limits.effort != stated, gravity, holding, body.joints, body.slides)
     completed, warnings = with_assumptions(limits.replace(effort=effort), body.joints, body.slides)
-    return completed, [*warnings, *said, *too_heavy(limits.effort, gravity, mass, reach)]
+    return completed, [*warnings, *said, *doubtful_masses(limits.effort, gravity, mass, reach, length)]

@@ -17,6 +17,7 @@ from energy_opt.power import PowerModel
 DRAWS = 999
 SLOWER = 1.6  # times as slow is the motion that one is compared with
 STATED = 0.7  # of further motions, of which the stated error is not exceeded
+HALF = 0.5  # of the error above the noise, that claims must take away to be claimed where more than noise is left
 DIFFERENCE = 20.0  # [%] of the difference of energy between two motions, within which a model can plan
 
 
@@ -58,6 +59,17 @@ class Quality:
             for rms, noise in ((self.motion, self.noise_motion), (self.rest, self.noise_rest))
         )
         return {"motion": moving, "rest": resting}
+
+
+def halved(before: Quality, after: Quality) -> bool:
+    """Is `HALF` of the error above the noise gone, over all motions and without any one of them (of three or more)?
+
+    What an unknown law does in a single motion many effects can follow.
+    """
+    if after.excess > (1 - HALF) * before.excess:
+        return False
+    spare = (1 - HALF) * (before.squares - before.least) - (after.squares - after.least)
+    return len(spare) < 3 or bool(np.sum(spare) >= np.max(spare))
 
 
 def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray) -> Quality:

@@ -28,7 +28,7 @@ from energy_opt.diagnose.claims import (
 )
 from energy_opt.diagnose.clusters import FEWEST, clusters
 from energy_opt.diagnose.data import Samples
-from energy_opt.diagnose.errors import Quality, quality
+from energy_opt.diagnose.errors import Quality, halved, quality
 from energy_opt.diagnose.evidence import drift_of, left_out, links_odds, noise_of
 from energy_opt.diagnose.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnose.hypothesis import Measured, Scale
@@ -43,7 +43,6 @@ from energy_opt.robot import Limits
 log = logging.getLogger(__name__)
 
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
-HALF = 0.5  # of the error above the noise, that claims must take away to be claimed where more than noise is left
 TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
 LAGS = 1.5  # times what rows and steps of positions leave open of the time, that a lag of the meter must exceed
 NOISE = 1.2  # times the noise, below which a model's held-out error is noise
@@ -298,7 +297,7 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
     """The claims that motions held out bear out: each lowers the error there.
 
     Where more than noise is left, an unknown law is shared out among effects that resemble it: there each must hold a
-    good part of what is explained, and all of them half of what there was.
+    good part of what is explained, and all of them half of what there was, whichever motion is left out.
     """
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # nothing can be left out
@@ -313,8 +312,7 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
         start = root(found.world, accepted.nuisance)
         left = judge.of(plain)
         if gains[worst] > 0 and left.ratio >= NOISE:
-            whole = judge.of(start).excess
-            if left.excess > (1 - HALF) * whole:
+            if not halved(judge.of(start), left):
                 return without_effects(found, accepted), ()
             least = BESIDE * float(np.mean(judge.gains(plain, start)))
         else:

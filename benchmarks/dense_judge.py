@@ -103,11 +103,19 @@ def _configured(model: Any, q: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
+def named_apart(model: Any) -> Any:
+    """A model in which no link shares its name with a joint: Pinocchio does not lock such a joint else."""
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and model.existJointName(frame.name):
+            frame.name += " (link)"
+    return model
+
+
 @cache
 def _arm(urdf: str, name: str, locked: tuple[tuple[str, float], ...]) -> tuple[Any, Any]:
     """The arm with its bodies, and the pairs of them that must not touch."""
     folders = [str(folder) for folder in Path(urdf).resolve().parents]
-    model = pin.buildModelFromUrdf(urdf)
+    model = named_apart(pin.buildModelFromUrdf(urdf))
     geometry = pin.buildGeomFromUrdf(model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
     fixed = pin.neutral(model)
     for joint, value in locked:

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from dense_judge import DenseJudge
+from dense_judge import DenseJudge, named_apart
 from scipy.interpolate import BPoly
 
 from energy_opt.cell.cell import Cell
@@ -181,7 +181,7 @@ def ends(robot: Robot, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
 
 def judged(robot: Robot, lock: dict[str, float], file: Path) -> tuple[float, float]:
     """The largest acceleration, and by what share of a bound the worst limit is broken (below 0: none is)."""
-    model = pin.buildModelFromUrdf(str(robot.urdf))
+    model = named_apart(pin.buildModelFromUrdf(str(robot.urdf)))
     still = {**lock, **robot.locked}
     full = pin.neutral(model)
     for name, value in still.items():

@@ -96,7 +96,8 @@ WHEEL = """<robot name="wheel"><link name="base"/><link name="beam"><inertial><m
 
 def test_the_judge_of_many_poses_places_locked_wheels(tmp_path: Path) -> None:
     """A beam of 1 m that is locked at a right angle, an arm of 1 m straight on: its ball is 2 m along y."""
-    (tmp_path / "wheel.urdf").write_text(WHEEL)
+    named = WHEEL.replace('link name="beam"', 'link name="wheel"').replace('link="beam"', 'link="wheel"')
+    (tmp_path / "wheel.urdf").write_text(named)  # a link and the joint that is locked share a name
     robot = load_robot(tmp_path / "wheel.urdf", lock={"wheel": np.pi / 2})
     box = {"type": "box", "size": [0.1, 0.1, 0.1]}
     things = [{"name": name, "position": at, **box} for name, at in (("there", [0, 2, 0]), ("beside", [2, 0, 0]))]

@@ -14,7 +14,8 @@ name = "real"
 robots = ["panda"]
 modes = ["retime", "reshape"]
 durations = ["1.5x"]
-settings = { starts = 2 }
+models = ["source_method_2"]
+settings = { starts = 2, controls = 20 }
 
 [[moves]]
 name = "across"

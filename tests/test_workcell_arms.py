@@ -109,7 +109,7 @@ def test_the_proof_shifts_time_as_lateness_says(panda: object) -> None:
     late = PeriodicMotion([Part(p.name, p.start + 1.5, p.duration, p.trajectory) for p in one.parts], CYCLE)
     arms = TwoArms(*cells)
     assert prove_apart(arms, (0, 1), one, one, 0.0).verdict == "colliding"
-    assert prove_apart(arms, (0, 1), one, late, 0.02).verdict == "proven"
+    assert prove_apart(arms, (0, 1), one, late, 0.005).verdict == "proven"
     assert prove_apart(arms, (0, 1), one, late, 0.8).verdict != "proven"
 
 

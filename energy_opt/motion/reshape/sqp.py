@@ -72,7 +72,10 @@ def descend(
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
         while True:
             box = _box(model, point, trust)
-            found, rows, held = _program(model, point, hessian, gradient, others, held, box, damping, give, loose)
+            try:
+                found, rows, held = _program(model, point, hessian, gradient, others, held, box, damping, give, loose)
+            except np.linalg.LinAlgError:  # no damping makes the program convex: numbers overflowed
+                return now
             now.steps += found.steps
             predicted = -(gradient @ found.d + hessian.times(found.d) @ found.d / 2)
             predicted -= found.damping * model.mass.times(found.d) @ found.d / 2 if found.damping else 0.0

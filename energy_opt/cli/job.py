@@ -188,10 +188,8 @@ def _text_of_workcell(found: dict[str, Any], out: Path) -> str:
             f"{(s['mode'] or 'moves')[:16]:<16} {s['energy_total']:>12.1f}"
             for s in robot["steps"]
         ]
-    lines.append(
-        f"the cycle of {found['cycle_time']:g} s takes {found['energy_total']:.1f} J; "
-        f"no schedule of these curves takes less than {found['bound']:.1f} J"
-    )
+    bound = "" if found["bound"] is None else f"; no schedule of these curves takes less than {found['bound']:.1f} J"
+    lines.append(f"the cycle of {found['cycle_time']:g} s takes {found['energy_total']:.1f} J{bound}")
     first = found["levers"][0]["energy_total"]
     for lever in found["levers"]:
         saved = 100 * (1 - lever["energy_total"] / first)

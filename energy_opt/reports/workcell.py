@@ -30,7 +30,11 @@ def page(document: Mapping[str, Any]) -> Report:
             [f"{_said(x)} alone", x["energy_total"], first - x["energy_total"], 100 * (1 - x["energy_total"] / first)]
             for x in document["levers_alone"]
         ]
-        + [["lower bound of these curves", document["bound"], first - document["bound"], None]],
+        + (
+            []
+            if document["bound"] is None
+            else [["lower bound of these curves", document["bound"], first - document["bound"], None]]
+        ),
         digits=7,
     )
     for robot in document["robots"]:
@@ -45,9 +49,10 @@ def page(document: Mapping[str, Any]) -> Report:
 def headline(document: Mapping[str, Any]) -> str:
     """One sentence: energy, bound, and what was saved."""
     total, first = document["energy_total"], document["levers"][0]["energy_total"]
-    text = (
-        f"{total:.6g} J a cycle, at most {document['optimality']['gap_percent']:.2g} % above the least of these curves"
-    )
+    gap = document["optimality"]["gap_percent"]
+    text = f"{total:.6g} J a cycle"
+    if gap is not None:
+        text += f", at most {gap:.2g} % above the least of these curves"
     return f"{text}; {100 * (1 - total / first):.3g} % less than at full speed." if total < first else f"{text}."
 
 

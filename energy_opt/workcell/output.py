@@ -38,7 +38,14 @@ def document(result: CellResult) -> dict[str, Any]:
     levers = [{"name": name, "energy_total": found.energy} for name, found in result.levers.steps]
     if cell.supply is not None and result.supply is not None:
         levers.append({"name": "supply", "energy_total": result.supply.energy})
+    # a shared supply takes less than the robots do apart, which the bound is of
+    bound = schedule.bound if result.supply is None or cell.supply is None else None
     warnings = []
+    arms = [robot.name for robot, arm in zip(cell.robot, result.arms, strict=True) if arm is not None]
+    if len(arms) > 1 and len(result.clearance) < len(arms) * (len(arms) - 1) // 2:
+        warnings.append(
+            "not every two arms were checked against each other: self-collision is off, or an arm has no body"
+        )
     for between in result.clearance:
         if between.verdict != "proven":
             names = " and ".join(cell.robot[k].name for k in between.robots)
@@ -58,11 +65,11 @@ def document(result: CellResult) -> dict[str, Any]:
         "status": "solved" if result.solved else "not_converged",
         "cycle_time": cell.cycle_time,
         "energy_total": result.energy,
-        "bound": schedule.bound,
+        "bound": bound,
         "optimality": {
-            "kind": "global" if schedule.gap < 1e-3 else "local",
-            "lower_bound": schedule.bound,
-            "gap_percent": 100 * schedule.gap,
+            "kind": "global" if bound is not None and schedule.gap < 1e-3 else "local",
+            "lower_bound": bound,
+            "gap_percent": None if bound is None else 100 * schedule.gap,
         },
         "robots": robots,
         "levers": levers,

@@ -244,7 +244,7 @@ def test_a_duration_that_is_named_is_asked_for(panda, model, monkeypatch, works,
     asked: list[float] = []
 
     class Solver:
-        def at(self, duration, longest, warm):
+        def at(self, duration, longest, warm, progress=None):
             asked.append(duration)
             if duration < works:
                 raise Infeasible(f"too short: the shortest found is {2.300851:.6g} s", shortest_duration=2.300851)

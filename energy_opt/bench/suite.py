@@ -75,7 +75,7 @@ def load_suite(
     """Read a suite and resolve robots, models and moves.
 
     Args:
-        overrides: entries that take the place of every table's own; their files may lie anywhere.
+        overrides: entries that take the place of every table's own, each of `settings`; their files may be anywhere.
         allow_outside, allow_large: the suite's own files may lie outside its folder, and be larger than usual.
         seed: takes the place of the seeds of random moves and of the solver's starts.
         compile: "always", "never", or "auto": compiled where enough moves share a built problem and a compiler exists.
@@ -118,7 +118,10 @@ def _read(
     tables = [("", top)] if not groups else [(f"groups {n}: ", {**top, **g}) for n, g in enumerate(groups, start=1)]
     tasks: list[Task] = []
     for where, table in tables:
+        own = table.get("settings", {})
         table = _seeded({**table, **overrides}, seed)
+        if isinstance(own, Mapping) and "settings" in overrides:
+            table["settings"] = {**own, **overrides["settings"]}
         files = Files(path.parent, allow_outside, frozenset(overrides), allow_large)
         group = read_group(table, files, faults.within(where))
         tasks += _product(str(name), group, len(tasks), files, faults.within(where))

@@ -37,6 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model", metavar="MODEL", help="power model: a file, or source-method-1, source-method-2, careful"
     )
     add_lock(group)
+    group.add_argument(
+        "--deadline", type=float, metavar="S", help="end the search of each motion after S seconds (never)"
+    )
     group.add_argument("--seed", type=int, metavar="N", help="seed of random moves and of the solver's starts")
     add_cell(parser)
     parser.set_defaults(self_collision=None, planner=None)  # as the suite says
@@ -112,6 +115,8 @@ def _overrides(args: argparse.Namespace) -> dict[str, Any]:
         out["models"] = [str(path.resolve()) if path.is_file() else args.model]
     if args.payload is not None:
         out["payloads"] = [args.payload]
+    if args.deadline is not None:
+        out["settings"] = {"deadline": args.deadline}
     if args.lock:
         out["lock"] = locks_of(args)
     return out | _surroundings(args)

@@ -95,6 +95,9 @@ def add_move(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--solver", default="ipopt", metavar="NAME", help="ipopt (default), sqp (no last polish)")
     group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping at most (24)")
     group.add_argument("--ways", type=int, metavar="N", help="free ways to start from (1; 0 besides a free --path)")
+    group.add_argument(
+        "--deadline", type=float, metavar="S", help="end the search of each motion after S seconds (never)"
+    )
     group.add_argument("--controls", type=int, metavar="N", help="control points per joint of a reshaped move (48)")
     group.add_argument("--end-acceleration", default="zero", metavar="KIND", help="zero (default) or free (reshape)")
     group.add_argument("--compile", default="auto", metavar="WHEN", help="functions: auto (default), always or never")
@@ -332,5 +335,6 @@ def settings_of(args: argparse.Namespace) -> Settings:
         keep=tuple(args.keep),
         tube=args.tube,
         tool=args.tool,
+        deadline=args.deadline,
         allow_large=getattr(args, "allow_large", False),
     )

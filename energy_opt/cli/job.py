@@ -44,6 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_model(group)
     add_prefix(group)
     group = parser.add_argument_group("solving")
+    group.add_argument(
+        "--deadline", type=float, metavar="S", help="end the search of each motion after S seconds (never)"
+    )
     group.add_argument("--starts", type=int, metavar="N", help="starting points of a reshaping at most (24)")
     group.add_argument("--compile", default="auto", metavar="WHEN", help="auto, always or never (auto)")
     group.add_argument("--resume", action="store_true", help="take the answers that an earlier run into --out left")
@@ -83,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         job = load_job(args.job, lambda _: job.robot, allow_outside=args.allow_outside, payload=(mass, x, y, z))
     formats = check_written(args, job.robot.n)
     given = {"seed": args.seed, "compile": args.compile}
-    settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}))
+    settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}), deadline=args.deadline)
     cell, limits = cell_of(args), vars(job.robot.limits)
     named: dict[str, Any] = {"limits": args.limits, "cell": cell.document()}
     named |= {"robust": robust_of(rivals, kind)}
@@ -159,7 +162,10 @@ def _run_workcell(args: argparse.Namespace) -> int:
     request |= {} if worth is None else {"per_year": worth.document()}
     guard(args.out / "job.json", request, args.force)
     settings = Settings(
-        seed=args.seed, compile=args.compile, **({} if args.starts is None else {"starts": args.starts})
+        seed=args.seed,
+        compile=args.compile,
+        **({} if args.starts is None else {"starts": args.starts}),
+        deadline=args.deadline,
     )
     with stop_on_interrupt() as stopped, Progress(args) as progress:
         result = run_workcell(

@@ -130,6 +130,7 @@ class Settings:
             the straight line where none is given); None for as far as it likes.
         allow_large: more starts, samples and control points than a careful user would ask for.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
+        deadline: seconds after which the search for a motion ends with the best proven answer so far; None for none.
         ways: how many free ways are looked for, and started from, where the straight line is not free, and besides a
             path that is given; None for one (two where it leads to little), and none besides a free path that is given.
     """
@@ -151,6 +152,7 @@ class Settings:
     tool: str | None = None
     allow_large: bool = False
     ways: int | None = None
+    deadline: float | None = None
 
     def __post_init__(self) -> None:
         words = self.keep.split(",") if isinstance(self.keep, str) else self.keep
@@ -164,6 +166,8 @@ class Settings:
             if value is not None and (value < least or (value > most and not larger)):
                 hint = ", or --allow-large" if value > most and name != "seed" else ""
                 raise BadInput(f"--{name.replace('_', '-')} {value!s:.24}; expected {least} to {most}{hint}")
+        if self.deadline is not None and not (np.isfinite(self.deadline) and self.deadline > 0):
+            raise BadInput(f"--deadline {self.deadline!s:.24}: expected seconds above 0")
         if self.objective not in OBJECTIVES:
             raise BadInput(f"--objective {self.objective!r}; expected one of {', '.join(OBJECTIVES)}")
         if self.solver not in SOLVERS:

@@ -113,6 +113,7 @@ class Result:
             beside "scaled"; None where no share below 0.2 does.
         travel: joints that go more than 1.5 times as far as they need: joint, path and straight [rad, m].
         written: files for controllers, read back and judged: file, format, rate, valid, worst.
+        progress: seconds since the search began, and the least loss [J] of a proven answer known by then.
     """
 
     status: str
@@ -136,6 +137,7 @@ class Result:
     break_even_friction: float | None = None
     travel: tuple[Mapping[str, object], ...] = ()
     written: tuple[Mapping[str, object], ...] = ()
+    progress: tuple[tuple[float, float], ...] = ()
 
     def baseline(self, name: str) -> Baseline | None:
         """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
@@ -247,6 +249,7 @@ class Result:
             "break_even_friction": self.break_even_friction,
             "travel": [dict(row) for row in self.travel],
             "written": [dict(row) for row in self.written],
+            "progress": [{"seconds": seconds, "loss": loss} for seconds, loss in self.progress],
             "message": self.message,
             "warnings": list(self.warnings),
             **({} if self.moves is None else {"moves": self.moves}),

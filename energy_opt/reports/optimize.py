@@ -61,6 +61,8 @@ def page(
             "gap to it [%]": optimality["gap_percent"],
         }
     )
+    if len(document.get("progress", ())) > 1:
+        report.charts(_progress(document["progress"]))
     return report.command(document.get("request"))
 
 
@@ -161,6 +163,13 @@ def _cumulative(result: Motion, beside: Mapping[str, Motion], standby: float) ->
             steps = np.diff(t) * (above[1:] + above[:-1]) / 2
             lines.append(Line(name, t, np.concatenate([[0.0], np.cumsum(steps)])))
     return Chart("Energy used so far, standby left out", "time [s]", "energy [J]", lines, timed=True)
+
+
+def _progress(rows: Sequence[Mapping[str, float]]) -> Chart:
+    """The least loss of a proven answer over the time of the search: it stays until a better one is found."""
+    seconds, loss = (np.array([row[key] for row in rows]) for key in ("seconds", "loss"))
+    line = Line("best proven answer", np.repeat(seconds, 2)[1:], np.repeat(loss, 2)[:-1])
+    return Chart("Best proven answer while the search ran", "time of the search [s]", "loss [J]", [line])
 
 
 def _by_joint(lost: Mapping[str, Mapping[str, np.ndarray]], robot: Robot) -> list[Chart]:

@@ -47,29 +47,42 @@ class Work:
         return self.reshaped or self.retimed or Made(None)
 
 
-def choose(context: Context, move: Move, work: Work, build_seconds: float, solve_seconds: float) -> Result:
+def choose(
+    context: Context, move: Move, work: Work, build_seconds: float, solve_seconds: float,
+    baselines: list[tuple[str, Judged]] | None = None,
+) -> Result:  # fmt: skip
     """The answer.
+
+    Args:
+        baselines: those of the answer's duration, where they are known already.
 
     Raises:
         Infeasible: nothing that answers the move lies within limits.
     """
     duration = _duration(move, work)
-    baselines = baselines_of(context, move, work.timing, duration)
+    if baselines is None:
+        baselines = baselines_of(context, move, work.timing, duration)
     further = [(name, judged.trajectory.on_nanoseconds()) for name, judged in baselines]
     further += [("warm", t.on_nanoseconds()) for t in work.warm]
-    found, more = least(context, move, work, further if context.settings.objective == "energy" else [])
+    found, more = least(
+        context, move, work, further if context.settings.objective == "energy" or context.stopped() else []
+    )
     iterations = more + sum(made.iterations for made in (work.reshaped, work.retimed) if made is not None)
     if found is None:
         raise Infeasible(work.asked.message or "no trajectory within limits was found", limit="duration")
     name, best = found
     if abs(best.trajectory.duration - duration) > 1e-9:
         baselines = baselines_of(context, move, work.timing, best.trajectory.duration)
-    interrupted = context.stopped()
+    interrupted, message = context.progress.interrupted(), work.asked.message
+    late = context.progress.cut and not interrupted
+    if late:
+        message = "the search ended at its deadline; this is the best proven answer by then"
+    context.progress.found(best.energy.loss)
     report = SolverReport(
         context.settings.solver, iterations, build_seconds, solve_seconds, context.workshop.compiled, work.asked.starts
     )
     return Result(
-        status="solved" if work.asked.converged and not interrupted else "not_converged",
+        status="solved" if (work.asked.converged or late) and not interrupted else "not_converged",
         robot=context.robot.name,
         mode=move.mode,
         chosen=name,
@@ -79,9 +92,10 @@ def choose(context: Context, move: Move, work: Work, build_seconds: float, solve
         certificate=best.certificate,
         optimality=_optimality(move, name, best, work.solution),
         solver=report,
-        message="interrupted; the best so far" if interrupted else work.asked.message,
+        message="interrupted; the best so far" if interrupted else message,
         interrupted=interrupted,
         warnings=tuple(_warnings(context)),
+        progress=tuple(context.progress.losses),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight, through
+from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.motion.reshape.search import Reshaper
 from energy_opt.motion.retime.fastest import minimum_time
@@ -133,6 +134,7 @@ class Context:
         limits: in force for the move, those that only this move has among them.
         standing: the limits that node functions are built for (those of every move).
         stopped: asked between solves; True ends the work with the best known so far.
+        progress: of the search: its deadline, and what was found when.
         cell: what is to be kept clear of; None for nothing.
         ways: further free paths to start from, besides the move's own.
         looked_for: whether the first path is no straight line nor given, but took a search.
@@ -152,6 +154,7 @@ class Context:
     ways: tuple[JointPath, ...] = ()
     looked_for: bool = False
     further: Callable[[], tuple[JointPath, ...]] = tuple
+    progress: Progress = field(default_factory=lambda: Progress(None))
 
     @cached_property
     def values(self) -> np.ndarray:

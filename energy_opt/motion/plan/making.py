@@ -61,10 +61,12 @@ def made(
         return Work(timing, solution, None, mended_timing(context, move, solution), warm)
     wanted = move.duration if move.duration is not None else move.max_duration
     solution = None
+    if context.stopped() and timing is not None:
+        return Work(timing, None, None, None, warm)
     if timing is not None and (wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves):
         solution = least_energy_timing(context, move, timing)
     curve = None
-    if not stands_still(move):
+    if not stands_still(move) and not (context.stopped() and timing is not None):
         worth = None if context.cell is None else partial(nearly_clear, context, move)
         curve = reshaped(context, move, timing, solution, warm, kept, worth)
         log.info("keeping clear", extra={"share": 0.6})

@@ -21,6 +21,7 @@ from energy_opt.motion.limits.check import check_pose
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
+from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.ways import check_free, first_path
@@ -148,23 +149,25 @@ class Planner:
         begun, first, ways = found
         return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways
 
-    def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
+    def solve(self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None) -> Result:
         """The move with the least energy that is found, or by another objective if the settings say so.
 
         Args:
             warm: trajectories to start from besides the usual ones; where they have the move's duration and stay within
                 limits, the result is never worse than they are.
+            deadline: seconds after which the search ends with the best proven answer so far; None for the settings'.
 
         Raises:
             Infeasible: no timing or no path holds the limits; says which, where and what would work.
         """
+        progress = Progress(self.settings.deadline if deadline is None else deadline, self._stopped)
         self._check_ends(move)
         self._check_objective(move)
         log.info("first path")
         try:
-            result = self.single(move).at(move.duration, move.max_duration, warm).result
+            result = self.single(move).at(move.duration, move.max_duration, warm, progress).result
         except Infeasible as error:
-            raise self._confirmed(error, move) from None
+            raise self._confirmed(error, move, progress) from None
         return replace(result, warnings=(*result.warnings, *self._cell_warnings, *self._long_turns(move)))
 
     def _long_turns(self, move: Move) -> list[str]:
@@ -182,14 +185,14 @@ class Planner:
                 )
         return out
 
-    def _confirmed(self, error: Infeasible, move: Move) -> Infeasible:
+    def _confirmed(self, error: Infeasible, move: Move, progress: Progress) -> Infeasible:
         """The error with a shortest duration that was asked for and works, as do those a little longer.
 
         It is rounded up to the digits that its message shows.
         """
         named = error.shortest_duration
-        if named is None or self._stopped():
-            return error
+        if named is None or progress.ended():
+            return error.named(None) if progress.late() else error
         for longer in LONGER:
             digits = 5 - int(np.floor(np.log10(longer * named)))
             tried = float(np.ceil(longer * named * 10**digits) / 10**digits)

@@ -24,6 +24,7 @@ from energy_opt.errors import BadInput
 from energy_opt.motion.judge.certificate import ALLOWED, certify
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.result import Optimality, Result
 from energy_opt.motion.retime.solve import GLOBAL_GAP
@@ -137,9 +138,15 @@ class RobustPlanner:
             for judge, scorer in zip(self._judges, self._scorers, strict=True)
         ]
 
-    def solve(self, move: Move, warm: Sequence[Trajectory] = ()) -> Result:
+    def solve(self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None) -> Result:
         """The best move that is found; see `Planner.solve`. `Result.models` says what each model makes of it."""
-        best = self._least(lambda planner, known: planner.solve(move, [*warm, *known]))
+        settings = self._planner.settings
+        progress = Progress(settings.deadline if deadline is None else deadline, self._stopped)
+
+        def find(planner: Planner, known: list[Trajectory]) -> Result:
+            return planner.solve(move, [*warm, *known], progress.left)
+
+        best = self._least(find, progress.ended)
         if best.dearer().any():
             best = replace(self._answer(_slowed(best.result)), bound=best.bound)
         return self._stated(best)
@@ -149,13 +156,13 @@ class RobustPlanner:
 
         Where all that it finds is dearer than the evenly slowed move under a model, the result says so in a warning.
         """
-        best = self._least(lambda planner, _: find(planner))
+        best = self._least(lambda planner, _: find(planner), self._stopped)
         result = self._stated(best)
         dear = [judge.name for judge, more in zip(self._judges, best.dearer(), strict=True) if more]
         said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in dear]
         return replace(result, warnings=(*result.warnings, *said))
 
-    def _least(self, find: Callable[[Planner, list[Trajectory]], Result]) -> _Answer:
+    def _least(self, find: Callable[[Planner, list[Trajectory]], Result], stopped: Callable[[], bool]) -> _Answer:
         weights, members = np.ones(len(self.rivals)) / len(self.rivals), list(self._mixture.members)
         best: _Answer | None = None
         bounds: list[float] = []
@@ -168,7 +175,7 @@ class RobustPlanner:
             if bound is not None and (number == 0 or self.kind == "worst"):  # the largest is no less than any mean
                 bounds.append(bound)
             dearer = answer.dearer()
-            if self._stopped() or (self.kind == "mean" and not dearer.any()):
+            if stopped() or (self.kind == "mean" and not dearer.any()):
                 break
             weights, members = self._moved(weights, answer, dearer)
         assert best is not None

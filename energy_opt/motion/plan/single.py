@@ -9,7 +9,8 @@ from functools import cached_property
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
-from energy_opt.motion.plan.choice import choose
+from energy_opt.motion.plan.anytime import Progress
+from energy_opt.motion.plan.choice import baselines_of, choose
 from energy_opt.motion.plan.context import Context
 from energy_opt.motion.plan.making import first_timing, made
 from energy_opt.motion.reshape.curve import Outcome
@@ -46,19 +47,33 @@ class Single:
         """The fastest of the first path; None where a reshaped move's has none."""
         return first_timing(self.context, self.move)
 
-    def at(self, duration: float | None, max_duration: float | None = None, warm: Sequence[Trajectory] = ()) -> Solved:
+    def at(
+        self, duration: float | None, max_duration: float | None = None, warm: Sequence[Trajectory] = (),
+        progress: Progress | None = None,
+    ) -> Solved:  # fmt: skip
         """The answer in that time.
+
+        Args:
+            progress: of a search that has begun already; by default it begins now, with the settings' deadline.
 
         Raises:
             Infeasible: no timing or no path holds the limits; says which, where and what would work.
         """
-        context, workshop = self.context, self.context.workshop
+        if progress is None:
+            progress = Progress(self.context.settings.deadline, self.context.stopped)
+        context, workshop = replace(self.context, stopped=progress.ended, progress=progress), self.context.workshop
         move = replace(self.move, duration=duration, max_duration=max_duration)
         built, begin = workshop.seconds, time.perf_counter()
+        begun = None
+        if duration is not None and self.timing is not None and duration >= self.timing.duration:
+            begun = baselines_of(context, move, self.timing, duration)
+            judged = dict(begun)["scaled"]
+            if judged.certificate.valid:
+                progress.found(judged.energy.loss)
         work = made(context, move, self.timing, warm, self._kept)
         build = workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
         try:
-            result = choose(context, move, work, build, time.perf_counter() - begin - build)
+            result = choose(context, move, work, build, time.perf_counter() - begin - build, begun)
         except Infeasible as error:
             if not self.first.blocked or context.stopped():
                 raise

@@ -1,0 +1,57 @@
+"""An answer at any time: the deadline of a search, and how its best proven answer got better until then."""
+
+from dataclasses import replace
+
+import pytest
+from poses import GOAL, START
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.errors import BadInput
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.plan.anytime import Progress
+from energy_opt.motion.plan.robust import Rival, RobustPlanner
+
+MOVE = Move(START, GOAL, duration=2.0)
+
+
+@pytest.fixture(scope="module")
+def planner(panda, model) -> Planner:
+    settings = Settings(starts=2, compile="never", deadline=1e-6)
+    return Planner(panda, model, settings, cell=Cell(panda, CellRequest()))
+
+
+def test_the_first_answer_is_there_at_once_and_proven(planner) -> None:
+    result = planner.solve(MOVE)
+    assert result.status == "solved" and "deadline" in result.message and not result.interrupted
+    assert result.certificate.valid and result.certificate.clearance.proven
+    assert result.trajectory.duration == pytest.approx(2.0)
+    assert result.solver.starts == 0  # nothing was searched
+
+
+def test_more_time_never_gives_a_worse_answer_and_progress_says_how_it_got_better(planner) -> None:
+    cut, whole = planner.solve(MOVE), planner.solve(MOVE, deadline=1e3)
+    assert whole.energy.loss < cut.energy.loss and not whole.message
+    seconds, losses = zip(*whole.progress, strict=True)
+    assert list(seconds) == sorted(seconds) and list(losses) == sorted(losses, reverse=True)
+    assert losses[0] == pytest.approx(cut.energy.loss) and losses[-1] == pytest.approx(whole.energy.loss)
+    rows = whole.document()["progress"]
+    assert [row["loss"] for row in rows] == list(losses)
+
+
+def test_a_search_that_ends_in_time_is_not_said_to_be_cut() -> None:
+    progress = Progress(1e-9)
+    assert progress.late() and not progress.cut  # nobody had to stop
+    assert progress.ended() and progress.cut
+
+
+def test_several_models_share_one_deadline(panda, planner) -> None:
+    rivals = [Rival("a", planner.model), Rival("b", planner.model)]
+    result = RobustPlanner(panda, rivals, settings=replace(planner.settings, deadline=1e-6)).solve(MOVE)
+    assert result.certificate.valid and "deadline" in result.message
+
+
+@pytest.mark.parametrize("deadline", [0.0, -1.0, float("nan")])
+def test_a_deadline_is_above_zero(deadline: float) -> None:
+    with pytest.raises(BadInput, match="deadline"):
+        Settings(deadline=deadline)

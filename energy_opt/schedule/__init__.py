@@ -5,12 +5,13 @@ a mixed-integer program; `solve.py` returns a schedule and a lower bound on the 
 """
 
 from energy_opt.schedule.curves import Curve, Hull, Polynomial
-from energy_opt.schedule.problem import Exclusion, Lag, Mode, Move, Problem, Ring, Run, Wait
+from energy_opt.schedule.problem import Exclusion, Group, Lag, Mode, Move, Problem, Ring, Run, Wait
 from energy_opt.schedule.solve import Schedule, solve
 
 __all__ = [
     "Curve",
     "Exclusion",
+    "Group",
     "Hull",
     "Lag",
     "Mode",

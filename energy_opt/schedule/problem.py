@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from energy_opt.schedule.curves import Curve
 
@@ -59,11 +60,29 @@ class Wait:
 
 
 @dataclass(frozen=True)
+class Group:
+    """Consecutive steps of a ring, in blocks that may be done in any order.
+
+    Attributes:
+        blocks: pairs (first, last) of steps' indices; each block follows the one before.
+        before: pairs (i, j) of blocks: i is done before j.
+    """
+
+    blocks: tuple[tuple[int, int], ...]
+    before: frozenset[tuple[int, int]] = frozenset()
+
+
+@dataclass(frozen=True)
 class Ring:
-    """The steps of one robot, in order; the first follows the last, one cycle later."""
+    """The steps of one robot, in order; the first follows the last, one cycle later.
+
+    Attributes:
+        groups: parts of it whose order is free. Where one is the whole ring, the first block that may be stays first.
+    """
 
     name: str
     steps: tuple[Move | Wait, ...]
+    groups: tuple[Group, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -120,3 +139,51 @@ class Problem:
     rings: tuple[Ring, ...]
     lags: tuple[Lag, ...] = ()
     exclusions: tuple[Exclusion, ...] = ()
+
+    def in_order(self, orders: Sequence[Sequence[int]]) -> Problem:
+        """The problem with the steps of every ring in another order, which is then fixed; indices are of steps."""
+        place = [{k: new for new, k in enumerate(order)} for order in orders]
+        rings = tuple(Ring(ring.name, tuple(ring.steps[k] for k in order))
+                      for ring, order in zip(self.rings, orders, strict=True))  # fmt: skip
+
+        def moved(run: Run) -> Run:
+            return replace(run, first=place[run.ring][run.first], last=place[run.ring][run.last])
+
+        def at(step: tuple[int, int]) -> tuple[int, int]:
+            return step[0], place[step[0]][step[1]]
+
+        return Problem(
+            self.cycle_time,
+            rings,
+            tuple(replace(lag, begin=at(lag.begin), end=at(lag.end)) for lag in self.lags),
+            tuple(replace(e, first=moved(e.first), second=moved(e.second)) for e in self.exclusions),
+        )
+
+    @property
+    def as_listed(self) -> Problem:
+        """The problem in the order in which its steps are listed, as far as the groups allow it."""
+        return self.in_order([listed(ring) for ring in self.rings])
+
+
+def listed(ring: Ring) -> list[int]:
+    """Indices of a ring's steps in the order of its list; in groups a block is put off until it may be done."""
+    return in_blocks(len(ring.steps), ring.groups, [possible(group, range(len(group.blocks))) for group in ring.groups])
+
+
+def possible(group: Group, wanted: Sequence[int]) -> list[int]:
+    """The order of a group's blocks that is nearest to the wanted one: a block is put off until it may be done."""
+    left, out = list(wanted), []
+    while left:
+        free = [j for j in left if not any(i in left for i, k in group.before if k == j)]
+        out.append((free or left)[0])
+        left.remove(out[-1])
+    return out
+
+
+def in_blocks(count: int, groups: Sequence[Group], orders: Sequence[Sequence[int]]) -> list[int]:
+    """Indices of `count` steps with the blocks of every group in the given order."""
+    out = list(range(count))
+    for group, order in zip(groups, orders, strict=True):
+        first, last = group.blocks[0][0], group.blocks[-1][1]
+        out[first : last + 1] = [k for b in order for k in range(group.blocks[b][0], group.blocks[b][1] + 1)]
+    return out

@@ -7,16 +7,22 @@ follows the last one cycle later; lags; of two runs that exclude each other one 
 
     end_1 + gap <= start_2 + C h,    end_2 + gap <= start_1 + C (1 - h).
 
+Blocks of a group lie between its begin and its end, which are apart by the sum of their durations; of two of them a
+binary y says which comes first:
+
+    end_1 <= start_2 + C (1 - y),    end_2 <= start_1 + C y.
+
 Tangents lie below a convex curve, so the program's optimum is a lower bound of the schedule's energy.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
-from energy_opt.schedule.problem import Move, Problem, Run
+from energy_opt.schedule.problem import Group, Move, Problem, Run, possible
 
 Terms = dict[int, float]  # coefficients by variable
 FEASIBLE = 1e-9  # tolerance of HiGHS on constraints and integers: seconds are held to a nanosecond
@@ -117,7 +123,8 @@ class Program:
         for r, ring in enumerate(self.problem.rings):
             for k, step in enumerate(ring.steps):
                 at = (r, k)
-                fixed = r == 0 and k == 0  # the cycle begins with the first step of the first robot
+                # the cycle begins with the first step of the first robot
+                fixed = r == 0 and k == 0 and not any(group.blocks[0][0] == 0 for group in ring.groups)
                 self.start[at] = self._variable(0.0 if fixed else -far, 0.0 if fixed else far)
                 if isinstance(step, Move):
                     self.duration[at] = {self._variable(step.least, min(step.most, cycle)): 1.0}
@@ -135,12 +142,56 @@ class Program:
                     self.choice[at].append((z, d))
                 self.constraints.append(({z: 1.0 for z, _ in self.choice[at]}, 1.0, 1.0))
                 self.duration[at] = {d: 1.0 for _, d in self.choice[at]}
-            for k in range(len(ring.steps)):
-                last = k == len(ring.steps) - 1
-                follows = self.start[r, 0 if last else k + 1]
-                length = cycle if last else 0.0  # start + duration = next start (+ one cycle)
-                terms = _sum({self.start[r, k]: 1.0}, self.duration[r, k], {follows: -1.0})
+            follows = {k: self.start[r, (k + 1) % len(ring.steps)] for k in range(len(ring.steps))}
+            begins = {group.blocks[0][0]: self._begin(r, group) for group in ring.groups}
+            for group in ring.groups:
+                for _, last in group.blocks:
+                    del follows[last]
+            for group in ring.groups:
+                self._group(r, group, follows, begins)
+            for k, next_start in follows.items():
+                length = cycle if k == len(ring.steps) - 1 else 0.0  # start + duration = next start (+ one cycle)
+                terms = _sum({self.start[r, k]: 1.0}, self.duration[r, k], {next_start: -1.0})
                 self.constraints.append((terms, length, length))
+
+    def _begin(self, r: int, group: Group) -> int:
+        """The variable of a group's begin; where the first robot's cycle begins with it, that is 0."""
+        far = self.problem.cycle_time * (len(self.problem.rings) + 1)
+        fixed = 0.0 if r == 0 and group.blocks[0][0] == 0 else far
+        return self._variable(-fixed, fixed)
+
+    def _group(self, r: int, group: Group, follows: dict[int, int], begins: dict[int, int]) -> None:
+        """The blocks of a group between its begin and its end.
+
+        Args:
+            follows: the variable of what begins when a step ends, by step; the step before the group is added.
+            begins: the variable of the begin of every group of the ring, by its first step.
+        """
+        cycle, count = self.problem.cycle_time, len(self.problem.rings[r].steps)
+        first, last = group.blocks[0][0], group.blocks[-1][1]
+        begin = begins[first]
+        blocks = [self._run(Run(r, *block)) for block in group.blocks]
+        spent = _sum(*(_sum(end, _minus(start)) for start, end in blocks))
+        known = set(group.before)
+        if last - first + 1 == count:  # a ring has no first block: it begins with the first that may be
+            root = possible(group, range(len(blocks)))[0]
+            known |= {(root, j) for j in range(len(blocks)) if j != root}
+            self.constraints.append((spent, cycle, cycle))
+        else:
+            after = (last + 1) % count
+            wraps = cycle if after == 0 else 0.0
+            terms = _sum({begins.get(after, self.start[r, after]): 1.0}, {begin: -1.0}, _minus(spent))
+            self.constraints.append((terms, -wraps, -wraps))
+            if (first - 1) % count in follows:  # else it is the end of another group
+                follows[(first - 1) % count] = begin
+        for start, end in blocks:
+            self.constraints.append((_sum(start, {begin: -1.0}), 0.0, np.inf))
+            self.constraints.append((_sum(spent, {begin: 1.0}, _minus(end)), 0.0, np.inf))
+        for i, j in combinations(range(len(blocks)), 2):
+            y = self._variable(float((i, j) in known), float((j, i) not in known), integer=True)
+            (start_i, end_i), (start_j, end_j) = blocks[i], blocks[j]
+            self.constraints.append((_sum(start_j, _minus(end_i), {y: -cycle}), -cycle, np.inf))
+            self.constraints.append((_sum(start_i, _minus(end_j), {y: cycle}), 0.0, np.inf))
 
     def _cycles(self) -> int:
         most = 2 * (len(self.problem.rings) + 2)
@@ -156,7 +207,7 @@ class Program:
             if lag.within is not None:
                 self.constraints.append((terms, -np.inf, lag.within - cycle * height))
             if lag.begin_ends:
-                terms = _sum(terms, {j: -c for j, c in self.duration[lag.begin].items()})
+                terms = _sum(terms, _minus(self.duration[lag.begin]))
             most = np.inf if lag.most is None else lag.most - cycle * height
             self.constraints.append((terms, lag.length - cycle * height, most))
 
@@ -167,7 +218,7 @@ class Program:
             (begin_1, end_1), (begin_2, end_2) = map(self._run, (pair.first, pair.second))
             # end_1 + gap <= begin_2 + C h and end_2 + gap <= begin_1 + C (1 - h)
             for begin, end, sign, length in (begin_2, end_1, 1.0, 0.0), (begin_1, end_2, -1.0, cycle):
-                terms = _sum(begin, {j: -c for j, c in end.items()}, {cycles: sign * cycle})
+                terms = _sum(begin, _minus(end), {cycles: sign * cycle})
                 self.constraints.append((terms, pair.gap - length, np.inf))
 
     def _run(self, run: Run) -> tuple[Terms, Terms]:
@@ -190,3 +241,7 @@ def _sum(*parts: Terms) -> Terms:
         for j, c in part.items():
             out[j] = out.get(j, 0.0) + c
     return out
+
+
+def _minus(terms: Terms) -> Terms:
+    return {j: -c for j, c in terms.items()}

@@ -13,7 +13,7 @@ from time import monotonic
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.schedule.problem import Move, Problem, Ring, Wait
+from energy_opt.schedule.problem import Move, Problem, Ring, Wait, in_blocks, possible
 from energy_opt.schedule.program import Program
 
 SMALL = 1e-9  # of a curve's energy: a tangent nearer than this to the curve adds nothing
@@ -27,6 +27,7 @@ class Schedule:
     """When every step begins, how long it takes, in which mode a robot waits.
 
     Attributes:
+        problem: what was scheduled, with the steps of every ring in the order in which they are done.
         starts, durations: (steps,) [s] for every ring; starts count from the first step of the first ring.
         modes: for every ring the name of the mode of each step; "" for a move.
         energies: (steps,) [J] for every ring.
@@ -123,9 +124,9 @@ def _refine(program: Program, x: np.ndarray) -> bool:
 
 def _schedule(program: Program, x: np.ndarray) -> Schedule:
     problem = program.problem
-    starts, durations, modes, energies = [], [], [], []
+    starts, durations, modes, energies, orders = [], [], [], [], list[list[int]]()
     for r, ring in enumerate(problem.rings):
-        # Starts follow from the durations exactly; a wait takes what rounding leaves over.
+        orders.append(_order(program, x, r))
         length = np.array([sum(c * x[j] for j, c in program.duration[r, k].items()) for k in range(len(ring.steps))])
         named, energy = [], np.zeros(len(ring.steps))
         for k, step in enumerate(ring.steps):
@@ -138,11 +139,27 @@ def _schedule(program: Program, x: np.ndarray) -> Schedule:
                 length[k] = np.clip(length[k], step.least, step.most)
                 named.append("")
                 energy[k] = step.curve.value(float(length[k]))
-        starts.append(x[program.start[r, 0]] + np.concatenate([[0.0], np.cumsum(length)[:-1]]))
+        # Starts follow from the durations exactly; a wait takes what rounding leaves over.
+        length, energy = length[orders[r]], energy[orders[r]]
+        starts.append(x[program.start[r, orders[r][0]]] + np.concatenate([[0.0], np.cumsum(length)[:-1]]))
         durations.append(length)
-        modes.append(tuple(named))
+        modes.append(tuple(named[k] for k in orders[r]))
         energies.append(energy)
+    if any(ring.groups for ring in problem.rings):
+        problem = problem.in_order(orders)
     return Schedule(problem, tuple(starts), tuple(durations), tuple(modes), tuple(energies), -np.inf, 0.0)
+
+
+def _order(program: Program, x: np.ndarray, r: int) -> list[int]:
+    """The order in which a ring's steps are done: blocks by their starts, what takes no time first."""
+    ring = program.problem.rings[r]
+
+    def when(block: tuple[int, int]) -> tuple[float, float]:
+        length = sum(c * x[j] for k in range(block[0], block[1] + 1) for j, c in program.duration[r, k].items())
+        return x[program.start[r, block[0]]] + length / 2, length
+
+    orders = [possible(g, sorted(range(len(g.blocks)), key=lambda b: when(g.blocks[b]))) for g in ring.groups]
+    return in_blocks(len(ring.steps), ring.groups, orders)
 
 
 def _earliest(schedule: Schedule) -> Schedule:

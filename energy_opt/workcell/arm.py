@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +22,13 @@ from energy_opt.job.legs import Leg, legs_of
 from energy_opt.job.work import Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
+from energy_opt.motion.plan.ways import check_free
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.schedule import Hull, Mode, Move, Ring, Wait
-from energy_opt.workcell.curves import mode_of
+from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
 from energy_opt.workcell.motion import Part
 
@@ -33,7 +36,6 @@ SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shorte
 SOLVED = (1.0, 1.35, 2.0, 3.2)  # and those at which a move is optimized before the first schedule
 SAME = 1e-6  # relative: durations nearer than this are one
 MOTORS = "motors"  # the mode in which the motors hold the arm
-ADDED = "wait after {}"
 AT_REST = np.linspace(0, 1, 3)  # samples of a wait
 
 
@@ -79,8 +81,9 @@ class Arm:
         request: CellRequest,
         stopped: Callable[[], bool],
     ) -> None:
-        self.table, self.name = table, table.name
-        self.job: Job = read_job(_document(cell, table), path, load, allow_outside=request.allow_outside)
+        self.table, self.name = table.model_copy(update={"step": _explicit(table)}), table.name
+        self._read = partial(_job, cell, path=path, allow_outside=request.allow_outside)
+        self.job: Job = self._read(self.table, load)
         scene = request.scene if cell.scene is None else path.parent / cell.scene
         self.request = replace(request, base=tuple(table.base), scene=scene, tool=table.tool or request.tool)
         model = model_of(table.model, self.job.robot).standing(table.base[3], table.base[4])
@@ -88,21 +91,51 @@ class Arm:
             model = model.replaced(Regeneration(efficiency=0.0))
         self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped)
         self.worker.check_poses()
-        self.moves: list[ArmMove] = []
-        for leg in legs_of(self.job.steps):
+        self._known: dict[tuple[object, ...], ArmMove] = {}
+        self.moves = [self._move(leg) for leg in legs_of(self.job.steps)]
+        self._feeding: dict[tuple[float, ...], Scorer] = {}
+        self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
+
+    def _move(self, leg: Leg) -> ArmMove:
+        """A leg's move; one that is done in several arrangements of the steps is worked on once.
+
+        Raises:
+            Infeasible: no free path, or it takes longer than it may.
+        """
+        key = leg.points.tobytes(), leg.mode, leg.least, leg.most, leg.step.payload, leg.step.scene
+        if key not in self._known:
             begun = self.worker.begun(leg)
             timing = self.worker.timing(begun)
-            shortest = max(timing.duration, leg.least)
-            longest = min(leg.most, cell.cycle_time)
+            shortest, longest = max(timing.duration, leg.least), min(leg.most, self.job.cycle_time)
             if shortest > longest * (1 + 1e-12):
                 raise Infeasible(
-                    f"{table.name}: {leg.name} takes {shortest:.6g} s at least; it may take {longest:.6g} s",
+                    f"{self.name}: {leg.name} takes {shortest:.6g} s at least; it may take {longest:.6g} s",
                     limit="duration",
                     shortest_duration=shortest,
                 )
-            self.moves.append(ArmMove(leg.steps[0], begun, timing, shortest, longest))
-        self._feeding: dict[int, Scorer] = {}
-        self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
+            self._known[key] = ArmMove(leg.steps[0], begun, timing, shortest, longest)
+        return replace(self._known[key], place=leg.steps[0])  # what is known of it is shared
+
+    def arranged(self, steps: Sequence[StepTable]) -> Arm:
+        """The arm with its steps in another order, or with further ones; what is known of its moves is kept.
+
+        Raises:
+            Infeasible: a pose touches something, or a move has no free path.
+        """
+        out = copy(self)
+        poses = dict(self.table.poses)
+        if self.table.home is not None:  # the ring begins where its last step ends
+            home = self.table.home
+            poses.setdefault("home", poses.get(home, []) if isinstance(home, str) else home)
+        out.table = self.table.model_copy(update={"step": list(steps), "home": None, "poses": poses})
+        out.job = self._read(out.table, lambda _: self.job.robot)
+        cell = self.cell
+        if cell is not None and cell.checks:
+            for step in out.job.steps:
+                check_free(cell, step.goal, f"{step.name}, at its end")
+        out.moves = [out._move(leg) for leg in legs_of(out.job.steps)]
+        out.slow()
+        return out
 
     @property
     def cell(self) -> Cell | None:
@@ -110,10 +143,17 @@ class Arm:
         return self.worker.cells.of(self.job.steps[0])
 
     def slow(self) -> None:
-        """Price every move's first path, slowed evenly to several durations."""
+        """Price every move's first path, slowed evenly to several durations, where that has not been done.
+
+        Raises:
+            Infeasible: at none of these durations the move keeps its limits.
+        """
         for move in self.moves:
-            for factor in SLOWER:
-                self._slowed(move, min(move.shortest * factor, move.longest))
+            if not move.slowed:
+                for factor in SLOWER:
+                    self._slowed(move, min(move.shortest * factor, move.longest))
+            if not move.slowed:
+                raise Infeasible(f"{self.name}: {move.leg.name} keeps its limits at no duration", limit="duration")
 
     def _slowed(self, move: ArmMove, duration: float) -> None:
         name = "toppra" if duration <= move.timing.duration * (1 + SAME) else "scaled"
@@ -128,8 +168,11 @@ class Arm:
             return False
         move.tried.add(duration)
         duration = float(np.clip(duration, move.shortest, move.longest))
-        answer = self.worker.solved(move.leg, move.timing, duration, None)
         self._slowed(move, duration)
+        try:
+            answer = self.worker.solved(move.leg, move.timing, duration, None)
+        except Infeasible:  # it is too short for this move; others are known
+            return True
         known = move.answers.get(duration)
         if answer.status == "solved" and (known is None or answer.energy.total < known.energy.total):
             move.answers[duration] = answer
@@ -168,10 +211,21 @@ class Arm:
         if step.brakes:
             modes.append(Mode("brakes", standing_power(self.worker.scorers, step, True)))
         for mode in self.modes.values():
-            if mode.name != MOTORS and (mode.posture == "any" or table.to in mode.posture):
+            if mode.name != MOTORS and (mode.posture == "any" or self._pose(k) in mode.posture):
                 modes.append(mode_of(mode, table.power.get(mode.name)))
         allowed = table.modes
         return tuple(mode for mode in modes if allowed is None or mode.name in allowed) or tuple(modes[:1])
+
+    @property
+    def postures(self) -> list[str]:
+        """Names of the poses in which the arm may wait: its own, and those that a mode names."""
+        named = (pose for mode in self.modes.values() if mode.posture != "any" for pose in mode.posture)
+        return list(dict.fromkeys([*self.table.poses, *named]))
+
+    def _pose(self, k: int) -> object:
+        """What the file calls the pose in which the arm stands after step k."""
+        steps = self.table.step
+        return next((s.to for s in (*reversed(steps[: k + 1]), *reversed(steps)) if s.to is not None), None)
 
     def powers(self, part: Part, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Power (M,) [W] at the drives' DC link, negative where they brake, and all other power (M,) [W].
@@ -181,11 +235,12 @@ class Arm:
         """
         k = [step_name(k, table) for k, table in enumerate(self.table.step)].index(part.name)
         scorer = self.worker.scorers.of(self.job.steps[k])
-        if k not in self._feeding:  # counts all that is fed back, so that what a link makes of it is decided outside
-            self._feeding[k] = Scorer(self.job.robot, scorer.model.replaced(Regeneration(efficiency=1.0)))
+        load = self.job.steps[k].payload
+        if load not in self._feeding:  # counts all that is fed back: what a link makes of it is decided outside
+            self._feeding[load] = Scorer(self.job.robot, scorer.model.replaced(Regeneration(efficiency=1.0)))
         t = part.trajectory
         q, v, a, _ = t.sample(t.time[0] + at * t.duration / part.duration)
-        power = self._feeding[k].drive(q, v, a, at)[1]
+        power = self._feeding[load].drive(q, v, a, at)[1]
         rest = np.full(len(at), scorer.model.constant_power(scorer.robot.n))
         return power - rest, rest
 
@@ -218,17 +273,26 @@ def _standing(robot: Robot, q: np.ndarray, seconds: float) -> Trajectory:
     return Trajectory(robot.joints, AT_REST * seconds, rows, np.zeros_like(rows), np.zeros_like(rows))
 
 
-def _document(cell: WorkCell, table: RobotTable) -> dict[str, Any]:
-    """The robot's steps as a job file of one robot."""
-    return {
+def _explicit(table: RobotTable) -> list[StepTable]:
+    """The robot's steps, each with its name and its payload, so that they can be put in another order."""
+    out, payload = [], table.payload
+    for k, step in enumerate(table.step):
+        payload = payload if step.payload is None else step.payload
+        out.append(step.model_copy(update={"name": step_name(k, step), "payload": payload}))
+    return out
+
+
+def _job(cell: WorkCell, table: RobotTable, load: Callable[[str], Robot], path: Path, allow_outside: bool) -> Job:
+    """The robot's steps as a job of one robot."""
+    document = {
         "format": "energy-opt/job/1",
         "robot": table.robot,
         "cycle_time": cell.cycle_time,
         **({} if table.home is None else {"home": table.home}),
-        "payload": _plain(table.payload),
         "poses": {**cell.poses, **table.poses},
         "step": [_step(k, step) for k, step in enumerate(table.step)],
     }
+    return read_job(document, path, load, allow_outside=allow_outside)
 
 
 def _step(k: int, step: StepTable) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from itertools import combinations
 
 from energy_opt.errors import BadInput
 from energy_opt.schedule import Exclusion, Lag, Mode, Move, Polynomial, Problem, Ring, Run, Wait
-from energy_opt.workcell.file import ModeTable, RobotTable, StepTable, WorkCell, step_name
+from energy_opt.workcell.file import ModeTable, RobotTable, StepTable, WorkCell, groups_of, step_name
 
+ADDED = "wait after {}"
 SHORTEST = 1e-3  # [s] a curve with negative powers of the duration is not evaluated below
 
 
@@ -47,7 +48,7 @@ def ring_of(cell: WorkCell, robot: RobotTable) -> Ring:
                 "expected a fit of energy over duration whose slope never decreases"
             )
         steps.append(Move(name, least, max(least, most), curve))
-    return Ring(robot.name, tuple(steps))
+    return Ring(robot.name, tuple(steps), tuple(groups_of(robot)))
 
 
 def problem_of(cell: WorkCell, rings: Mapping[str, Ring], exclusions: Sequence[Exclusion] = ()) -> Problem:
@@ -83,21 +84,36 @@ def _exclusions(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Exclusion]:
     """Runs of consecutive steps in one zone, of different robots, two by two, apart by the jitter of both."""
     zoned: dict[str, list[Run]] = {}
     for r, robot in enumerate(cell.robot):
-        ring, places = rings[robot.name], step_places(robot, rings[robot.name])
-        zones: list[str | None] = [None] * len(ring.steps)
-        for step, k in zip(robot.step, places, strict=True):
-            zones[k] = step.zone
-        for k in range(1, len(zones)):  # a wait that was added stays in the zone of the step before it
-            zones[k] = zones[k - 1] if k not in places else zones[k]
+        ring = rings[robot.name]
+        zones = _zones_of(robot, ring)
+        cuts = {k for group in ring.groups for first, last in group.blocks for k in (first, (last + 1) % len(zones))}
         for k, zone in enumerate(zones):
-            if zone is None or (zones[k - 1] == zone and len(set(zones)) > 1):
+            if zone is None or (zones[k - 1] == zone and len(set(zones)) > 1 and k not in cuts):
                 continue
             last = k
             while last - k < len(zones) - 1 and zones[(last + 1) % len(zones)] == zone:
+                if (last + 1) % len(zones) in cuts:
+                    break
                 last += 1
             zoned.setdefault(zone, []).append(Run(r, k, last % len(zones)))
     pairs = [pair for runs in zoned.values() for pair in combinations(runs, 2)]
     return [Exclusion(one, two, 2 * cell.jitter) for one, two in pairs if one.ring != two.ring]
+
+
+def _zones_of(robot: RobotTable, ring: Ring) -> list[str | None]:
+    """The zone that every step of a ring is in. A wait that was added stays in the zone of the step before it; what
+    was added to wait elsewhere leaves that zone, unless the step after it is in the same."""
+    own = {step_name(k, step): step.zone for k, step in enumerate(robot.step)}
+    out: list[str | None] = []
+    zone = own.get(ring.steps[-1].name)
+    for k, step in enumerate(ring.steps):
+        if step.name in own:
+            zone = own[step.name]
+        elif isinstance(step, Wait) and step.name.removeprefix(ADDED.format("")) not in own:
+            after = next((s.name for s in ring.steps[k + 1 :] if s.name in own), "")
+            zone = zone if own.get(after) == zone else None
+        out.append(zone)
+    return out
 
 
 def step_places(robot: RobotTable, ring: Ring) -> list[int]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,6 +13,7 @@ from pydantic import Field, model_validator
 
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml
+from energy_opt.schedule import Group
 from energy_opt.schema import Name, Number, Table, faults_of
 
 FORMAT = "energy-opt/job/2"
@@ -51,6 +53,7 @@ class StepTable(Table):
     zone: Name | None = None
     after: Name | None = None
     lag: Annotated[tuple[Number, Number], Field()] | None = None
+    any_order: bool = False
 
     @model_validator(mode="after")
     def _one_kind(self) -> StepTable:
@@ -151,6 +154,45 @@ def step_name(number: int, step: StepTable) -> str:
     return step.name or f"step {number + 1}"
 
 
+def groups_of(robot: RobotTable) -> list[Group]:
+    """The steps of a robot that may be done in any order, in blocks: a move with `any_order`, and the waits after it.
+
+    A wait with a range of durations that follows the last of them stays where it is, unless it is marked too. Steps
+    that are passed without stopping are one block with the next. `after` between two steps of one group orders their
+    blocks.
+    """
+    blocks: list[tuple[int, int, bool]] = []  # first and last step, and whether it may be moved
+    for k, step in enumerate(robot.step):
+        before = robot.step[k - 1] if k else step
+        passes = k > 0 and before.to is not None and not before.stop
+        if blocks and (passes or (step.wait is not None and blocks[-1][2] and robot.step[blocks[-1][0]].wait is None)):
+            first, _, free = blocks.pop()
+            blocks.append((first, k, free or step.any_order))
+        else:
+            blocks.append((k, k, step.any_order))
+    runs = [[b[:2] for b in run] for free, run in groupby(blocks, key=lambda b: b[2]) if free]
+    for run in runs:
+        first, last = run[-1]
+        while last > first and (wait := robot.step[last]).wait and not wait.any_order and wait.span[0] < wait.span[1]:
+            last -= 1
+        run[-1] = first, last
+    return [Group(tuple(run), _before(robot, run)) for run in runs if len(run) > 1]
+
+
+def _before(robot: RobotTable, blocks: list[tuple[int, int]]) -> frozenset[tuple[int, int]]:
+    """Pairs of blocks that `after` orders, directly or through others."""
+    steps = robot.step
+    of = {
+        f"{robot.name}.{step_name(k, steps[k])}": (b, steps[k].after)
+        for b, (first, last) in enumerate(blocks)
+        for k in range(first, last + 1)
+    }
+    known = {(of[after][0], b) for b, after in of.values() if after in of and of[after][0] != b}
+    while more := {(i, k) for i, j in known for j_, k in known if j == j_} - known:
+        known |= more
+    return frozenset(known)
+
+
 def load_workcell(path: Path) -> WorkCell:
     """Read a job file of format 2.
 
@@ -196,8 +238,14 @@ def _wrong_names(cell: WorkCell | None) -> list[str]:
                 faults.append(f"{where}: step {steps[k]}: a wait needs a [[mode]], or power = {{ NAME = W }}")
             if step.to is not None and robot.robot is None:
                 faults.append(f"{where}: step {steps[k]}: `to` needs the arm: robot = NAME_OR_URDF in [[robot]]")
+            if step.any_order and step.to is None and robot.robot is not None:
+                faults.append(f"{where}: step {steps[k]}: any_order belongs to a move; its waits go with it")
             if step.after is not None:
                 faults += _unknown(cell, step.after, f"{where}: step {steps[k]}: after")
+        for group in groups_of(robot):
+            if tied := sorted(i for i, j in group.before if i == j):
+                names_ = " and ".join(steps[group.blocks[b][0]] for b in tied)
+                faults.append(f"{where}: steps {names_}: each is `after` another")
     for lag in cell.lag:
         faults += _unknown(cell, lag.begin, "lag: from") + _unknown(cell, lag.end, "lag: to")
     return faults

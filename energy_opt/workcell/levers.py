@@ -3,6 +3,7 @@
 as_is   every move as fast as it can be, waits at full readiness (the first mode that a wait has)
 speeds  durations of the moves chosen
 modes   modes of the waits chosen, too
+order   the order of steps chosen, too, where a group of them leaves it free
 """
 
 from __future__ import annotations
@@ -37,8 +38,17 @@ class Levers:
         return self.steps[-1][1]
 
 
+def with_lever(levers: Levers | None, name: str, schedule: Schedule) -> Levers:
+    """The levers with one more, or with a better schedule of one; what is not better leaves the schedule as it is."""
+    if levers is None:
+        return Levers(((name, schedule),), (), False)
+    best = min(levers.best, schedule, key=lambda s: s.energy)
+    steps = tuple(step for step in levers.steps if step[0] != name)
+    return replace(levers, steps=(*steps, (name, best)))
+
+
 def pull(problem: Problem, *, seconds: float) -> Levers:
-    """Schedule a problem with one lever after the other.
+    """Schedule a problem with one lever after the other, but for the order of steps.
 
     Args:
         seconds: for the answer [s]; the others take at most a quarter of that each.

@@ -1,6 +1,7 @@
 """Arms in one cycle: fronts, schedule and proof between the arms, one after the other until all agree.
 
-price        every move slowed evenly, then optimized at a few durations
+arrange      every move slowed evenly; orders of steps and poses to wait in by what they then take
+price        every move optimized at a few durations
 schedule     durations, modes and starts of least energy on the lower hull of what is known
 refine       optimize every move at the duration that it got; again while the cycle's energy changes by 0.1 %
 prove        every two arms, for the whole cycle and for lateness; where two touch, the times at which their steps
@@ -10,6 +11,7 @@ prove        every two arms, for the whole cycle and for lateness; where two tou
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -18,9 +20,11 @@ import numpy as np
 from energy_opt.errors import Infeasible
 from energy_opt.schedule import Exclusion, Problem, Ring, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm
+from energy_opt.workcell.arrange import arrangements, cheapest, listed
 from energy_opt.workcell.between import Between, TwoArms, prove_apart
 from energy_opt.workcell.curves import problem_of, ring_of
-from energy_opt.workcell.file import WorkCell
+from energy_opt.workcell.file import WorkCell, groups_of
+from energy_opt.workcell.levers import Levers, pull, with_lever
 from energy_opt.workcell.meeting import meeting
 from energy_opt.workcell.motion import PeriodicMotion
 
@@ -62,6 +66,7 @@ class Planning:
     ) -> None:
         self.cell, self.arms, self.seconds = cell, tuple(arms), seconds
         self.progress, self.stopped = progress, stopped
+        self._plain = self.arms  # in the order of the file, as far as `after` allows it
         self.exclusions: dict[tuple[int, int, int, int], Exclusion] = {}
         cells = [None if arm is None else arm.cell for arm in arms]
         self._two = {
@@ -70,22 +75,80 @@ class Planning:
             if one is not None and two is not None
         }
 
-    def price(self) -> None:
-        """Slow every move evenly, and optimize it at the first durations."""
-        moves = [(arm, move) for arm in self.arms if arm is not None for move in arm.moves]
-        for arm in self.arms:
+    @property
+    def moving(self) -> bool:
+        """Is any arm known, not by its curves alone?"""
+        return any(arm is not None for arm in self.arms)
+
+    def arranged(self) -> Levers:
+        """What each lever saves with evenly slowed moves; the arms take the arrangement of steps that costs least.
+
+        Raises:
+            Infeasible: no schedule keeps cycle time, lags and zones.
+        """
+        given = self.arms
+        self.arms = tuple(None if arm is None else listed(arm) for arm in given)
+        self._plain = self.arms
+        for k, arm in enumerate(self.arms):
             if arm is not None:
+                self.progress(f"{arm.name}: evenly slowed", 0.1 * k / len(self.arms))
                 arm.slow()
+        found: Levers | None = None
+        fault: Infeasible | None = None
+        try:
+            found = pull(self.problem(False).as_listed, seconds=self.seconds)
+        except Infeasible as error:
+            fault = error
+        self.progress("poses to wait in", 0.12)
+        better = self._cheapest(given, False)
+        if better is not None:
+            found = with_lever(found, "modes", better)
+        if any(groups_of(robot) for robot in self.cell.robot):
+            self.progress("orders of steps", 0.15)
+            better = self._cheapest(given, True)
+            if better is not None:
+                found = with_lever(found, "order", better)
+        if found is None:
+            raise fault or Infeasible("no order of the steps keeps the cycle time", limit="duration")
+        return found
+
+    def _cheapest(self, given: Sequence[Arm | None], orders: bool) -> Schedule | None:
+        """The schedule of the best arrangement, where there is more than one; the arms take it."""
+        choices = [[] if arm is None else arrangements(arm, orders) for arm in given]
+        if not orders and all(len(choice) < 2 for choice in choices):
+            return None
+
+        def problem(arms: Sequence[Arm | None]) -> Problem:
+            out = self.problem(False, arms=arms)
+            return out if orders else out.as_listed
+
+        if not self.moving:
+            with suppress(Infeasible):
+                return solve(problem(given), seconds=self.seconds)
+        found = cheapest(given, choices, problem)
+        if found is None:
+            return None
+        self.arms = found[0]
+        return found[1]
+
+    def _price(self) -> None:
+        """Optimize every move at the first durations."""
+        moves = [(arm, move) for arm in self.arms if arm is not None for move in arm.moves]
         for k, (arm, move) in enumerate(moves):
-            self.progress(f"{arm.name}: {move.leg.name}", 0.5 * k / max(len(moves), 1))
+            self.progress(f"{arm.name}: {move.leg.name}", 0.2 + 0.3 * k / max(len(moves), 1))
             for factor in SOLVED:
                 if not self.stopped():
                     arm.optimize(move, min(move.shortest * factor, move.longest))
 
-    def problem(self, optimized: bool, hold: Sequence[dict[int, float] | None] | None = None) -> Problem:
+    def problem(
+        self,
+        optimized: bool,
+        hold: Sequence[dict[int, float] | None] | None = None,
+        arms: Sequence[Arm | None] | None = None,
+    ) -> Problem:
         """The scheduling problem with all that is known now."""
         rings: dict[str, Ring] = {}
-        for k, (robot, arm) in enumerate(zip(self.cell.robot, self.arms, strict=True)):
+        for k, (robot, arm) in enumerate(zip(self.cell.robot, self.arms if arms is None else arms, strict=True)):
             held = None if hold is None else hold[k]
             rings[robot.name] = ring_of(self.cell, robot) if arm is None else arm.ring(optimized, held)
         return problem_of(self.cell, rings, tuple(self.exclusions.values()))
@@ -93,9 +156,20 @@ class Planning:
     def plan(self) -> Planned:
         """The plan of least energy in which no two arms touch.
 
+        Where the cheapest arrangement has none, the one of the file is tried.
+
         Raises:
             Infeasible: no schedule keeps cycle time, lags, zones and the arms apart; names the two steps.
         """
+        if self.arms == self._plain:
+            return self._planned()
+        with suppress(Infeasible):
+            return self._planned()
+        self.arms, self.exclusions = self._plain, {}
+        return self._planned()
+
+    def _planned(self) -> Planned:
+        self._price()
         schedule = self._refined()
         for _ in range(SHIFTED):
             found = self.proved(schedule)

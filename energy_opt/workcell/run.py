@@ -14,7 +14,7 @@ from energy_opt.schedule import Schedule
 from energy_opt.workcell.arm import Arm
 from energy_opt.workcell.between import Between
 from energy_opt.workcell.file import WorkCell
-from energy_opt.workcell.levers import Levers, pull
+from energy_opt.workcell.levers import Levers
 from energy_opt.workcell.plan import Planned, Planning
 from energy_opt.workcell.supply import Supplied, Supply
 
@@ -97,13 +97,13 @@ def run_workcell(
         for table in cell.robot
     )
     planning = Planning(cell, arms, seconds, progress, stopped)
-    planning.price()
-    planned = planning.plan()
-    levers = pull(planning.problem(optimized=False), seconds=seconds)
-    if any(arm is not None for arm in arms):
+    levers = planning.arranged()
+    if planning.moving:
+        planned = planning.plan()
         levers = replace(levers, steps=(*levers.steps, ("paths", planned.schedule)))
     else:
-        planned = replace(planned, schedule=levers.best)
+        planned = planning.proved(levers.best)
+    arms = planning.arms
     if all(arm is None for arm in arms):
         return CellResult(cell, planned, levers, arms, None, None, stopped())
     supply = Supply(cell, arms)

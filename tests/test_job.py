@@ -251,7 +251,7 @@ def test_a_job_goes_around_what_stands_in_its_way(panda: Robot, tmp_path: Path) 
         assert clearance_of(cell, t).proven is proven
     assert found["optimality"]["gap_percent"] < 0.1
     assert [row["name"] for row in found["models"]] == ["source-method-2", "careful"]
-    assert found["request"]["job"]["cycle_time"] == 3.2 and "careful" in found["warnings"][0]
+    assert found["request"]["job"]["cycle_time"] == 3.2 and any("careful" in said for said in found["warnings"])
     for option in (["--clearance", "0.002"], ["--starts", "3"]):  # another request's answer is not overwritten
         assert main(["job", str(tmp_path / "job.toml"), *one, *option]) == 2
 

@@ -20,7 +20,6 @@ from energy_opt.formats.program import Part, standing
 from energy_opt.formats.program import joined as joined_parts
 from energy_opt.job import load_job, run_job
 from energy_opt.job import output as job_output
-from energy_opt.job.cycle import joined
 from energy_opt.job.program import write_programs
 from energy_opt.motion import Settings
 from energy_opt.motion.judge.energy import Scorer
@@ -96,7 +95,7 @@ def test_a_cycle_as_one_program(cycle, ur5: Robot, tmp_path: Path) -> None:
     change = sum(p.trajectory.duration for p in cycle.pieces[:1])
     assert masses == [(0.0, 0.5), (pytest.approx(change, abs=0.01), 2.0)]
     assert arm.payloads[1][2] == pytest.approx([0, -0.05, -0.0823], abs=1e-4)  # from the last joint's frame to tool0
-    plan = joined(cycle.pieces)
+    plan = joined_parts([piece.trajectory for piece in cycle.pieces])
     time, q = np.array([t for t, _ in arm.targets]), np.array([q for _, q in arm.targets])
     assert np.abs(plan.sample(np.minimum(time, plan.time[-1]))[0] - q).max() < 3e-4  # at a part's end a step late
     close = np.diff(time) < 0.0021
@@ -110,7 +109,7 @@ def test_a_cycle_as_one_program(cycle, ur5: Robot, tmp_path: Path) -> None:
 def test_a_cycle_in_messages_keeps_its_waits_and_says_its_payloads(cycle, ur5: Robot, tmp_path: Path) -> None:
     names = ["follow-joint-trajectory", "mcap", "csv"]
     rows = write_programs(cycle, wanted(names), tmp_path, 200.0)
-    plan = joined(cycle.pieces)
+    plan = joined_parts([piece.trajectory for piece in cycle.pieces])
     for row in rows:
         assert row.valid and "set them yourself: 0.5 kg from 0 s on, 2 kg from " in row.text
         again = read_trajectory(tmp_path / row.file, ur5.joints)
@@ -147,7 +146,7 @@ def test_accelerations_that_jump_between_motions_are_spread_over_milliseconds(pa
 
 
 def test_a_standstill_on_the_way_is_no_path_of_one_move(cycle, tmp_path: Path, capsys) -> None:
-    write(joined(cycle.pieces), tmp_path / "cycle.csv")
+    write(joined_parts([piece.trajectory for piece in cycle.pieces]), tmp_path / "cycle.csv")
     words = ["optimize", "--robot", "ur5", "--path", str(tmp_path / "cycle.csv"), "--out", str(tmp_path / "out")]
     assert main(words) == 2
     said = capsys.readouterr().err.splitlines()
@@ -164,7 +163,8 @@ def test_evaluate_gives_a_jobs_energy_and_writes_it_with_its_waits(
     found = json.loads((tmp_path / "out" / "evaluate.json").read_text())
     (motion,) = found["motions"]
     energy = motion["models"][0]["energy"]
-    assert energy["total"] == pytest.approx(cycle.energy, rel=1e-6)
+    spread = 1e-6 if cycle.job.steps[4].mode == "reshape" else 5e-4  # accelerations that jump are spread over 3 ms
+    assert energy["total"] == pytest.approx(cycle.energy, rel=spread)
     assert energy["total"] == pytest.approx(energy["standby"] + energy["stored"] + energy["loss"])
     assert [w["duration"] > 0.29 for w in motion["waits"]] == [True, True]
     assert all(row["valid"] for row in found["written"])

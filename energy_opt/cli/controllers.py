@@ -12,6 +12,7 @@ from energy_opt.errors import BadInput, Infeasible
 
 if TYPE_CHECKING:
     from energy_opt.formats import Format
+    from energy_opt.formats.judging import Judging
     from energy_opt.formats.output import Written
     from energy_opt.motion import Move, Planner, Result
     from energy_opt.motion.plan.robust import RobustPlanner
@@ -91,18 +92,54 @@ def _moves(
     return standard_moves(planner, robust, move, result, args.vias or 0)
 
 
+def with_room_of(
+    args: argparse.Namespace, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result,
+    moves: StandardMoves | None,
+) -> tuple[Result, StandardMoves | None]:  # fmt: skip
+    """The result and its standard moves, planned again where samples of --write break limits."""
+    from energy_opt.formats.output import wanted
+    from energy_opt.formats.room import Files, Shares, said, with_room
+
+    if result.interrupted or result.status != "solved":
+        return result, moves
+    judge = judge_of(planner, move)
+    formats = [form for form in wanted(args.write) if moves is None or form.name != "urscript"]
+
+    def again(shares: Shares) -> tuple[Result, StandardMoves | None]:
+        narrow, several = planner.within(shares), None if robust is None else robust.within(shares)
+        found = (narrow if several is None else several).solve(move)
+        return moves_of(args, narrow, several, move, found)
+
+    files = Files(formats, args.rate)
+    (found, chosen), shares = with_room(
+        (result, moves), lambda answer: files.certificates(answer[0].trajectory, judge), again
+    )
+    if not shares or found.status != "solved":
+        return result, moves
+    found = planner.instead(found, move, found.trajectory)
+    found = found if robust is None else robust.solve_by(lambda _: found)
+    joules = found.energy.total - result.energy.total
+    return replace(found, message=said(shares, joules)), chosen
+
+
+def judge_of(planner: Planner, move: Move) -> Judging:
+    """What judges the files of a move."""
+    from energy_opt.formats.judging import Judging
+    from energy_opt.motion.judge.energy import Scorer
+
+    scorer = Scorer(planner.robot, planner.model)
+    return Judging(scorer, planner.limits(move), planner.cell, planner.settings.verify_samples)
+
+
 def write_controllers(
     args: argparse.Namespace, planner: Planner, move: Move, result: Result, moves: StandardMoves | None, out: Path
 ) -> list[Written]:
     """Write the files that --write and --as ask for into `out`, read back and judged, and say what each is."""
     from energy_opt.formats import FORMATS, output
-    from energy_opt.formats.judging import Judging
     from energy_opt.formats.program import load_of
-    from energy_opt.motion.judge.energy import Scorer
     from energy_opt.profiles import movej
 
-    scorer = Scorer(planner.robot, planner.model)
-    judge = Judging(scorer, planner.limits(move), planner.cell, planner.settings.verify_samples)
+    judge = judge_of(planner, move)
     formats, rows = output.wanted(args.write), []
     if moves is not None:
         scripts = FORMATS["urscript"] in formats

@@ -63,12 +63,13 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.cli.view import view
     from energy_opt.files import read_text, read_toml, write_json
     from energy_opt.folders import written_whole
+    from energy_opt.formats.room import Files
     from energy_opt.front.request import guard, request_of_job
     from energy_opt.front.rivals import robust_of, said, with_careful
     from energy_opt.job import load_job, run_job
     from energy_opt.job.models import compared, mean_of, stated
     from energy_opt.job.output import write
-    from energy_opt.job.program import write_programs
+    from energy_opt.job.program import with_room, write_programs
     from energy_opt.job.resume import Answers
     from energy_opt.motion import Settings
     from energy_opt.power.assumptions import assumptions
@@ -96,11 +97,12 @@ def run(args: argparse.Namespace) -> int:
     about = [*(rival.model.to_document() for rival in rivals), job.robot.name, limits, vars(settings), cell.document()]
     answers = Answers(args.out, job.robot.joints, about, args.resume)
     with stop_on_interrupt() as stopped, Progress(args) as progress:
+        usual: dict[str, Any] = {"cell": cell, "stopped": stopped, "progress": progress}
         try:
-            result = run_job(
-                job, mean_of(rivals), settings,
-                cell=cell, stopped=stopped, known=answers.known, answered=answers.keep,
-                progress=progress,
+            result = run_job(job, mean_of(rivals), settings, known=answers.known, answered=answers.keep, **usual)
+            result = with_room(
+                result, Files(formats, args.rate),
+                lambda shares: run_job(job, mean_of(rivals), settings, room=shares, **usual),
             )  # fmt: skip
         except Infeasible as error:
             error.about = {"robot": job.robot.name, "cycle_time": job.cycle_time, "request": request}
@@ -122,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
         answers.forget()
     if line := assumed(result.assumptions):
         say(args, line)
-    for warning in result.warnings:
+    for warning in found["warnings"]:
         say(args, f"warning: {warning}")
     view(args, args.out)
     if args.json:
@@ -131,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
         print(_text(found, args.out))
     if result.interrupted:
         return 130
-    return 0 if result.solved and all(row.valid for row in rows) else 4
+    return 0 if result.solved and all(row["valid"] for row in found["written"]) else 4
 
 
 def _run_workcell(args: argparse.Namespace) -> int:

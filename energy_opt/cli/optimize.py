@@ -17,7 +17,7 @@ from energy_opt.cli.common import (
     say,
     settings_of,
 )
-from energy_opt.cli.controllers import add_controllers, check_controllers, moves_of, write_controllers
+from energy_opt.cli.controllers import add_controllers, check_controllers, moves_of, with_room_of, write_controllers
 from energy_opt.cli.per_year import add_per_year, per_year_from
 from energy_opt.cli.poses import add_poses, ends_of
 
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
             else:
                 chosen = solve_to(ends, move, robot, rivals, cell, settings, solve)
                 found, move = chosen.result, chosen.move
-            found, moves = moves_of(args, planner, robust, move, found)
+            found, moves = with_room_of(args, planner, robust, move, *moves_of(args, planner, robust, move, found))
             result = answer_of(compared(found, rivals, robot), robot, request, cell, worth)
             if ends is not None and chosen is not None:
                 result = with_goals(result, chosen, ends.poses, settings)

@@ -15,10 +15,12 @@ from energy_opt.formats.output import STEPS, Written, file_of, read_back
 from energy_opt.formats.program import NANOSECOND, Part, in_tool, joined
 from energy_opt.formats.resample import RATES, Sampled, broken, resampled
 from energy_opt.formats.steps import on_steps
+from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Limits
 
 ROOM = 1.05  # of the shortest time over which a jump of the acceleration is spread
+SAMPLES = 2  # over which it is spread at least, where the cycle is sampled at a rate
 
 
 def write_cycle(
@@ -72,7 +74,7 @@ def _written(
         again = _written(form, parts, cycle, judge, out, None, prefix, stem)
         return replace(again, text=f"{again.text}; {why}")
     carried = _carried(parts)
-    parts = without_jumps(parts, robot.limits)
+    parts = without_jumps(parts, robot.limits, None if form.name == "franka" else rate)
     cycle = joined([part.trajectory for part in parts])
     if form.name == "franka":
         got = Sampled(on_steps(cycle, STEPS["franka"], robot.limits), STEPS["franka"])
@@ -89,17 +91,35 @@ def _written(
     return replace(row, text=row.text + carried)
 
 
-def without_jumps(parts: Sequence[Part], limits: Limits) -> Sequence[Part]:
+def certificates(
+    parts: Sequence[Part], judge: CycleJudging, formats: Sequence[Format], rate: float | None
+) -> list[Certificate]:
+    """Of the samples that formats get of a cycle; none where they hold the judged rows."""
+    limits, out = judge.scorer.robot.limits, []
+    names = {form.name for form in formats}
+    if "franka" in names:
+        cycle = joined([part.trajectory for part in without_jumps(parts, limits)])
+        out.append(judge.at_steps(on_steps(cycle, STEPS["franka"], limits), STEPS["franka"]))
+    if rate is not None and "urscript" in names:
+        out.append(judge(_at(parts, rate)))
+    if rate is not None and names - {"franka", "urscript"}:
+        out.append(judge(_at(without_jumps(parts, limits, rate), rate)))
+    return out
+
+
+def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = None) -> Sequence[Part]:
     """The cycle as one motion in which the acceleration does not jump between motions, where a jerk limit forbids it.
 
-    It is the mean over some milliseconds, which its longest wait gives up; a cycle without a wait that is long enough
-    runs so much faster.
+    It is the mean over some milliseconds, over two samples at least at a rate [Hz]. Its longest wait gives them up; a
+    cycle without a wait that is long enough runs so much faster.
     """
     ends = [(a.trajectory.acceleration[-1], b.trajectory.acceleration[0]) for a, b in pairwise(parts)]
-    jumps = max((np.abs(b - a) for a, b in ends), key=lambda d: float((d / limits.jerk).max()), default=None)
-    if jumps is None or float((jumps / limits.jerk).max()) <= NANOSECOND:
+    jumps = [float((np.abs(b - a) / limits.jerk).max()) for a, b in ends]  # [s] that each takes
+    if max(jumps, default=0.0) <= NANOSECOND:
         return parts
-    width = float(whole(ROOM * (jumps / limits.jerk).max()))
+    both = parts[0].trajectory.acceleration[0], parts[-1].trajectory.acceleration[-1]  # begun and ended with, at rest
+    shortest = max(*jumps, *(float((np.abs(a) / limits.jerk).max()) for a in both))
+    width = float(whole(max(ROOM * shortest, 0.0 if rate is None else SAMPLES / rate)))
     out = list(parts)
     waits = [k for k, part in enumerate(out) if part.waits]
     k = max(waits, key=lambda k: out[k].trajectory.duration, default=None)

@@ -28,12 +28,12 @@ class Judging:
         """Of quintics between rows."""
         return self._clear(certify(trajectory, self.scorer, self.limits, self.samples), trajectory)
 
-    def at_steps(self, trajectory: Trajectory, rate: float) -> Certificate:
-        """Of positions alone, from step to step."""
+    def at_steps(self, trajectory: Trajectory, rate: float | None) -> Certificate:
+        """Of positions alone, from step to step; with a rate of None, without what steps differ by."""
         whole = certify(trajectory, self.scorer, self.limits, rows_only=True)
         others = tuple(found for found in whole.found if found.limit not in KINDS)
-        step = worst_step(trajectory, rate, self.scorer.robot.limits)
-        return self._clear(replace(whole, found=(*others, step)), trajectory)
+        steps = () if rate is None else (worst_step(trajectory, rate, self.scorer.robot.limits),)
+        return self._clear(replace(whole, found=(*others, *steps)), trajectory)
 
     def joules(self, trajectory: Trajectory) -> float:
         """Its energy under the model, J."""
@@ -67,8 +67,10 @@ class CycleJudging(Judging):
     def __call__(self, trajectory: Trajectory) -> Certificate:
         return self._over(trajectory, lambda judge, part: judge(part))
 
-    def at_steps(self, trajectory: Trajectory, rate: float) -> Certificate:
-        return self._over(trajectory, lambda judge, part: judge.at_steps(part, rate))
+    def at_steps(self, trajectory: Trajectory, rate: float | None) -> Certificate:
+        found = self._over(trajectory, lambda judge, part: judge.at_steps(part, None))
+        steps = () if rate is None else (worst_step(trajectory, rate, self.scorer.robot.limits),)
+        return replace(found, found=(*found.found, *steps))  # steps know nothing of windows
 
     def of_parts(self, parts: Sequence[Part]) -> Certificate:
         """Of a program's motions one by one, each under what holds in its middle; the arm rests between them."""

@@ -77,17 +77,25 @@ def file_of(form: Format, rate: float | None, stem: str = "trajectory") -> str:
     return f"{stem}{at}{form.suffix}"
 
 
-def sampled(trajectory: Trajectory, judge: Judging, form: Format, rate: float | None) -> Sampled:
-    """The trajectory as a format gets it: at the rate, or one that its controller asks for, within all limits."""
+def sample(trajectory: Trajectory, judge: Judging, form: Format, rate: float | None) -> tuple[Trajectory, float | None]:
+    """What a format gets of a trajectory, and its samples per second [Hz]: at `rate`, or at its controller's own.
+
+    None: the judged rows, or for `urscript` a rate that is chosen so that it holds.
+    """
     if form.name == "franka" or (form.name == "urscript" and rate == urscript.STREAM_RATE):
         pace = STEPS[form.name]
-        limits = judge.scorer.robot.limits
+        return on_steps(trajectory, pace, judge.scorer.robot.limits), pace
+    return (trajectory, None) if rate is None else (resampled(trajectory, rate), rate)
 
-        def stepped(slow: Trajectory) -> Trajectory:
-            return on_steps(slow, pace, limits)
 
-        slower = slowed_until(trajectory, lambda t: judge.at_steps(t, pace), stepped)
-        return Sampled(stepped(trajectory) if slower is None else slower, pace)
+def sampled(trajectory: Trajectory, judge: Judging, form: Format, rate: float | None) -> Sampled:
+    """The trajectory as a format gets it: at the rate, or one that its controller asks for, within all limits."""
+    got, pace = sample(trajectory, judge, form, rate)
+    if pace is not None and pace == STEPS.get(form.name):
+        slower = slowed_until(
+            trajectory, lambda t: judge.at_steps(t, pace), lambda slow: sample(slow, judge, form, rate)[0]
+        )
+        return Sampled(got if slower is None else slower, pace)
     if rate is not None:
         return fitted(trajectory, rate, judge)
     if form.name == "urscript":

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from energy_opt.effects import Payload
-from energy_opt.formats import program
 from energy_opt.formats.program import standing
 from energy_opt.job.file import Job, Step
 from energy_opt.job.fronts import holding_power
@@ -145,8 +144,3 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
 def energy_of(pieces: Sequence[Piece]) -> float:
     """J of all pieces."""
     return sum(piece.energy for piece in pieces)
-
-
-def joined(pieces: Sequence[Piece]) -> Trajectory:
-    """The whole cycle as one trajectory."""
-    return program.joined([piece.trajectory for piece in pieces])

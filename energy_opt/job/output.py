@@ -13,8 +13,8 @@ from energy_opt import formats
 from energy_opt.cell.load import own_body
 from energy_opt.files import plain, write_json
 from energy_opt.formats.output import Written, unchanged
-from energy_opt.job.cycle import Piece, joined
-from energy_opt.job.program import judging_of
+from energy_opt.job.cycle import Piece
+from energy_opt.job.program import judging_of, whole_cycle
 from energy_opt.job.run import JobResult
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
@@ -144,11 +144,13 @@ def write(
         for part in split(piece, result):
             number += 1
             formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
-    cycle, csv = joined(result.pieces), formats.FORMATS["csv"]
+    cycle, csv = whole_cycle(result), formats.FORMATS["csv"]
     csv.write(cycle, Path(out) / "cycle.csv")
     own = unchanged(Path(out) / "cycle.csv", csv, cycle, judging_of(result)(cycle))
     rows = [own.document(), *(row.document() for row in written)]
     found = {**document(result), "written": rows, "request": plain(request)}
+    if not own.valid:
+        found["warnings"].append(f"cycle.csv: {own}")
     if worth is not None:
         beside = next((b.energy for b in result.baselines[::-1] if b.energy is not None), None)  # evenly slowed first
         found["per_year"] = worth.of(None if beside is None else beside - result.energy)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from energy_opt.formats import Format
-from energy_opt.formats.cycle import write_cycle
+from energy_opt.formats import Format, room
+from energy_opt.formats.cycle import certificates, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging, Judging, Window
 from energy_opt.formats.output import Written
-from energy_opt.formats.program import Part
+from energy_opt.formats.program import Part, joined
+from energy_opt.formats.room import Files, Shares
 from energy_opt.job.run import JobResult
+from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.motion.trajectory import Trajectory
 
 
 def parts_of(result: JobResult) -> list[Part]:
@@ -25,6 +28,11 @@ def parts_of(result: JobResult) -> list[Part]:
         brakes = waits and (result.plan.rest.brakes if step is None else step.brakes)
         out.append(Part(piece.trajectory, piece.name, waits, brakes, payload))
     return out
+
+
+def whole_cycle(result: JobResult) -> Trajectory:
+    """The cycle as one motion; where a jerk limit forbids that the acceleration jumps between steps, it does not."""
+    return joined([part.trajectory for part in without_jumps(parts_of(result), result.job.robot.limits)])
 
 
 def judging_of(result: JobResult) -> CycleJudging:
@@ -41,6 +49,24 @@ def judging_of(result: JobResult) -> CycleJudging:
             windows.append(Window(at, end, Judging(result.scorer(step), limits, result.cells.of(step))))
         at, key = end, (step.payload, step.scene)
     return CycleJudging.of(windows)
+
+
+def with_room(result: JobResult, files: Files, again: Callable[[Shares], JobResult]) -> JobResult:
+    """The job, or one that is planned again so that its cycle as one motion, and what `files` get, hold all limits.
+
+    Args:
+        again: plans the job with these shares of the limits' bounds.
+    """
+
+    def certificates_of(found: JobResult) -> list[Certificate]:
+        judge = judging_of(found)
+        return [judge(whole_cycle(found)), *certificates(parts_of(found), judge, files.formats, files.rate)]
+
+    found, shares = room.with_room(result, certificates_of, again)
+    if not shares or not found.solved:
+        return result
+    said = room.said(shares, found.energy - result.energy)
+    return replace(found, baselines=result.baselines, bound=result.bound, warnings=(*result.warnings, said))
 
 
 def write_programs(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,7 @@ def run_job(
     known: Known = lambda leg, duration: None,
     answered: Callable[[Leg, float, Trajectory], None] = lambda leg, duration, trajectory: None,
     progress: Callable[[str, float], None] = lambda text, share: None,
+    room: Mapping[str, float] = MappingProxyType({}),
 ) -> JobResult:
     """Share the cycle's time over its legs for least energy, and solve them.
 
@@ -120,11 +122,12 @@ def run_job(
         known: an earlier run's answer to a leg of that duration, which is judged again before it is taken.
         answered: told every answer.
         progress: told what is being done, and what share of the work is done.
+        room: shares of the limits' bounds that the legs may use, by the limits' names.
 
     Raises:
         Infeasible: a leg cannot be done, or the cycle is too short; says which step binds and what would work.
     """
-    work = Worker(job, model, settings or Settings(), Cells(job, cell or CellRequest()), stopped)
+    work = Worker(job, model, settings or Settings(), Cells(job, cell or CellRequest()), stopped, room)
     work.check_poses()
     progress("first paths", 0.0)
     asked = legs_of(job.steps)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
@@ -52,11 +53,13 @@ class Worker:
     """Solves legs: one planner for all payloads and scenes."""
 
     def __init__(
-        self, job: Job, model: PowerModel, settings: Settings, cells: Cells, stopped: Callable[[], bool]
-    ) -> None:
+        self, job: Job, model: PowerModel, settings: Settings, cells: Cells, stopped: Callable[[], bool],
+        shares: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:  # fmt: skip
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
         self.cells = cells
-        self._planner = Planner(job.robot, unloaded(model), settings, batch=True, stopped=stopped)
+        planner = Planner(job.robot, unloaded(model), settings, batch=True, stopped=stopped)
+        self._planner = planner.within(shares) if shares else planner
 
     def check_poses(self) -> None:
         """Raises Infeasible where the arm touches something at a step's end or, in a new scene, at its beginning."""

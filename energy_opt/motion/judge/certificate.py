@@ -59,7 +59,12 @@ class Certificate:
     @property
     def valid(self) -> bool:
         """Within limits, and proven to touch nothing."""
-        return self.within_limits and (self.clearance is None or self.clearance.proven)
+        return self.within_limits and self.clear
+
+    @property
+    def clear(self) -> bool:
+        """Proven to touch nothing, where that was asked."""
+        return self.clearance is None or self.clearance.proven
 
     @property
     def violation(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,6 +96,20 @@ def choose(
         interrupted=interrupted,
         warnings=tuple(_warnings(context)),
         progress=tuple(context.progress.losses),
+    )
+
+
+def instead(context: Context, move: Move, timing: Timing | None, result: Result, trajectory: Trajectory) -> Result:
+    """The result with another trajectory in its place, and baselines of its duration; no bound is known of it."""
+    judged = context.judge(trajectory)
+    baselines = baselines_of(context, move, timing, trajectory.duration)
+    return replace(
+        result,
+        trajectory=judged.filled,
+        energy=judged.energy,
+        certificate=judged.certificate,
+        baselines=tuple(_baseline(name, found) for name, found in baselines),
+        optimality=Optimality("local"),
     )
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cache
 
@@ -22,6 +23,7 @@ from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.anytime import Progress
+from energy_opt.motion.plan.choice import instead
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.ways import check_free, first_path
@@ -64,6 +66,7 @@ class Planner:
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
+        self._shares: Mapping[str, float] = {}
         self._begun: list[tuple[Cell | None, Move, Begun]] = []  # first paths by the cell and the move they are of
         self.set_cell(cell)
         self._workshop, self._stopped = Workshop(batch), stopped
@@ -101,7 +104,19 @@ class Planner:
 
     def limits(self, move: Move | None = None) -> tuple[Limit, ...]:
         """The limits in force: the robot's, those that the settings ask for, and the move's own."""
-        return limits_of(self.robot, self.settings, move, rigid_inputs(self.model, self.robot.body)[1])
+        held = limits_of(self.robot, self.settings, move, rigid_inputs(self.model, self.robot.body)[1])
+        return tuple(limit.scaled(self._shares.get(limit.name, 1.0)) for limit in held)
+
+    def within(self, shares: Mapping[str, float]) -> Planner:
+        """A planner of the same moves that uses these shares of the limits' bounds, by their names; builds nothing."""
+        out = copy(self)
+        out._shares = shares
+        return out
+
+    def instead(self, result: Result, move: Move, trajectory: Trajectory) -> Result:
+        """The result with another trajectory of the move, judged by the planner's limits, beside its own baselines."""
+        single = self.single(move)
+        return instead(single.context, single.move, single.timing, result, trajectory)
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """How far any trajectory stays inside the limits, those of the move it is for among them."""

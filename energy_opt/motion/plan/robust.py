@@ -13,7 +13,8 @@ solve: it has the same effects, so that nothing is built again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -121,6 +122,12 @@ class RobustPlanner:
         """What plans under the mean of the models, for work at many durations; check its answers with `costs_more`."""
         self._planner.set_model(self._mixture)
         return self._planner
+
+    def within(self, shares: Mapping[str, float]) -> RobustPlanner:
+        """See `Planner.within`."""
+        out = copy(self)
+        out._planner = self._planner.within(shares)
+        return out
 
     @property
     def first(self) -> Scorer:

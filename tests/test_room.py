@@ -1,0 +1,103 @@
+"""Plans for files at a rate leave room for the samples: the move keeps its duration, and what is written holds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from independent import curve
+from poses import GOAL, START
+
+from energy_opt.cli.main import main
+from energy_opt.robot import Robot
+
+QUICK = ["--starts", "1", "--controls", "16", "--compile", "never", "--model", "source-method-2", "--force"]
+
+
+def held(robot: Robot, document: dict, allowed: float = 1e-6) -> float:
+    """The duration of a JointTrajectory whose quintics hold the limits."""
+    points = document["points"]
+
+    def seconds(stamp: dict) -> float:
+        return stamp["sec"] + 1e-9 * stamp["nanosec"]
+
+    order = [document["joint_names"].index(joint) for joint in robot.joints]
+    t = np.array([seconds(point["time_from_start"]) for point in points])
+    rows = [
+        np.array([point[name] for point in points])[:, order] for name in ("positions", "velocities", "accelerations")
+    ]
+    _, (_, v, a, jerk) = curve(t, *rows, 24)
+    for values, bound in ((v, robot.limits.velocity), (a, robot.limits.acceleration), (jerk, robot.limits.jerk)):
+        assert (np.abs(values) / bound).max() < 1 + allowed
+    return float(t[-1])
+
+
+@pytest.mark.parametrize("more", [["--mode", "reshape", "--duration", "0.82"], ["--as", "moves", "--duration", "0.95"]])
+def test_a_given_duration_is_kept_at_a_rate(more: list[str], panda: Robot, tmp_path: Path, capsys) -> None:
+    start, goal = (",".join(map(str, q)) for q in (START, GOAL))
+    words = ["optimize", "--robot", "panda", f"--start={start}", f"--goal={goal}", *more, *QUICK]
+    assert main([*words, "--write", "json", "--rate", "125", "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().err
+    assert "125 Hz" in said and "slowed" not in said and "planned with room for the samples" in said
+    assert held(panda, json.loads((tmp_path / "trajectory.json").read_text())) == pytest.approx(
+        float(more[-1]), abs=1e-9
+    )
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["status"] == "solved" and "J" in result["message"]
+    slowed = {row["name"]: row for row in result["baselines"]}["scaled"]
+    assert slowed["duration"] == pytest.approx(result["duration"], rel=1e-9)
+    assert max(x for x in result["certificate"]["max_violation"].values()) <= 1e-6
+    for row in result["written"]:
+        assert row["valid"]
+
+
+JOB = """
+format = "energy-opt/job/1"
+robot = "panda"
+cycle_time = {cycle}
+home = {home}
+[[step]]
+to = {goal}
+mode = "retime"
+{wait}
+[[step]]
+to = "home"
+mode = "retime"
+"""
+
+
+def test_a_cycle_of_retimed_moves_holds_in_every_file(panda: Robot, tmp_path: Path, capsys) -> None:
+    """Their accelerations begin and end at a bound: in cycle.csv and at a rate they do not jump."""
+    file = tmp_path / "job.toml"
+    goal = [round(float(x), 4) for x in START + 0.5 * (GOAL - START)]
+    file.write_text(JOB.format(cycle=2.5, home=START.tolist(), goal=goal, wait="[[step]]\nwait = 0.3"))
+    words = ["job", str(file), "--compile", "never", "--model", "source-method-2", "--out", str(tmp_path / "out")]
+    assert main([*words, "--write", "yaml", "--rate", "100"]) == 0
+    found = json.loads((tmp_path / "out" / "job.json").read_text())
+    assert [(row["file"], row["rate"], row["valid"]) for row in found["written"]] == [
+        ("cycle.csv", None, True), ("trajectory.yaml", 100.0, True),
+    ]  # fmt: skip
+    document = yaml.safe_load((tmp_path / "out" / "trajectory.yaml").read_text())
+    assert held(panda, document) == pytest.approx(2.5, abs=1e-8)
+    rows = np.genfromtxt(tmp_path / "out" / "cycle.csv", delimiter=",", names=True)
+    t, jerk = rows["time"], panda.limits.jerk[0]
+    change = np.abs(np.diff(rows["panda_joint1acceleration"])) / np.diff(t)
+    assert t[-1] == pytest.approx(2.5, abs=1e-8) and change.max() <= jerk * (1 + 1e-6)
+
+
+def test_a_cycle_that_does_not_hold_ends_with_4(tmp_path: Path, capsys) -> None:
+    """Without a wait there is no time in which accelerations could change sign at the fastest timing."""
+    file = tmp_path / "job.toml"
+    goal = [round(float(x), 4) for x in START + 0.5 * (GOAL - START)]
+    file.write_text(JOB.format(cycle=0.1, home=START.tolist(), goal=goal, wait=""))
+    words = ["job", str(file), "--compile", "never", "--model", "source-method-2"]
+    assert main([*words, "--out", str(tmp_path / "a"), "--json"]) == 3
+    shortest = json.loads(capsys.readouterr().out)["shortest_duration"]
+    file.write_text(JOB.format(cycle=shortest, home=START.tolist(), goal=goal, wait=""))
+    code = main([*words, "--out", str(tmp_path / "b"), "--quiet"])
+    found = json.loads((tmp_path / "b" / "job.json").read_text())
+    (row,) = found["written"]
+    assert code == 4 and not row["valid"] and any("DOES NOT HOLD" in said for said in found["warnings"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -128,7 +128,7 @@ class Cell:
         things = [Kept(body, True) for body in links]
         whole = scene or Scene()
         if request.floor is not None:
-            whole = Scene(whole.objects, whole.allowed, whole.source, request.floor, whole.warnings)
+            whole = replace(whole, floor=request.floor)
         tool = tool_of(robot.body, request.tool)
         frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
         made: dict[int, Solid] = {}

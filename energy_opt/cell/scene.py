@@ -115,6 +115,7 @@ class Scene:
         floor: everything below this height of the scene's frame is solid [m]; None without a floor.
         source: the file it was read from, for messages.
         warnings: one line for each thing in the file that is not used.
+        poses: poses of the tool that the file names, as it has them.
     """
 
     objects: tuple[SceneObject, ...] = ()
@@ -122,6 +123,7 @@ class Scene:
     source: str = ""
     floor: float | None = None
     warnings: tuple[str, ...] = ()
+    poses: Mapping[str, object] = field(default_factory=dict)
 
     def placed(self, base: np.ndarray | None = None) -> Iterator[PlacedShape]:
         """Every shape, the floor last; `base` (4, 4) is the pose of the robot's base in the scene's frame.

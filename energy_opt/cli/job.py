@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,29 +67,32 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.formats.room import Files
     from energy_opt.front.request import guard, request_of_job
     from energy_opt.front.rivals import robust_of, said, with_careful
-    from energy_opt.job import load_job, run_job
+    from energy_opt.job import load_job, run_job, run_posed
     from energy_opt.job.models import compared, mean_of, stated
     from energy_opt.job.output import write
     from energy_opt.job.program import with_room, write_programs
     from energy_opt.job.resume import Answers
     from energy_opt.motion import Settings
+    from energy_opt.poses.given import poses_of_request
     from energy_opt.power.assumptions import assumptions
     from energy_opt.power.assumptions import said as assumed
 
     if read_toml(args.job).get("format") == WORKCELL:
         return _run_workcell(args)
     worth = per_year_from(args)
-    job = load_job(args.job, lambda name: _robot(args, name), allow_outside=args.allow_outside)
+    cell = cell_of(args)
+    more: dict[str, Any] = {"allow_outside": args.allow_outside, "named": poses_of_request(cell)}
+    job = load_job(args.job, lambda name: _robot(args, name), **more)
     rivals, kind = rivals_of(args, job.robot)
     model = rivals[0].model
     held = model.get("payload")
     if held is not None and (args.payload is not None or "payload" not in read_toml(args.job)):
         mass, (x, y, z) = float(held.values["mass"][0]), held.values["com"].tolist()
-        job = load_job(args.job, lambda _: job.robot, allow_outside=args.allow_outside, payload=(mass, x, y, z))
+        job = load_job(args.job, lambda _: job.robot, **more, payload=(mass, x, y, z))
     formats = check_written(args, job.robot.n)
     given = {"seed": args.seed, "compile": args.compile}
     settings = Settings(**given, **({} if args.starts is None else {"starts": args.starts}), deadline=args.deadline)
-    cell, limits = cell_of(args), vars(job.robot.limits)
+    limits = vars(job.robot.limits)
     named: dict[str, Any] = {"limits": args.limits, "cell": cell.document()}
     named |= {"robust": robust_of(rivals, kind)}
     named |= {} if worth is None else {"per_year": worth.document()}
@@ -99,10 +103,12 @@ def run(args: argparse.Namespace) -> int:
     with stop_on_interrupt() as stopped, Progress(args) as progress:
         usual: dict[str, Any] = {"cell": cell, "stopped": stopped, "progress": progress}
         try:
-            result = run_job(job, mean_of(rivals), settings, known=answers.known, answered=answers.keep, **usual)
+            result = first = run_posed(
+                job, mean_of(rivals), settings, known=answers.known, answered=answers.keep, **usual
+            )
+            again = partial(run_job, first.job, mean_of(rivals), settings, **usual)
             result = with_room(
-                result, Files(formats, args.rate),
-                lambda shares: run_job(job, mean_of(rivals), settings, room=shares, **usual),
+                result, Files(formats, args.rate), lambda shares: replace(again(room=shares), choice=first.choice),
             )  # fmt: skip
         except Infeasible as error:
             error.about = {"robot": job.robot.name, "cycle_time": job.cycle_time, "request": request}

@@ -27,13 +27,16 @@ def run_job_front(args: argparse.Namespace, times: list[float] | None) -> int:
     from energy_opt.job.models import mean_of, stated
     from energy_opt.job.over_time import document, over_time
     from energy_opt.job.over_time_output import write
+    from energy_opt.poses.given import poses_of_request
 
     given = next((name for name in OF_A_MOVE if getattr(args, name) is not None), None)
     if given is not None or args.via:
         raise BadInput(f"--{(given or 'via').replace('_', '-')} is of one move; {args.job} has its own")
     worth = per_year_from(args)
-    job = load_job(args.job, lambda name: load_robot_of(args, name), allow_outside=args.allow_outside)
-    (rivals, kind), settings, cell = rivals_of(args, job.robot), settings_of(args), cell_of(args)
+    cell = cell_of(args)
+    outside = args.allow_outside
+    job = load_job(args.job, lambda n: load_robot_of(args, n), allow_outside=outside, named=poses_of_request(cell))
+    (rivals, kind), settings = rivals_of(args, job.robot), settings_of(args)
     named: dict[str, Any] = {"limits": args.limits, "cell": cell.document(), "durations": times}
     named |= {} if worth is None else {"per_year": worth.document()}
     named |= {"robust": robust_of(rivals, kind)}

@@ -39,7 +39,7 @@ VERBS = {
 MODULES = {"import": "ingest"}  # verbs whose module cannot have their name
 SHELLS = ("bash", "zsh", "tcsh")
 ALONE = {"--example": "KIND", "--print-completion": "SHELL"}  # without a verb
-VECTORS = ("--start", "--goal", "--via", "--base")
+VECTORS = ("--start", "--goal", "--via", "--base", "--start-pose", "--goal-pose", "--via-pose", "--base-box")
 
 
 class _Help(argparse.HelpFormatter):

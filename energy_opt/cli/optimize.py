@@ -64,9 +64,9 @@ def run(args: argparse.Namespace) -> int:
     check_controllers(args, robot.n)
     rivals, kind = rivals_of(args, robot)
     model = rivals[0].model
-    ends = ends_of(args, robot)
-    given = move_of(args, robot, args.duration, args.max_duration, ends)
     asked = cell_of(args)
+    ends = ends_of(args, robot, asked)
+    given = move_of(args, robot, args.duration, args.max_duration, ends)
     named = {"path": args.path, "limits": args.limits, "scene": args.scene, "cell": asked.document()}
     standard = None if args.as_ is None else {"as": args.as_, "vias": args.vias or 0}
     settings = settings_of(args)
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
             if ends is None:
                 found, move = solved(solve, move, given)
             else:
-                chosen = solve_to(ends, move, robot, rivals, cell, settings, solve)
+                chosen = solve_to(ends, move, robot, rivals, cell, settings, solve, kind)
                 found, move = chosen.result, chosen.move
             found, moves = with_room_of(args, planner, robust, move, *moves_of(args, planner, robust, move, found))
             result = answer_of(compared(found, rivals, robot), robot, request, cell, worth)

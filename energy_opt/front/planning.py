@@ -42,7 +42,7 @@ def move_for(
     start: Any = None,
     goal: Any = None,
     path: AnyPath | None = None,
-    via: Sequence[Positions] = (),
+    via: Sequence[Any] = (),
     **of_move: Any,
 ) -> Move:
     """A move of `robot` from arguments as people have them; `of_move` are the other fields of `Move`.
@@ -77,7 +77,7 @@ def optimize(
     duration: float | None = None,
     max_duration: float | None = None,
     path: AnyPath | None = None,
-    via: Sequence[Positions] = (),
+    via: Sequence[Positions | Pose] = (),
     payload: AnyPayload | None = None,
     limits: str | PathLike[str] | None = None,
     scene: str | PathLike[str] | None = None,
@@ -100,7 +100,7 @@ def optimize(
         max_duration: at most this long [s].
         path: waypoints (K, n) [rad], a trajectory, a file of either, or a function q(s), in place of start and goal. A
             trajectory without a duration beside it is answered at its own.
-        via: points (n,) [rad] to pass on the way (reshape).
+        via: points (n,) [rad], or poses of the tool, to pass on the way (reshape).
         payload: mass [kg], or (mass, x, y, z) [kg, m] in the last joint's frame.
         limits: a joint_limits.yaml in MoveIt's format.
         scene: a file of what stands around the arm.
@@ -118,14 +118,14 @@ def optimize(
     power = rivals[0].model
     of_move, settings = sorted_out(more)
     named = {"mode": mode, "duration": duration, "max_duration": max_duration}
-    begin, end, ends = ends_from(arm, start, goal)
-    given = move_for(arm, begin, end, path, via, **named, **of_move)
-    move = at_input_time(given, settings.objective)
     asked = cell or CellRequest()
     if scene is not None:
         asked = replace(asked, scene=Path(scene))
     if settings.tool is not None:
         asked = replace(asked, tool=settings.tool)
+    begin, end, ends = ends_from(arm, start, goal, asked, via)
+    given = move_for(arm, begin, end, path, () if ends is not None and ends.via else via, **named, **of_move)
+    move = at_input_time(given, settings.objective)
     request = request_of_move(
         arm, power, move, settings, path=path, limits=limits, scene=asked.scene, cell=asked.document(),
         robust=robust_of(rivals, kind),
@@ -141,7 +141,7 @@ def optimize(
     if ends is None:
         found, _ = solved(planner.solve, move, given)
         return answer_of(compared(found, rivals, arm), arm, request, known["cell"], per_year)
-    chosen = solve_to(ends, move, arm, rivals, known["cell"], settings, planner.solve)
+    chosen = solve_to(ends, move, arm, rivals, known["cell"], settings, planner.solve, kind)
     answer = answer_of(compared(chosen.result, rivals, arm), arm, ends.asked(request), known["cell"], per_year)
     return with_goals(answer, chosen, ends.poses, settings)
 

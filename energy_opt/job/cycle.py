@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from energy_opt.effects import Payload
 from energy_opt.formats.program import standing
@@ -12,6 +14,7 @@ from energy_opt.job.fronts import holding_power
 from energy_opt.job.legs import Leg
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.pose import Pose
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
@@ -67,6 +70,26 @@ class Scorers:
         if step.payload not in self._kept:
             self._kept[step.payload] = Scorer(self.robot, self._model.replaced(Payload(mass=mass, com=com)))
         return self._kept[step.payload]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How the positions of a job's poses were chosen.
+
+    Attributes:
+        ends: positions (n,) [rad] at the end of each step that has a pose; poses: these, in the base frame.
+        branches: how many positions were looked at.
+        greedy: J of the cycle with the nearest branches, None where this was not looked at or cannot be done.
+        solves: how many cycles were solved.
+        tool: as --tool says it.
+    """
+
+    ends: Mapping[int, np.ndarray]
+    poses: Mapping[int, Pose]
+    branches: Mapping[int, int]
+    greedy: float | None
+    solves: int
+    tool: str | None = None
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,12 @@ brakes = false              # optional: may brakes hold the arm while time is le
 
 [poses]
 rest = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
+part = { pose = [0.5, 0.2, 0.1, 3.14159, 0, 0], free = ["rz"] }     # of the tool: m, rad, in the base frame
 
 [[step]]
 to = "rest"                 # or positions, in the robot's order or by joint name
+[[step]]
+to = "part"                 # or pose = [...] or "box_1: 0,0,0.1,3.14159,0,0", free = [...], pose_tolerance = "1mm,1deg"
 [[step]]
 wait = 0.5                  # s; brakes = true: without holding losses
 """
@@ -19,26 +22,24 @@ wait = 0.5                  # s; brakes = true: without holding losses
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from energy_opt.bench.faults import is_number
-from energy_opt.bench.moves import joint_values
-from energy_opt.errors import BadInput, near
-from energy_opt.files import inside, read_toml
+from energy_opt.errors import BadInput
+from energy_opt.files import read_toml
+from energy_opt.job.reader import OF_POSE, SAME, Load, Reader, Target, of_scene
+from energy_opt.poses.pose import Pose
 from energy_opt.robot import Robot, robot_named
 
 FORMAT = "energy-opt/job/1"
 TOP = ("format", "robot", "cycle_time", "home", "mode", "brakes", "payload", "scene", "poses", "step")
-MOVING = ("name", "to", "mode", "min_duration", "max_duration", "payload", "scene", "stop")
+MOVING = ("name", "to", *OF_POSE, "mode", "min_duration", "max_duration", "payload", "scene", "stop")
 WAITING = ("name", "wait", "brakes", "payload", "scene")
-SAME = 1e-9  # [rad] two poses nearer than this are one
 MOST_STEPS = 1000
-Load = tuple[float, float, float, float]  # mass [kg] and its centre [m] in the last joint's frame
-BRIEFEST, LONGEST = 1e-6, 1e7  # [s] of a cycle and a wait: less is none, more is a slip of units
+BRIEFEST = 1e-6  # [s] of a cycle and a wait: less is none
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class Step:
         payload: (4,) mass [kg] and its centre [m] in the last joint's frame.
         scene: file of what stands around the arm, if the job names one.
         stop: does the arm stand still at its end?
+        pose: where the tool must be at its end, while `goal` is still to be chosen (nan then, see `Job.at`).
     """
 
     name: str
@@ -66,6 +68,7 @@ class Step:
     payload: Load = (0.0, 0.0, 0.0, 0.0)
     scene: Path | None = None
     stop: bool = True
+    pose: Pose | None = None
 
 
 @dataclass(frozen=True)
@@ -87,9 +90,29 @@ class Job:
         """Seconds that the job itself asks to wait."""
         return sum(step.wait for step in self.steps if step.wait is not None)
 
+    @property
+    def open(self) -> tuple[int, ...]:
+        """The steps whose joint positions are still to be chosen."""
+        return tuple(k for k, step in enumerate(self.steps) if np.isnan(step.goal).any() and step.wait is None)
+
+    def at(self, ends: Mapping[int, np.ndarray]) -> Job:
+        """The job whose steps k end at positions `ends[k]` (n,) [rad]."""
+        goals = {k: ends.get(k, step.goal) for k, step in enumerate(self.steps) if step.wait is None}
+        at = goals[max(goals)] if goals else self.steps[0].start
+        steps = []
+        for k, step in enumerate(self.steps):
+            begin, at = at, goals.get(k, at)
+            steps.append(replace(step, start=begin, goal=at))
+        return replace(self, steps=tuple(steps))
+
 
 def load_job(
-    path: Path, load: Callable[[str], Robot], *, allow_outside: bool = False, payload: Load | None = None
+    path: Path,
+    load: Callable[[str], Robot],
+    *,
+    allow_outside: bool = False,
+    payload: Load | None = None,
+    named: Mapping[str, Pose] | None = None,
 ) -> Job:
     """Read a job.
 
@@ -97,11 +120,13 @@ def load_job(
         load: makes the robot out of its name, or of the path of its URDF.
         allow_outside: URDF and scenes may lie outside the job's folder.
         payload: held until a step says another, in place of what the job says.
+        named: poses by name beside those of the job, as a scene file has them.
 
     Raises:
         BadInput: names every fault, one a line, with the step's name.
     """
-    return job_of(read_toml(Path(path)), Path(path), load, allow_outside=allow_outside, payload=payload)
+    document = read_toml(Path(path))
+    return job_of(document, Path(path), load, allow_outside=allow_outside, payload=payload, named=named)
 
 
 def job_of(
@@ -111,9 +136,10 @@ def job_of(
     *,
     allow_outside: bool = False,
     payload: Load | None = None,
+    named: Mapping[str, Pose] | None = None,
 ) -> Job:
     """A job from a document that was read; `path` is the file that other files lie beside. Else as `load_job`."""
-    job, faults = _read(document, path, load, allow_outside, payload)
+    job, faults = _read(document, path, load, allow_outside, payload, named)
     if faults or job is None:
         raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
     return job
@@ -127,88 +153,13 @@ def check_job(path: Path, load: Callable[[str], Robot], *, allow_outside: bool =
         return str(error).splitlines()
 
 
-class _Reader:
-    """One reading of a document; faults are collected."""
-
-    def __init__(self, document: Mapping[str, Any], path: Path, robot: Robot, allow_outside: bool) -> None:
-        self.document, self.path, self.robot, self.allow_outside = document, path, robot, allow_outside
-        self.faults: list[str] = []
-        self.poses: dict[str, np.ndarray] = {}
-
-    def pose(self, value: Any, where: str) -> np.ndarray | None:
-        """A pose by name or as positions, within the position limits."""
-        if isinstance(value, str):
-            if value not in self.poses:
-                self.faults.append(f"{where}: unknown pose {value!r}{near(value, self.poses)}; [poses] names them")
-                return None
-            return self.poses[value]
-        try:
-            q = np.array(joint_values(value, self.robot.joints))
-        except BadInput as error:
-            self.faults.append(f"{where}: {error}")
-            return None
-        limits = self.robot.limits
-        outside = np.flatnonzero((q < limits.lower - SAME) | (q > limits.upper + SAME))
-        for j in outside[:1]:
-            self.faults.append(
-                f"{where}: {self.robot.joints[j]} = {q[j]:.4g} is outside its position limits "
-                f"[{limits.lower[j]:.4g}, {limits.upper[j]:.4g}]"
-            )
-        return None if outside.size else q
-
-    def number(self, table: Mapping[str, Any], key: str, where: str, default: float, least: float = 0.0) -> float:
-        """Seconds from `least` to `LONGEST`; `default` where the table says none."""
-        if key not in table:
-            return default
-        value = table[key]
-        if not is_number(value) or not least <= value <= LONGEST:
-            self.faults.append(f"{where}: {key} = {value!r}; expected seconds, {least:g} to {LONGEST:g}")
-            return default
-        return float(value)
-
-    def truth(self, table: Mapping[str, Any], key: str, where: str, default: bool) -> bool:
-        """true or false."""
-        value = table.get(key, default)
-        if not isinstance(value, bool):
-            self.faults.append(f"{where}: {key} = {value!r}; expected true or false")
-            return default
-        return value
-
-    def known(self, table: Mapping[str, Any], names: tuple[str, ...], where: str) -> None:
-        """Keys that nobody knows."""
-        for key in table:
-            if key not in names:
-                self.faults.append(f"{where}: unknown key {key!r}{near(key, names)}; known: {', '.join(names)}")
-
-    def payload(self, value: Any, where: str) -> Load:
-        """MASS or [MASS, CX, CY, CZ]."""
-        parts = value if isinstance(value, list) else [value]
-        numbers = list(filter(is_number, parts))
-        if len(numbers) != len(parts) or len(numbers) not in (1, 4) or numbers[0] < 0:
-            self.faults.append(f"{where}: payload = {value!r}; expected a mass in kg, or [mass, cx, cy, cz] with m")
-            return (0.0, 0.0, 0.0, 0.0)
-        mass, *com = (float(x) for x in numbers)
-        x, y, z = com or (0.0, 0.0, 0.0)
-        return mass, x, y, z
-
-    def scene(self, value: Any, where: str) -> Path | None:
-        """A file beside the job."""
-        try:
-            path = inside(self.path.parent, str(value), self.allow_outside)
-        except BadInput as error:
-            self.faults.append(f"{where}: scene: {error}")
-            return None
-        if not path.is_file():
-            self.faults.append(f"{where}: scene {value!r} is not a file beside the job")
-        return path
-
-
 def _read(
     document: Mapping[str, Any],
     path: Path,
     load: Callable[[str], Robot],
     allow_outside: bool,
     payload: Load | None = None,
+    named: Mapping[str, Pose] | None = None,
 ) -> tuple[Job | None, list[str]]:
     if document.get("format") != FORMAT:
         return None, [f"format = {document.get('format')!r}; expected {FORMAT!r}"]
@@ -219,12 +170,13 @@ def _read(
         name = robot_named(name, path.parent, allow_outside)
     except BadInput as error:
         return None, [f"robot: {error}"]
-    reader = _Reader(document, path, load(name), allow_outside)
+    reader = Reader(document, path, load(name), allow_outside)
     reader.known(document, TOP, "job")
     poses = document.get("poses", {})
     if not isinstance(poses, Mapping):
         reader.faults.append("poses: expected a table of names and positions")
         poses = {}
+    reader.poses |= of_scene(reader, document) | dict(named or {})
     for key, value in poses.items():
         q = reader.pose(value, f"poses: {key}")
         if q is not None:
@@ -244,20 +196,23 @@ def _read(
     return Job(path.stem, reader.robot, cycle, tuple(steps), brakes), []
 
 
-def _steps(reader: _Reader, rows: list[Mapping[str, Any]], held: Load | None) -> list[Step]:
+def _steps(reader: Reader, rows: list[Mapping[str, Any]], held: Load | None) -> list[Step]:
     top = reader.document
     at = reader.pose(top["home"], "home") if "home" in top else None
     if at is not None:
         reader.poses.setdefault("home", at)  # `to = "home"` goes there, also where home is given as positions
-    targets = [reader.pose(row["to"], _where(k, row)) if "to" in row else None for k, row in enumerate(rows)]
-    if "home" not in top:
-        at = next((q for row, q in zip(reversed(rows), reversed(targets), strict=True) if "to" in row), None)
-        if at is None and not reader.faults:
-            reader.faults.append("step: no step moves; give `to`, or `home` to wait at")
-    if reader.faults or at is None:
+    targets = [reader.target(row, _where(k, row)) if _moves(row) else None for k, row in enumerate(rows)]
+    last = next((q for row, q in zip(reversed(rows), reversed(targets), strict=True) if _moves(row)), None)
+    begin = at if "home" in top else last
+    if begin is None and not reader.faults:
+        reader.faults.append("step: no step moves; give `to` or `pose`, or `home` to wait at")
+    if reader.faults or begin is None:
         _known(reader, rows)
         return []
-    begin = at
+    if last is None and isinstance(begin, Pose):
+        reader.faults.append("home: no step moves; a job that only waits has joint positions as its home")
+        return []
+    at = _nowhere(reader.robot) if isinstance(begin, Pose) else begin
     out: list[Step] = []
     said = reader.payload(top.get("payload", 0.0), "job")
     payload = said if held is None else held
@@ -278,22 +233,35 @@ def _steps(reader: _Reader, rows: list[Mapping[str, Any]], held: Load | None) ->
         out.append(step)
         at = step.goal
     _known(reader, rows)
-    if np.abs(at - begin).max() > SAME:
-        j = int(np.argmax(np.abs(at - begin)))
+    end, returns = begin if last is None else last, "the last step does not return to where the cycle begins"
+    if isinstance(end, Pose) or isinstance(begin, Pose):
+        if end is not begin and not (isinstance(end, Pose) and end.same_as(begin)):
+            reader.faults.append(f"{_where(len(rows) - 1, rows[-1])}: {returns}: home is another pose")
+    elif np.abs(end - begin).max() > SAME:
+        j = int(np.argmax(np.abs(end - begin)))
         reader.faults.append(
-            f"{_where(len(rows) - 1, rows[-1])}: the last step does not return to where the cycle begins: "
-            f"{reader.robot.joints[j]} ends at {at[j]:.4g}, the cycle begins at {begin[j]:.4g}"
+            f"{_where(len(rows) - 1, rows[-1])}: {returns}: "
+            f"{reader.robot.joints[j]} ends at {end[j]:.4g}, the cycle begins at {begin[j]:.4g}"
         )
     if not out[-1].stop:
         reader.faults.append(f"{_where(len(rows) - 1, rows[-1])}: stop = false; the last step must end at rest")
     return out
 
 
-def _known(reader: _Reader, rows: list[Mapping[str, Any]]) -> None:
+def _moves(row: Mapping[str, Any]) -> bool:
+    return "to" in row or "pose" in row
+
+
+def _nowhere(robot: Robot) -> np.ndarray:
+    """Positions that are still to be chosen."""
+    return np.full(robot.n, np.nan)
+
+
+def _known(reader: Reader, rows: list[Mapping[str, Any]]) -> None:
     for k, row in enumerate(rows):
         where = _where(k, row)
-        if ("to" in row) == ("wait" in row):
-            reader.faults.append(f"{where}: expected either `to` or `wait`")
+        if _moves(row) == ("wait" in row):
+            reader.faults.append(f"{where}: expected either `to` or `wait`, or `pose`")
         reader.known(row, WAITING if "wait" in row else MOVING, where)
 
 
@@ -303,11 +271,11 @@ def _where(k: int, row: Mapping[str, Any]) -> str:
 
 
 def _step(
-    reader: _Reader,
+    reader: Reader,
     row: Mapping[str, Any],
     where: str,
     at: np.ndarray,
-    target: np.ndarray | None,
+    target: Target | None,
     payload: Load,
     scene: Path | None,
 ) -> Step:
@@ -328,5 +296,8 @@ def _step(
     if least > most:
         reader.faults.append(f"{where}: min_duration = {least:g} is above max_duration = {most:g}")
     stop = reader.truth(row, "stop", where, True)
+    if isinstance(target, Pose):
+        pose = replace(target, name=f"{name}: {target.name}" if target.name not in name else name)
+        return Step(name, at, _nowhere(reader.robot), None, False, mode, least, most, payload, scene, stop, pose)
     goal = at if target is None else target
     return Step(name, at, goal, None, False, mode, least, most, payload, scene, stop)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.job.file import SAME, Step
+from energy_opt.job.file import Step
+from energy_opt.job.reader import SAME
 from energy_opt.motion.move import Move
 from energy_opt.motion.path import JointPath, straight, through
 

@@ -18,6 +18,7 @@ from energy_opt.job.program import judging_of, whole_cycle
 from energy_opt.job.run import JobResult
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.judge import pose_document
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.job import page
 from energy_opt.reports.solids import drawn
@@ -41,6 +42,7 @@ def document(result: JobResult) -> dict[str, Any]:
         "baselines": [
             {"name": b.name, "energy_total": b.energy, "valid": b.energy is not None} for b in result.baselines
         ],
+        **_chosen(result),
         "optimality": {
             "kind": "global" if gap is not None and gap < 0.1 else "local",
             "lower_bound": result.bound,
@@ -50,6 +52,24 @@ def document(result: JobResult) -> dict[str, Any]:
         "assumptions": [asdict(row) for row in result.assumptions],
         "warnings": list(result.warnings),
         "interrupted": result.interrupted,
+    }
+
+
+def _chosen(result: JobResult) -> dict[str, Any]:
+    """Of steps that end at poses of the tool: the positions chosen, what they miss, and what the nearest would cost."""
+    choice = result.choice
+    if choice is None:
+        return {}
+    names = {k: str(k) for k in choice.ends}
+    poses, ends = ({names[k]: x for k, x in choice.poses.items()}, {names[k]: q for k, q in choice.ends.items()})
+    missed = pose_document(result.job.robot, choice.tool, poses, ends)
+    steps = result.job.steps
+    return {
+        "poses": [
+            {"step": k + 1, "name": steps[k].name, "goal": q, "looked_at": choice.branches[k], **missed[names[k]]}
+            for k, q in choice.ends.items()
+        ],
+        "choice": {"energy_total": result.energy, "greedy_nearest": choice.greedy, "solves": choice.solves},
     }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.job.file import Job
+from energy_opt.job.posed import Posed
 from energy_opt.job.run import JobResult, run_job
 from energy_opt.motion.move import Settings
 from energy_opt.power import PowerModel
@@ -75,6 +76,8 @@ def over_time(
         Infeasible: a leg cannot be done at all.
     """
     known = cell or CellRequest()
+    if job.open:  # the same positions at every cycle time
+        job = job.at(Posed(job, model, settings, known).estimated()[0])
     shortest = shortest_cycle(job, model, settings, known)
     if times is None:
         times = np.geomspace(ROOM * shortest, REACH * max(shortest, job.cycle_time), COUNT).tolist()

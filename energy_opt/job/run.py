@@ -12,10 +12,11 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.errors import Infeasible
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.job.allocate import Front, Shares, allocate, modelled
 from energy_opt.job.cycle import (
     Answer,
+    Choice,
     Piece,
     Plan,
     Scorers,
@@ -63,6 +64,7 @@ class JobResult:
         models: what other models make of the cycle: name, total [J], and beside the evenly slowed one saving_joules and
             saving_total_percent.
         assumptions: what was not given, with its source.
+        choice: where steps end at poses of the tool, how their positions were chosen.
     """
 
     job: Job
@@ -75,6 +77,7 @@ class JobResult:
     models: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
     assumptions: tuple[Assumption, ...] = ()
+    choice: Choice | None = None
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:
@@ -127,6 +130,8 @@ def run_job(
     Raises:
         Infeasible: a leg cannot be done, or the cycle is too short; says which step binds and what would work.
     """
+    if job.open:
+        raise BadInput(f"{job.steps[job.open[0]].name}: its joint positions are still to be chosen; use run_posed")
     work = Worker(job, model, settings or Settings(), Cells(job, cell or CellRequest()), stopped, room)
     work.check_poses()
     progress("first paths", 0.0)

@@ -1,10 +1,11 @@
 """The cheapest of many goals: all branches are looked at, the most promising are solved, freedom that is left is used.
 
 reach       every joint goal that the poses and goals allow
-estimate    what the straight move to each is likely to cost; goals that touch something are dropped
-solve       the most promising, no two of them near each other
-refine      where the pose leaves freedom, steps along it from the best, each a solve from the best known motion
-compare     the goal nearest to the start, at the duration of the answer: that is the saving to state
+estimate    what the straight move to each is likely to cost; goals that touch something are left out
+improve     the most promising are moved along their freedom to where the estimate is least
+screen      these are solved with few control points, in order, while the next may be better than the best
+bend        the best screened motion bent along the freedom says where its end costs less; screened again
+solve       the best in full, and the goal nearest to the start at the duration of the answer: that is the saving
 """
 
 from __future__ import annotations
@@ -20,19 +21,21 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Move
 from energy_opt.motion.result import Result
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.poses.estimate import estimate, fastest, shortest
-from energy_opt.poses.inverse import ToolKinematics, reach, solve
+from energy_opt.poses.estimate import curves, fastest
+from energy_opt.poses.freedom import Bent, has_freedom, improved
+from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Pose
+from energy_opt.poses.sets import Target, unreached
 
-SOLVED = 4  # goals that are solved before refining, at most
-HOPE = 2.0  # a goal is solved if its estimate, less this many of the largest gain so far, is below the best energy
+IMPROVED = 5  # goals that are moved along their freedom by the estimate
+SCREENED = 4  # goals that are solved roughly
+HOPE = 1.5  # a goal is screened if its estimate, less so many of the largest gain so far, is below the best energy
 EQUAL = 1e-5  # relative: goals with estimates nearer than this differ by a joint that costs nothing
-WORTH = 1e-3  # of the loss: a step along the freedom that saves less ends refining
-APART = 0.35  # [rad, m] distance of goals that are solved both
+WORTH = 2e-3  # of the loss: a step along the freedom that promises less is not made
+APART = 0.35  # [rad, m] distance of goals that are both screened
 LISTED = 40  # goals that an answer lists
-REFINED = 4  # solves along the freedom that is left
-STEP = 0.25  # [rad, m] of the first of them
-FLAT = 1e-6  # singular values of the pose's Jacobian below this share leave a direction free
+BENT = 2  # steps along the freedom
+FREE = 60  # goals without contact among which is chosen
 
 Solve = Callable[[Move, Sequence[Trajectory]], Result]
 
@@ -43,17 +46,23 @@ class Candidate:
 
     Attributes:
         goal: (n,) [rad, m]; estimate: [J] of the straight move; energy: [J] as solved, None where it was not.
-        status: "solved" and so on as results have it, "looked_at", "colliding", "too_fast" or "infeasible".
+        status: "solved" and so on as results have it; "screened" with the energy of a rough solve; "looked_at",
+            "not_looked_at", "colliding", "too_fast" or "infeasible".
+        pose: the pose that it reaches; None where it was given by its joints.
     """
 
     goal: np.ndarray
     estimate: float
     energy: float | None = None
     status: str = "looked_at"
+    pose: Pose | None = None
 
     def document(self) -> dict[str, object]:
         """As it is in result.json."""
         return {"goal": self.goal, "estimate": self.estimate, "energy": self.energy, "status": self.status}
+
+
+Solved = tuple[Candidate, Result]
 
 
 @dataclass(frozen=True)
@@ -65,59 +74,62 @@ class Chosen:
         candidates: the answer's first, then by energy and estimate.
         nearest: the goal nearest to the start; nearest_result: its motion at the answer's duration, None where it has
             none.
-        solves: how many moves were solved.
+        solves: how many moves were solved in full; screened: how many roughly.
     """
 
     move: Move
     result: Result
     candidates: tuple[Candidate, ...]
-    nearest: np.ndarray
+    nearest: Candidate
     nearest_result: Result | None
     solves: int
+    screened: int
 
     def document(self) -> dict[str, object]:
         """`candidates` and `nearest` of result.json; energies in J, those of several models in the mean."""
-        near, best = self.nearest_result, self.result
-        saved = None if near is None else price(near) - price(best)
+        near, best, cost = self.nearest_result, self.result, self.nearest.energy
+        saved = None if cost is None else cost - (self.candidates[0].energy or 0.0)
         return {
             "candidates": [candidate.document() for candidate in self.candidates],
             "nearest": {
-                "goal": self.nearest,
-                "energy": None if near is None else price(near),
+                "goal": self.nearest.goal,
+                "energy": cost,
                 "loss": None if near is None else near.energy.loss,
-                "duration": best.trajectory.duration,
+                "duration": None if near is None else near.trajectory.duration,
                 "saving_joules": saved,
                 "saving_loss_percent": None
                 if near is None or near.energy.loss <= 0
                 else 100 * (1 - best.energy.loss / near.energy.loss),
             },
+            "solves": {"full": self.solves, "screened": self.screened},
         }
-
-
-def price(result: Result) -> float:
-    """What goals are compared by [J]: the energy, of several models in the mean."""
-    totals = [float(str(model["total"])) for model in result.models]
-    return float(np.mean(totals)) if totals else result.energy.total
 
 
 class Chooser:
     """Chooses among goals for one robot.
 
     Args:
-        scorers: of the models that are planned under.
+        scorers: of the models that are planned under; `worst`: goals are compared by the worst of them, else the mean.
         cell: what goals must keep clear of; None for nothing.
-        solver: solves a move, given motions to start from.
+        solver: solves a move, given motions to start from; rough: the same with few control points and one start.
     """
 
     def __init__(
-        self, tool: ToolKinematics, scorers: Sequence[Scorer], cell: Cell | None, solver: Solve, seed: int = 0
+        self,
+        tool: ToolKinematics,
+        scorers: Sequence[Scorer],
+        cell: Cell | None,
+        solver: Solve,
+        rough: Solve,
+        seed: int = 0,
+        worst: bool = False,
     ) -> None:
-        self.tool, self.scorers, self.seed = tool, list(scorers), seed
+        self.tool, self.scorers, self.seed, self._worst = tool, list(scorers), seed, worst
         self.cell = cell if cell is not None and cell.checks else None
-        self._solver = solver
-        self.solves = 0
+        self._solver, self._rough = solver, rough
+        self.solves = self.screened = 0
 
-    def choose(self, move: Move, goals: Sequence[Pose | np.ndarray]) -> Chosen:
+    def choose(self, move: Move, goals: Sequence[Target]) -> Chosen:
         """The cheapest motion from the move's start to any of the goals.
 
         Args:
@@ -130,53 +142,50 @@ class Chooser:
         if not goals:
             raise BadInput("--goal is missing; give --goal or --goal-pose")
         found = self._candidates(move, goals)
-        order = np.argsort([c.estimate if c.status == "looked_at" else np.inf for c in found])
-        pending = [found[k] for k in order if found[k].status == "looked_at"]
-        solved: list[tuple[Candidate, Result]] = []
-        failures: list[Infeasible] = []
-        tried: list[Candidate] = []
-        for candidate in pending:
-            if len(solved) >= SOLVED:
+        open_ = sorted((c for c in found if c.status == "looked_at"), key=lambda c: c.estimate)
+        if not open_:
+            raise self._none(move, goals, found)
+        tried, failures = self._screen(move, self._improved(move, open_))
+        if not tried:
+            raise failures[0]
+        best = min(tried, key=_rank)
+        for _ in range(BENT):
+            step = self._bent(move, best)
+            if step is None:
                 break
-            energies = [c.energy or np.inf for c, _ in solved]
-            gain = max((c.estimate - e for (c, _), e in zip(solved, energies, strict=True)), default=np.inf)
-            if candidate.estimate - HOPE * max(gain, 0.0) > min(energies, default=np.inf):
-                break
-            if any(_alike(candidate, other) for other in tried):
-                continue
-            tried.append(candidate)
-            outcome = self._solved(move, candidate)
-            if isinstance(outcome, Infeasible):
-                failures.append(outcome)
-            else:
-                solved.append(outcome)
-        if not solved:
-            raise failures[0] if failures else self._none(move, goals, found)
-        best = min(solved, key=lambda item: _rank(item[1]))
-        for pose in goals:
-            if isinstance(pose, Pose):
-                best = self._refined(move, pose, best, solved)
-        nearest = min((c for c in found if c.status == "looked_at"), key=lambda c: self._distance(move, c.goal))
-        answer = self._compared(move, nearest, best, solved)
-        others = sorted((c for c, _ in solved if c is not best[0]), key=lambda c: c.energy or np.inf)
-        rest = [c for c in found if not any(np.array_equal(c.goal, x.goal) for x, _ in solved)]
-        rest.sort(key=lambda c: (c.status != "looked_at", c.estimate))
-        listed = (best[0], *others, *rest)[:LISTED]
-        return Chosen(replace(move, goal=best[0].goal), best[1], listed, nearest.goal, answer, self.solves)
+            tried.append(step)
+            best = step
+        answer, solved = self._full(move, tried, failures)
+        nearest = min(open_, key=lambda c: self._distance(move, c.goal))
+        near = self._compared(move, nearest, answer)
+        if near is not None and _rank(near) < _rank(answer):  # the search was not as good
+            answer = near
+        listed = [answer[0], *(c for c, _ in solved if c is not answer[0])]
+        rows = [*tried, *((c, None) for c in found)]
+        rows = [row for row in rows if not any(np.array_equal(row[0].goal, x.goal) for x in listed)]
+        rest = sorted((c for c, _ in rows), key=lambda c: (c.energy is None, c.status != "looked_at", c.estimate))
+        return Chosen(
+            replace(move, goal=answer[0].goal), answer[1], tuple([*listed, *rest][:LISTED]),
+            nearest if near is None else near[0], None if near is None else near[1], self.solves, self.screened,
+        )  # fmt: skip
 
-    def _candidates(self, move: Move, goals: Sequence[Pose | np.ndarray]) -> list[Candidate]:
+    def _candidates(self, move: Move, goals: Sequence[Target]) -> list[Candidate]:
         out: list[Candidate] = []
         for goal in goals:
-            rows = np.atleast_2d(goal) if isinstance(goal, np.ndarray) else self._reached(goal, move)
-            for q in rows:
-                cost = estimate(self.scorers, move.start, q, move.duration, move.max_duration)
-                out.append(Candidate(q, cost.energy, status="looked_at" if cost.possible else "too_fast"))
-        # the distance check is dear: it goes in order of the estimate, until enough free ones are known
+            pose = goal if isinstance(goal, Pose) else None
+            rows = self._reached(goal, move) if isinstance(goal, Pose) else np.atleast_2d(goal)
+            possible, energy = self._estimates(move, rows)
+            out += [
+                Candidate(q, float(e), status="looked_at" if can else "too_fast", pose=pose)
+                for q, e, can in zip(rows, energy, possible, strict=True)
+            ]
+        if self.cell is None:
+            return out
         free = 0
         for k in np.argsort([c.estimate for c in out]).tolist():
-            if self.cell is None or out[k].status != "looked_at":
+            if out[k].status != "looked_at":
                 continue
-            if free >= 6 * SOLVED and len(out) > 12 * SOLVED:
+            if free >= FREE:
                 out[k] = replace(out[k], status="not_looked_at")
             elif self.cell.touching(out[k].goal) is None:
                 free += 1
@@ -184,116 +193,132 @@ class Chooser:
                 out[k] = replace(out[k], status="colliding")
         return out
 
-    def _reached(self, pose: Pose, move: Move) -> np.ndarray:
-        found = reach(self.tool, pose, seed=self.seed, near=move.start)
-        if len(found.positions):
-            return found.positions
-        held = f"; {found.blocked} is at its limit there" if found.blocked else ""
-        raise Infeasible(
-            f"{pose.name}: no joint positions reach it; the nearest that can be reached is "
-            f"{1e3 * found.distance:.3g} mm and {np.degrees(found.angle):.3g} deg away{held}",
-            joint=found.blocked or None,
-            limit="pose",
-        )
+    def _estimates(self, move: Move, goals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whether straight moves to goals (K, n) are possible (K,), and their energy (K,) [J]."""
+        found = curves(self.scorers, np.broadcast_to(_last(move), goals.shape), goals)
+        if move.duration is not None:
+            return found.shortest <= move.duration, found.at(np.full(len(goals), move.duration))
+        longest = np.inf if move.max_duration is None else move.max_duration
+        return found.shortest <= longest, found.cheapest(longest=longest)[0]
 
-    def _solved(
-        self, move: Move, candidate: Candidate, warm: Sequence[Trajectory] = ()
-    ) -> tuple[Candidate, Result] | Infeasible:
-        self.solves += 1
+    def _reached(self, pose: Pose, move: Move) -> np.ndarray:
+        found = reach(self.tool, pose, seed=self.seed, near=_last(move))
+        if not len(found.positions):
+            raise unreached(pose, found)
+        return found.positions
+
+    def _improved(self, move: Move, goals: Sequence[Candidate]) -> list[Candidate]:
+        """The goals in order of their estimates, the first of them moved along their freedom."""
+
+        def cost(q: np.ndarray) -> np.ndarray:
+            possible, energy = self._estimates(move, q)
+            return np.where(possible, energy, np.inf)
+
+        out: list[Candidate] = []
+        for goal in goals:
+            if len(out) == IMPROVED:
+                break
+            if any(_alike(goal, other) for other in out):
+                continue
+            if goal.pose is not None and has_freedom(self.tool, goal.pose):
+                q = improved(self.tool, goal.pose, goal.goal, cost, self.cell)
+                goal = replace(goal, goal=q, estimate=float(cost(q[None])[0]))
+            out.append(goal)
+        return sorted(out, key=lambda c: c.estimate)
+
+    def _screen(self, move: Move, goals: Sequence[Candidate]) -> tuple[list[Solved], list[Infeasible]]:
+        """Rough solves of goals in order, while the next may be better than the best."""
+        out: list[Solved] = []
+        failures: list[Infeasible] = []
+        if len(goals) == 1 and (goals[0].pose is None or not has_freedom(self.tool, goals[0].pose)):
+            found = self._attempt(self._solver, move, goals[0])
+            return ([], [found]) if isinstance(found, Infeasible) else ([found], [])
+        tried: list[Candidate] = []
+        for goal in goals:
+            gain = max((c.estimate - (c.energy or np.inf) for c, _ in out), default=np.inf)
+            least = min((c.energy or np.inf for c, _ in out), default=np.inf)
+            if len(out) == SCREENED or goal.estimate - HOPE * max(gain, 0.0) > least:
+                break
+            if any(_alike(goal, other) for other in tried):
+                continue
+            tried.append(goal)
+            found = self._attempt(self._rough, move, goal)
+            if isinstance(found, Infeasible):
+                failures.append(found)
+            else:
+                out.append(found)
+        return out, failures
+
+    def _attempt(
+        self, solver: Solve, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()
+    ) -> Solved | Infeasible:
+        rough = solver is self._rough
+        self.screened, self.solves = self.screened + rough, self.solves + (not rough)
         try:
-            result = self._solver(replace(move, goal=candidate.goal), warm)
+            result = solver(replace(move, goal=goal.goal), warm)
         except Infeasible as error:
             return error
-        return replace(candidate, energy=price(result), status=result.status), result
+        status = "screened" if rough and result.status == "solved" else result.status
+        totals = [scorer.energy(result.trajectory).total for scorer in self.scorers]
+        return replace(goal, energy=float(max(totals) if self._worst else np.mean(totals)), status=status), result
 
-    def _refined(
-        self, move: Move, pose: Pose, best: tuple[Candidate, Result], solved: list[tuple[Candidate, Result]]
-    ) -> tuple[Candidate, Result]:
-        """Steps along the directions that the pose leaves free, while they save."""
-        if not pose.free and len(move.start) <= 6:
-            return best
-        step, left = STEP, REFINED
-        while left > 0 and step > 0.02:
-            directions = self._free(pose, best[0].goal)
-            if not len(directions):
-                return best
-            # the cheapest few of the ways to step, by the estimate's change
-            trials = [best[0].goal + sign * step * d for d in directions for sign in (1.0, -1.0)]
-            q, error = solve(self.tool, pose, np.clip(trials, *self._range()))
-            q = q[error < pose.tolerance[0]]
-            if not len(q):
-                return best
-            costs = [estimate(self.scorers, move.start, x, best[1].trajectory.duration, None) for x in q]
-            if max(abs(cost.energy - best[0].estimate) for cost in costs) < EQUAL * abs(best[0].estimate):
-                return best  # the freedom that is left costs nothing
-            better = None
-            for k in np.argsort([cost.energy for cost in costs])[:2].tolist():
-                if left <= 0 or not costs[k].possible:
-                    continue
-                if self.cell is not None and self.cell.touching(q[k]) is not None:
-                    continue
-                left -= 1
-                outcome = self._solved(move, Candidate(q[k], costs[k].energy), [best[1].trajectory])
-                if isinstance(outcome, Infeasible):
-                    continue
-                solved.append(outcome)
-                if _rank(outcome[1]) < _rank(best[1]):
-                    better = outcome
-                    break
-            if better is None:
-                step /= 2.5
-                continue
-            gain, best = price(best[1]) - price(better[1]), better
-            if gain < WORTH * best[1].energy.loss:
+    def _bent(self, move: Move, best: Solved) -> Solved | None:
+        """The best motion to an end that costs less, solved roughly; None where none is found."""
+        goal, result = best
+        if goal.pose is None or not has_freedom(self.tool, goal.pose):
+            return None
+        bent = Bent(self.scorers, result.trajectory, move.duration is not None)
+        q = improved(self.tool, goal.pose, goal.goal, lambda q: bent(None, q), self.cell)
+        before, after = bent(None, np.vstack([goal.goal, q]))
+        if before - after < WORTH * result.energy.loss:
+            return None
+        found = self._attempt(self._rough, move, replace(goal, goal=q), [result.trajectory])
+        return None if isinstance(found, Infeasible) or _rank(found) >= _rank(best) else found
+
+    def _full(self, move: Move, tried: Sequence[Solved], failures: Sequence[Infeasible]) -> tuple[Solved, list[Solved]]:
+        """The best of the screened goals solved in full, and all that were."""
+        if self.solves:  # the only goal there was
+            return tried[0], list(tried)
+        error: Infeasible | None = failures[0] if failures else None
+        out: list[Solved] = []
+        for goal, result in sorted(tried, key=_rank):
+            if out and _rank((goal, result)) >= min(map(_rank, out)):
                 break
-        return best
+            at = move if not out else replace(move, duration=result.trajectory.duration, max_duration=None)
+            found = self._attempt(self._solver, at, goal, [result.trajectory])
+            if isinstance(found, Infeasible):
+                error = found
+            else:
+                out.append(found)
+        if not out:
+            assert error is not None
+            raise error
+        out.sort(key=_rank)
+        return out[0], out
 
-    def _free(self, pose: Pose, q: np.ndarray) -> np.ndarray:
-        """Unit directions (K, n) along which the pose's error stays zero."""
-        n = len(q)
-        steps = np.vstack([q, q + 1e-6 * np.eye(n)])
-        e = self.tool.missed(pose, steps).both
-        jacobian = (e[1:] - e[0]).T / 1e-6
-        _, s, vt = np.linalg.svd(jacobian)
-        rank = int(np.sum(s > FLAT * max(s.max(), 1e-12) + 1e-5))
-        return vt[rank:]
-
-    def _range(self) -> tuple[np.ndarray, np.ndarray]:
-        limits = self.tool.robot.limits
-        return limits.lower, limits.upper
+    def _compared(self, move: Move, nearest: Candidate, answer: Solved) -> Solved | None:
+        """The nearest goal and its motion, at the duration of the answer."""
+        if np.array_equal(nearest.goal, answer[0].goal):
+            return answer
+        at = replace(move, duration=answer[1].trajectory.duration, max_duration=None)
+        found = self._attempt(self._solver, at, nearest)
+        if isinstance(found, Infeasible):  # it takes longer than that
+            found = self._attempt(self._solver, move, nearest)
+        return None if isinstance(found, Infeasible) else found
 
     def _distance(self, move: Move, goal: np.ndarray) -> float:
-        return shortest(self.tool.robot, move.start, goal)
+        """Seconds to a goal; of goals that are as quick, those of which other joints go less far count as nearer."""
+        way = np.abs(goal - _last(move))
+        return float(fastest(self.tool.robot, _last(move), goal)) + 1e-3 * float(way.sum())
 
-    def _compared(
-        self, move: Move, nearest: Candidate, best: tuple[Candidate, Result], solved: list[tuple[Candidate, Result]]
-    ) -> Result | None:
-        """The motion to the nearest goal, at the duration of the answer."""
-        if np.array_equal(nearest.goal, best[0].goal):
-            return best[1]
-        duration = best[1].trajectory.duration
-        for candidate, result in solved:
-            same = abs(result.trajectory.duration / duration - 1) < 1e-9
-            if same and np.array_equal(candidate.goal, nearest.goal):
-                return result
-        at = replace(move, duration=duration, max_duration=None)
-        outcome = self._solved(at, nearest)
-        if isinstance(outcome, Infeasible):
-            return None
-        if move.duration is not None:
-            solved.append(outcome)
-        return outcome[1]
-
-    def _none(self, move: Move, goals: Sequence[Pose | np.ndarray], found: Sequence[Candidate]) -> Infeasible:
+    def _none(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
         name = next((goal.name for goal in goals if isinstance(goal, Pose)), "--goal")
         touching = [c for c in found if c.status == "colliding"]
         if touching and self.cell is not None:
             contact: Contact | None = self.cell.touching(touching[0].goal)
             text = f"{name}: every joint position that reaches it touches something; {contact}"
             return Infeasible(text, limit="clearance")
-        if not found:
-            return Infeasible(f"{name}: no joint positions reach it", limit="pose")
-        least = min(fastest(self.tool.robot, move.start, c.goal) for c in found)
+        least = min(float(fastest(self.tool.robot, _last(move), c.goal)) for c in found)
         return Infeasible(
             f"{name}: no goal is reached in {move.duration or move.max_duration or 0.0:.4g} s; "
             f"the nearest takes {least:.4g} s at least",
@@ -302,11 +327,17 @@ class Chooser:
         )
 
 
+def _last(move: Move) -> np.ndarray:
+    """Where the last part of a move begins."""
+    return move.via[-1] if move.via else move.start
+
+
 def _alike(one: Candidate, two: Candidate) -> bool:
     """Are two goals near each other, or do their moves cost the same?"""
     near = bool(np.abs(one.goal - two.goal).max() < APART)
     return near or abs(one.estimate - two.estimate) < EQUAL * abs(two.estimate)
 
 
-def _rank(result: Result) -> tuple[bool, float]:
-    return result.status != "solved", price(result)
+def _rank(item: Solved) -> tuple[bool, float]:
+    goal, result = item
+    return result.status != "solved", np.inf if goal.energy is None else goal.energy

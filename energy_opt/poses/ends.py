@@ -8,15 +8,33 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.request import CellRequest
+from energy_opt.poses.given import in_base, scene_of
 from energy_opt.poses.pose import Pose
+from energy_opt.robot import Robot
 
 
 @dataclass(frozen=True)
 class Ends:
-    """A start pose, where there is one, and goals of which any will do: poses of the tool or joint positions (n,)."""
+    """A start pose, where there is one, and goals of which any will do: poses of the tool or joint positions (n,).
+
+    Attributes:
+        via: what the tool passes on its way, in order.
+    """
 
     start: Pose | None
     goals: tuple[Pose | np.ndarray, ...]
+    via: tuple[Pose, ...] = ()
+
+    def in_base(self, robot: Robot, asked: CellRequest) -> Ends:
+        """The same with every pose in the frame of the robot's base, whatever frame of the scene it was given in."""
+        given = [each for each in (self.start, *self.goals, *self.via) if isinstance(each, Pose)]
+        scene = scene_of(asked) if any(pose.frame for pose in given) else None
+
+        def placed(each: Any) -> Any:
+            return in_base(each, robot, scene, asked.base_pose) if isinstance(each, Pose) else each
+
+        return Ends(placed(self.start), tuple(map(placed, self.goals)), tuple(map(placed, self.via)))
 
     @property
     def poses(self) -> dict[str, Pose]:
@@ -24,10 +42,11 @@ class Ends:
         out = {} if self.start is None else {"start": self.start}
         if len(self.goals) == 1 and isinstance(self.goals[0], Pose):
             out["goal"] = self.goals[0]
-        return out
+        return out | {f"via {k}": pose for k, pose in enumerate(self.via, start=1)}
 
     def asked(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """A result's request with these ends: which goal it will be is not asked, it is answered."""
         goals = [goal.document() if isinstance(goal, Pose) else goal.tolist() for goal in self.goals]
         out = {**request, "goal": None, "goals": goals}
+        out |= {"via": None, "via_poses": [pose.document() for pose in self.via]} if self.via else {}
         return out if self.start is None else out | {"start": None, "start_pose": self.start.document()}

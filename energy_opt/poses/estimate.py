@@ -1,8 +1,12 @@
-"""What a move to a joint goal is likely to cost: the straight line with a quintic timing, under the power model.
+"""What moves between joint positions are likely to cost: straight lines with a quintic timing, under the power model.
 
     q(t) = start + (goal - start) s(t / T),   s(x) = x^3 (10 - 15 x + 6 x^2)
 
-Peaks of s', s'' and s''' are 1.875, 5.774 and 60, so the shortest T within velocity, acceleration and jerk is known.
+Many moves are looked at together. Over the duration, energy is close to
+
+    E(T) = a T + b + c / T + d / T^3
+
+(holding, what path and friction take, viscous friction, losses of acceleration), which four durations determine.
 """
 
 from __future__ import annotations
@@ -15,65 +19,94 @@ import numpy as np
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.robot import Robot
 
-SAMPLES = 41
-STRETCH = (1.0, 1.3, 1.7, 2.3, 3.2)  # durations that are looked at where none is asked for, in shortest ones
-PEAKS = (1.875, 5.7735, 60.0)
+SAMPLES = 21
+LOOKED_AT = np.array([1.1, 1.6, 2.5, 4.5])  # durations at which moves are scored, in shortest ones
+LONGEST = 12.0  # shortest durations: no move is sensibly slower
+GRID = np.geomspace(LOOKED_AT[0], LONGEST, 40)  # durations among which the cheapest is taken, in shortest ones
+BLOCK = 40_000  # samples scored at once
+LEAST = 1e-3  # [s] that the shortest move takes
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """Energy [J] and duration [s] of the straight quintic move; possible: no limit of speed rules the duration out."""
+class Curves:
+    """Energy over duration of P moves.
 
-    energy: float
-    duration: float
-    possible: bool
-
-
-def shortest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> float:
-    """The shortest duration [s] of the quintic within velocity, acceleration and jerk limits."""
-    way, limits = np.abs(goal - start), robot.limits
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        times = [
-            np.where(way > 0, peak * way / bound, 0.0) ** (1 / k)
-            for k, (peak, bound) in enumerate(zip(PEAKS, bounds, strict=True), start=1)
-        ]
-    return float(np.max(times))
-
-
-def fastest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> float:
-    """A duration [s] that no motion between two positions goes below, by velocity and acceleration limits."""
-    way, v, a = np.abs(goal - start), robot.limits.velocity, robot.limits.acceleration
-    ramp = np.where(np.isfinite(a), v / a, 0.0)
-    with np.errstate(invalid="ignore"):
-        times = np.where(way >= v * ramp, way / v + ramp, 2 * np.sqrt(way / a))
-    return float(np.nanmax(times))
-
-
-def estimate(
-    scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray, duration: float | None, longest: float | None
-) -> Estimate:
-    """The mean over the scorers' models of what the straight move to a goal takes.
-
-    Args:
-        duration: exactly this long [s]; None: the cheapest of several, none longer than `longest` [s].
+    Attributes:
+        shortest: (P,) [s] below which velocity and acceleration limits rule a move out.
+        coefficients: (P, 4) [J] of a, b, c, d over T / shortest.
     """
-    robot = scorers[0].robot
-    bound = fastest(robot, start, goal)
-    if duration is not None:
-        return Estimate(_energy(scorers, start, goal, duration), duration, bound <= duration)
-    least = max(shortest(robot, start, goal), 1e-3)
-    times = [least * k for k in STRETCH if longest is None or least * k <= longest] or [longest or least]
-    energies = [_energy(scorers, start, goal, t) for t in times]
-    k = int(np.argmin(energies))
-    return Estimate(energies[k], times[k], longest is None or bound <= longest)
+
+    shortest: np.ndarray
+    coefficients: np.ndarray
+
+    def at(self, duration: np.ndarray) -> np.ndarray:
+        """Energy (P,) [J] at durations (P,) [s]."""
+        return np.einsum("pk,pk->p", self.coefficients, _basis(duration / self.shortest))
+
+    def cheapest(
+        self, price: float = 0.0, longest: float | np.ndarray = np.inf, least: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Energy less price * T (P,) [J], and the duration T (P,) [s] at which that is least.
+
+        Args:
+            price: what a second is worth [W]; longest, least: bounds of the duration [s].
+        """
+        time = np.clip(self.shortest[:, None] * GRID, least, longest)
+        time = np.maximum(time, self.shortest[:, None])
+        energy = np.einsum("pk,pmk->pm", self.coefficients, _basis(time / self.shortest[:, None])) - price * time
+        best = np.argmin(energy, axis=1)[:, None]
+        return np.take_along_axis(energy, best, 1)[:, 0], np.take_along_axis(time, best, 1)[:, 0]
 
 
-def _energy(scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray, duration: float) -> float:
+def _basis(share: np.ndarray) -> np.ndarray:
+    return np.stack([share, np.ones_like(share), 1 / share, share**-3.0], axis=-1)
+
+
+def fastest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """Durations (P,) [s] that no motions between positions (P, n) go below: velocity, acceleration, jerk limits."""
+    limits = robot.limits
+    way, v, a, j = np.abs(goal - start), limits.velocity, limits.acceleration, limits.jerk
+    ramp = np.where(np.isfinite(a), v / np.where(np.isfinite(a), a, 1.0), 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        times = np.where(way >= v * ramp, np.where(np.isfinite(v), way / v, 0.0) + ramp, 2 * np.sqrt(way / a))
+        times = np.maximum(times, np.where(np.isfinite(j), (32 * way / j) ** (1 / 3), 0.0))
+    return np.asarray(np.nan_to_num(times).max(axis=-1))
+
+
+def curves(scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray) -> Curves:
+    """Energy over duration of straight moves, the mean over the scorers' models; start and goal (P, n) [rad, m]."""
+    shortest = np.maximum(fastest(scorers[0].robot, start, goal), LEAST)
+    count = len(LOOKED_AT)
+    times = np.outer(shortest, LOOKED_AT).ravel()
+    energy = straight(scorers, np.repeat(start, count, axis=0), np.repeat(goal, count, axis=0), times)
+    return Curves(shortest, np.linalg.solve(_basis(LOOKED_AT), energy.reshape(-1, count).T).T)
+
+
+def straight(scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray, duration: np.ndarray) -> np.ndarray:
+    """Energy (P,) [J] of straight moves between positions (P, n) in `duration` (P,) [s], the mean over the models."""
     x = np.linspace(0, 1, SAMPLES)[:, None]
-    way = goal - start
-    q = start + way * (x**3 * (10 - 15 * x + 6 * x**2))
-    v = way * (30 * x**2 * (1 - x) ** 2) / duration
-    a = way * (60 * x * (1 - x) * (1 - 2 * x)) / duration**2
-    t = x[:, 0] * duration
-    return float(np.mean([np.trapezoid(scorer.drive(q, v, a, t)[1], t) for scorer in scorers]))
+    way, time = (goal - start)[:, None], duration[:, None, None]
+    q = start[:, None] + way * (x**3 * (10 - 15 * x + 6 * x**2))
+    v = way * (30 * x**2 * (1 - x) ** 2) / time
+    a = way * (60 * x * (1 - x) * (1 - 2 * x)) / time**2
+    return energies(scorers, q, v, a, duration[:, None] * x[:, 0])
+
+
+def energies(scorers: Sequence[Scorer], q: np.ndarray, v: np.ndarray, a: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Energy (P,) [J] of P motions of S samples each, the mean over the models; q, v, a (P, S, n), time (P, S) [s]."""
+    count, samples, n = q.shape
+    out = np.zeros(count)
+    for scorer in scorers:
+        block = 1 if scorer.remembers else max(BLOCK // samples, 1)
+        for first in range(0, count, block):
+            part = slice(first, first + block)
+            at, speed, bend = (x[part].reshape(-1, n) for x in (q, v, a))
+            power = scorer.drive(at, speed, bend, time[part].ravel())[1].reshape(-1, samples)
+            out[part] += np.trapezoid(power, time[part], axis=1)
+    return out / len(scorers)
+
+
+def holding(scorers: Sequence[Scorer], q: np.ndarray) -> np.ndarray:
+    """Power (K,) [W] of standing still at positions q (K, n), the mean over the models."""
+    still, time = np.zeros_like(q), np.zeros(len(q))
+    return np.asarray(np.mean([scorer.drive(q, still, still, time)[1] for scorer in scorers], axis=0))

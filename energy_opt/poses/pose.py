@@ -55,12 +55,15 @@ class Pose:
         free: directions of the tool's frame in which it may differ.
         tolerance: distance [m] and angle [rad] by which it may be missed.
         name: for messages.
+        frame: in which `matrix` stands: "" for the robot's base, else an object of the scene, or "world" for the
+            scene's own frame (see `poses.given.in_base`).
     """
 
     matrix: np.ndarray
     free: tuple[Freedom, ...] = ()
     tolerance: tuple[float, float] = (1e-6, 1e-6)
     name: str = "pose"
+    frame: str = ""
 
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=float)
@@ -78,7 +81,12 @@ class Pose:
             "matrix": self.matrix.tolist(),
             "free": [[f.axis, f.low, f.high] for f in self.free],
             "tolerance": list(self.tolerance),
+            **({"frame": self.frame} if self.frame else {}),
         }
+
+    def same_as(self, other: object) -> bool:
+        """Whether both ask for the same, whatever their names."""
+        return isinstance(other, Pose) and self.document() == other.document()
 
 
 class AnyOf(tuple[object, ...]):

@@ -179,7 +179,7 @@ def _elsewhere(arm: Arm) -> list[Arranged]:
     out = []
     for pose in arm.postures:
         for k, step in enumerate(steps):
-            if step.to is None or (k and steps[k - 1].to is not None and not steps[k - 1].stop):
+            if not step.moves or (k and steps[k - 1].moves and not steps[k - 1].stop):
                 continue
             further = StepTable(name=f"to wait at {pose}", to=pose, payload=step.payload, mode=step.mode)
             with suppress(Infeasible):

@@ -22,6 +22,7 @@ LONGEST = 1e7  # [s] of a cycle and a wait: more is a slip of units
 Seconds = Annotated[Number, Field(ge=0, le=LONGEST)]
 Span = tuple[Seconds, Seconds]
 Positions = list[Number] | dict[str, Number] | Name
+PoseNumbers = Annotated[list[Number], Field(min_length=6, max_length=7)] | Name  # [m, rad], or "OBJECT: ..."
 
 
 class ModeTable(Table):
@@ -35,11 +36,25 @@ class ModeTable(Table):
     posture: Literal["any"] | list[Name] = "any"
 
 
+class PoseTable(Table):
+    """A pose of the tool in the frame of the robot's base or of an object, and what of it is free."""
+
+    pose: PoseNumbers
+    free: list[Name] = []
+    tolerance: Name | None = None
+
+
+Places = dict[Name, list[Number] | Name | PoseTable | dict[str, Number]]
+
+
 class StepTable(Table):
-    """One step of a robot: a move of a known arm (`to`), one known by its curve (`duration`, `curve`), or a `wait`."""
+    """One step of a robot: a move of a known arm (`to` or `pose`), one known by its `curve`, or a `wait`."""
 
     name: Name | None = None
     to: Positions | None = None
+    pose: PoseNumbers | None = None
+    free: list[Name] | None = None
+    pose_tolerance: Name | None = None
     wait: Seconds | Span | None = None
     duration: Seconds | Span | None = None
     curve: list[tuple[int, Number]] | None = None
@@ -57,10 +72,10 @@ class StepTable(Table):
 
     @model_validator(mode="after")
     def _one_kind(self) -> StepTable:
-        kinds = [k for k in ("to", "wait", "curve") if getattr(self, k) is not None]
+        kinds = [k for k in ("to", "pose", "wait", "curve") if getattr(self, k) is not None]
         if len(kinds) != 1:
             raise ValueError(
-                "expected one of `to`, `wait` or `curve`" + (f"; found {', '.join(kinds)}" if kinds else "")
+                "expected one of `to`, `pose`, `wait` or `curve`" + (f"; found {', '.join(kinds)}" if kinds else "")
             )
         if self.curve is not None and self.duration is None:
             raise ValueError("a curve needs `duration = [least, most]` [s]")
@@ -73,6 +88,11 @@ class StepTable(Table):
         if self.max_duration is not None and self.min_duration > self.max_duration:
             raise ValueError(f"min_duration = {self.min_duration:g} is above max_duration = {self.max_duration:g}")
         return self
+
+    @property
+    def moves(self) -> bool:
+        """Is it a move of a known arm?"""
+        return self.to is not None or self.pose is not None
 
     @property
     def span(self) -> Span:
@@ -92,7 +112,7 @@ class RobotTable(Table):
     tool: Name | None = None
     payload: Number | tuple[Number, Number, Number, Number] = 0.0
     home: Positions | None = None
-    poses: dict[Name, list[Number] | dict[str, Number]] = {}
+    poses: Places = {}
     mode: list[ModeTable] = []
     step: Annotated[list[StepTable], Field(min_length=1, max_length=1000)]
 
@@ -122,7 +142,7 @@ class WorkCell(Table):
     cycle_time: Annotated[Number, Field(gt=0, le=LONGEST)]
     jitter: Seconds = 0.02
     scene: Name | None = None
-    poses: dict[Name, list[Number] | dict[str, Number]] = {}
+    poses: Places = {}
     supply: SupplyTable | None = None
     mode: list[ModeTable] = []
     robot: Annotated[list[RobotTable], Field(min_length=1, max_length=100)]
@@ -164,7 +184,7 @@ def groups_of(robot: RobotTable) -> list[Group]:
     blocks: list[tuple[int, int, bool]] = []  # first and last step, and whether it may be moved
     for k, step in enumerate(robot.step):
         before = robot.step[k - 1] if k else step
-        passes = k > 0 and before.to is not None and not before.stop
+        passes = k > 0 and before.moves and not before.stop
         if blocks and (passes or (step.wait is not None and blocks[-1][2] and robot.step[blocks[-1][0]].wait is None)):
             first, _, free = blocks.pop()
             blocks.append((first, k, free or step.any_order))
@@ -236,9 +256,9 @@ def _wrong_names(cell: WorkCell | None) -> list[str]:
                     faults.append(f"{where}: step {steps[k]}: no mode {mode!r}{near(mode, known)}")
             if step.wait is not None and robot.robot is None and not known:
                 faults.append(f"{where}: step {steps[k]}: a wait needs a [[mode]], or power = {{ NAME = W }}")
-            if step.to is not None and robot.robot is None:
-                faults.append(f"{where}: step {steps[k]}: `to` needs the arm: robot = NAME_OR_URDF in [[robot]]")
-            if step.any_order and step.to is None and robot.robot is not None:
+            if step.moves and robot.robot is None:
+                faults.append(f"{where}: step {steps[k]}: a move needs the arm: robot = NAME_OR_URDF in [[robot]]")
+            if step.any_order and not step.moves and robot.robot is not None:
                 faults.append(f"{where}: step {steps[k]}: any_order belongs to a move; its waits go with it")
             if step.after is not None:
                 faults += _unknown(cell, step.after, f"{where}: step {steps[k]}: after")

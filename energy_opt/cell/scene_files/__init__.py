@@ -34,7 +34,8 @@ def read_scene(
         more = len(reading.faults) - 1
         tail = f" (and {more} more faults: energy-opt check {path})" if more else ""
         raise BadInput(reading.faults[0] + tail)
-    return Scene(tuple(reading.objects.values()), allowed, str(path), floor, tuple(reading.warnings))
+    objects, warnings = tuple(reading.objects.values()), tuple(reading.warnings)
+    return Scene(objects, allowed, str(path), floor, warnings, reading.poses)
 
 
 def check_scene(path: Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:

@@ -30,12 +30,14 @@ class Reading:
     Attributes:
         path: the file; meshes are looked for in its folder.
         objects: by name, in the order of the file.
+        poses: of the tool, by name, as the file has them.
     """
 
     path: Path
     allow_outside: bool = False
     allow_large: bool = False
     objects: dict[str, SceneObject] = field(default_factory=dict)
+    poses: dict[str, object] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     shapes: int = 0

@@ -5,6 +5,8 @@ objects:
   - {name: post, type: cylinder, radius: 0.05, height: 1.0, position: [0.3, 0.4, 0.5]}
   - {name: part, type: mesh, file: part.stl, scale: 0.001, position: [0.5, 0.2, 0]}
   - {name: gripped, type: sphere, radius: 0.03, position: [0, 0, 0.1], attach: true}
+poses:                                 # of the tool, in the scene's frame or in that of an object
+  pick: {pose: "part: 0, 0, 0.12, 3.14, 0, 0", free: [rz]}
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from energy_opt.cell.scene_files.parts import (
 )
 from energy_opt.errors import BadInput
 
-TOP = ("format", "name", "objects", "allow")
+TOP = ("format", "name", "objects", "allow", "poses")
 KEYS = (
     "name", "type", "size", "radius", "height", "file", "scale", "position", "quaternion", "attach", "touch_links",
 )  # fmt: skip
@@ -45,6 +47,9 @@ def read_short(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
             name = entry.get("name") if isinstance(entry, Mapping) else None
             with reading.at(f"object {name if name and isinstance(name, (str, int)) else k}"):
                 _take(reading, mapping(entry, "it"))
+    with reading.at("poses"):
+        for key, value in mapping(document.get("poses", {}), "it").items():
+            reading.poses[name_of(key, "a name")] = value
     allowed = AllowedPairs()
     with reading.at("allow"):
         pairs = [sequence(pair, "a pair") for pair in sequence(document.get("allow"), "it")]

@@ -1,0 +1,182 @@
+"""Better positions within what a pose leaves free: redundancy, free axes, tolerance.
+
+Costs are functions of joint positions that are cheap to ask. After a solve the cost is that of the solved motion, bent
+towards the other end,
+
+    q(t) + (end' - end) s(t),   s(x) = x^3 (10 - 15 x + 6 x^2),
+
+an upper bound of the least energy with that end. At an optimum that no limit binds it has the same derivative by the
+end (envelope theorem), so a step that lowers it lowers the energy of the next solve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.estimate import energies
+from energy_opt.poses.inverse import SMALL, ToolKinematics, solve
+from energy_opt.poses.pose import Freedom, Pose
+
+Cost = Callable[[np.ndarray], np.ndarray]  # (M, n) positions to (M,) J
+
+STEP = 1e-3  # [rad, m] of differences
+FARTHEST = 0.6  # [rad, m] of one step
+SHARES = np.array([1.6, 1.0, 0.5, 0.2, 0.06, 0.02])  # of a step that are tried
+ROUNDS = 10
+FLAT = 1e-6  # singular values of the pose's Jacobian below this share leave a direction free
+WIDE = 1e-5  # [m, rad] a tolerance that is worth using
+MARGIN = 5e-9  # [m, rad] of a tolerance that is left, for what inverse kinematics misses
+SAMPLES = 81
+BINDING = 0.98  # of a limit: a motion that comes as near was held back by it
+
+
+def has_freedom(tool: ToolKinematics, pose: Pose) -> bool:
+    """Does a pose leave a continuum of joint positions?"""
+    return bool(pose.free) or tool.robot.n > 6 or max(pose.tolerance) > WIDE
+
+
+def jacobian(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
+    """Derivative (6, n) of what is missed by at q (n,); free directions count nothing, whatever their range."""
+    open_ = replace(pose, free=tuple(Freedom(f.axis) for f in pose.free))
+    e = tool.missed(open_, np.vstack([q, q + 1e-6 * np.eye(len(q))])).both
+    return np.asarray((e[1:] - e[0]).T / 1e-6)
+
+
+def directions(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
+    """Unit directions (K, n) along which the pose is kept at q (n,)."""
+    _, s, vt = np.linalg.svd(jacobian(tool, pose, q))
+    rank = int(np.sum(s > FLAT * max(s.max(), 1e-12) + 1e-5))
+    return np.asarray(vt[rank:])
+
+
+def improved(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost, cell: Cell | None) -> np.ndarray:
+    """Positions (n,) near q that reach the pose, within its tolerance, touch nothing, and cost no more."""
+    best = _descended(tool, pose, q, cost, cell)
+    moved = _used(tool, pose, best, cost)
+    if moved is None:
+        return best
+    shifted, at = moved
+    better = _descended(tool, shifted, at, cost, cell, ROUNDS // 3)
+    for found in (better, at):
+        if _inside(tool, pose, found) and cost(found[None])[0] < cost(best[None])[0] and _is_free(cell, found):
+            return found
+    return best
+
+
+def _descended(
+    tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost, cell: Cell | None, rounds: int = ROUNDS
+) -> np.ndarray:
+    """Newton steps, direction by direction, along what keeps the pose; each is brought back to it."""
+    limits = tool.robot.limits
+    now, best = float(cost(q[None])[0]), q
+    for _ in range(rounds):
+        along = directions(tool, pose, best)
+        if not len(along):
+            return best
+        around = cost(np.vstack([best + STEP * along, best - STEP * along]))
+        plus, minus = around[: len(along)], around[len(along) :]
+        slope, bend = (plus - minus) / (2 * STEP), (plus + minus - 2 * now) / STEP**2
+        size = np.abs(slope) / np.maximum(np.abs(bend), np.abs(slope) / FARTHEST + 1e-12)
+        step = -(np.sign(slope) * np.minimum(size, FARTHEST)) @ along
+        if np.abs(step).max() < 1e-5:
+            return best
+        trials, error = solve(tool, pose, np.clip(best + SHARES[:, None] * step, limits.lower, limits.upper))
+        trials = trials[error < SMALL]
+        if not len(trials):
+            return best
+        costs = cost(trials)
+        order = [k for k in np.argsort(costs).tolist() if costs[k] < now]
+        found = next((k for k in order if _is_free(cell, trials[k])), None)
+        if found is None:
+            return best
+        gain, now, best = now - costs[found], float(costs[found]), trials[found]
+        if gain < 1e-6 * abs(now):
+            return best
+    return best
+
+
+def _used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[Pose, np.ndarray] | None:
+    """The pose moved to the cheapest edge of its tolerance, and positions that reach it; None where none does."""
+    if max(pose.tolerance) <= WIDE:
+        return None
+    slope = (cost(q + STEP * np.eye(len(q))) - cost(q - STEP * np.eye(len(q)))) / (2 * STEP)
+    by_error = np.linalg.pinv(jacobian(tool, pose, q), rcond=1e-4).T @ slope
+    parts = []
+    for part, allowed in zip((by_error[:3], by_error[3:]), pose.tolerance, strict=True):
+        size = float(np.linalg.norm(part))
+        parts.append(-part / size * (allowed - MARGIN) if size > 0 and allowed > WIDE else np.zeros(3))
+    at = pose.matrix.copy()
+    at[:3, 3] += at[:3, :3] @ parts[0]
+    at[:3, :3] = at[:3, :3] @ _turn(parts[1])
+    shifted = replace(pose, matrix=at)
+    found, error = solve(tool, shifted, q[None])
+    return (shifted, found[0]) if error[0] < SMALL else None
+
+
+def _turn(vector: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+
+
+def _inside(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> bool:
+    off = tool.missed(pose, q[None])
+    sizes = (float(np.linalg.norm(x)) for x in (off.shift, off.turn))
+    return all(size <= allowed - MARGIN / 10 for size, allowed in zip(sizes, pose.tolerance, strict=True))
+
+
+def _is_free(cell: Cell | None, q: np.ndarray) -> bool:
+    return cell is None or not cell.checks or cell.touching(q) is None
+
+
+class Bent:
+    """What a solved motion costs when it is bent to other ends.
+
+    Args:
+        fixed: keeps its duration; else it is slowed where a limit asks for it, and may be faster where one held it.
+    """
+
+    def __init__(self, scorers: Sequence[Scorer], trajectory: Trajectory, fixed: bool) -> None:
+        self._scorers, self._fixed = list(scorers), fixed
+        x = np.linspace(0, 1, SAMPLES)
+        self._time = x * trajectory.duration
+        q, v, a, _ = trajectory.sample(trajectory.time[0] + self._time)
+        self._motion = q, v, a
+        self.start, self.goal = q[0], q[-1]
+        self._shape = x**3 * (10 - 15 * x + 6 * x**2)
+        self._speed = 30 * x**2 * (1 - x) ** 2 / trajectory.duration
+        self._bend = 60 * x * (1 - x) * (1 - 2 * x) / trajectory.duration**2
+        self._share = float(self._needed(v[None], a[None])[0])
+        self._own = float(self._energy(q[None], v[None], a[None], np.ones(1))[0])
+
+    def __call__(self, start: np.ndarray | None, goal: np.ndarray | None) -> np.ndarray:
+        """Energy (M,) [J] with other ends (M, n); None for its own."""
+        ends = [own if end is None else end for own, end in ((self.start, start), (self.goal, goal))]
+        first, last = (np.atleast_2d(end - own) for own, end in zip((self.start, self.goal), ends, strict=True))
+        q, v, a = (
+            base + first[:, None] * (one - shape[:, None]) + last[:, None] * shape[:, None]
+            for base, shape, one in zip(self._motion, (self._shape, self._speed, self._bend), (1.0, 0, 0), strict=True)
+        )
+        needed = self._needed(v, a)
+        held = self._share >= BINDING
+        longer = np.maximum(needed / max(self._share, BINDING) if held else needed, 0.5 if held else 1.0)
+        if not self._fixed:
+            return self._energy(q, v, a, longer)
+        energy = self._energy(q, v, a, np.ones(len(q)))
+        return np.asarray(energy + 4 * np.maximum(longer - 1, 0) * abs(self._own))
+
+    def _needed(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """The share of the duration (M,) that velocity and acceleration limits need."""
+        limits = self._scorers[0].robot.limits
+        speed = (np.abs(v) / limits.velocity).max(axis=(1, 2))
+        return np.asarray(np.maximum(speed, np.sqrt((np.abs(a) / limits.acceleration).max(axis=(1, 2)))))
+
+    def _energy(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, longer: np.ndarray) -> np.ndarray:
+        by = longer[:, None, None]
+        return energies(self._scorers, q, v / by, a / by**2, self._time * longer[:, None])

@@ -1,0 +1,172 @@
+"""Poses as files and options give them: numbers, in an object's frame, by name, with freedom, as MoveIt's PoseStamped.
+
+"0.4,0,0.3,3.14,0,0"            six or seven numbers [m, rad], or a list of them, in the robot's base frame
+"box_1: 0,0,0.12,3.14,0,0"      in the frame of an object of the scene; "world: ..." in the scene's own
+"part"                          a name of `[poses]` or of the scene file's `poses`
+"part.yaml"                     a geometry_msgs/PoseStamped; its frame_id names the base, the world or an object
+{pose = ..., free = ["rz"], tolerance = "1mm,1deg"}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene import Scene, inverse
+from energy_opt.cell.scene_files import read_scene
+from energy_opt.errors import BadInput, near
+from energy_opt.files import inside, read_yaml
+from energy_opt.poses.pose import FORM, Pose, pose_from
+from energy_opt.robot import Robot
+
+WORLD = ("world", "map", "scene")  # frame names of the scene itself
+KEYS = ("pose", "free", "tolerance", "frame")
+SUFFIXES = (".yaml", ".yml", ".json")
+
+
+class Given:
+    """Reads poses.
+
+    Args:
+        folder: beside which files lie; None for the working directory, and files anywhere.
+        named: what names stand for: a `Pose`, or joint positions (n,).
+    """
+
+    def __init__(
+        self, folder: Path | None = None, named: Mapping[str, Pose | np.ndarray] | None = None, outside: bool = False
+    ) -> None:
+        self._folder, self._named, self._outside = folder, dict(named or {}), outside
+
+    def pose(
+        self,
+        value: object,
+        name: str,
+        free: Sequence[str] = (),
+        tolerance: str | tuple[float, float] | None = None,
+    ) -> Pose:
+        """A pose in whatever form; `free` and `tolerance` count in place of those that it brings.
+
+        Raises:
+            BadInput: no pose, an unknown name, or a file that holds none.
+        """
+        frame = ""
+        if isinstance(value, Mapping):
+            unknown = next((key for key in value if key not in KEYS), None)
+            if unknown is not None or "pose" not in value:
+                known = ", ".join(KEYS)
+                raise BadInput(
+                    f"{name}: unknown key {unknown!r}; a pose has {known}" if unknown else f"{name}: no pose"
+                )
+            free = free or _words(value.get("free", ()), f"{name}: free")
+            tolerance = tolerance or value.get("tolerance")
+            frame, value = str(value.get("frame", "")), value["pose"]
+        free = _words(free, f"{name}: free")
+        if tolerance is not None and not isinstance(tolerance, (str, tuple)):
+            raise BadInput(f'{name}: the tolerance is {tolerance!r}; expected such as "1mm,1deg"')
+        if isinstance(value, str) and "," not in value:
+            found = self._named.get(value)
+            if isinstance(found, Pose):
+                more = pose_from(np.eye(4), free, tolerance, name)
+                found = replace(found, name=f"{name} ({value})", free=more.free or found.free)
+                return found if tolerance is None else replace(found, tolerance=more.tolerance)
+            if found is None and Path(value).suffix.lower() in SUFFIXES:
+                return self._stamped(value, name, free, tolerance)
+            names = [key for key, pose in self._named.items() if isinstance(pose, Pose)]
+            raise BadInput(f"{name}: no pose {value!r}{near(value, names)}; expected a name of poses, or {FORM}")
+        if not isinstance(value, str):
+            return replace(pose_from(_numbers(value, name), free, tolerance, name), frame=frame)
+        before, colon, numbers = value.rpartition(":")
+        frame = before.strip() if colon else frame
+        return replace(pose_from(numbers.strip(), free, tolerance, name), frame=frame)
+
+    def _stamped(self, file: str, name: str, free: Sequence[str], tolerance: str | tuple[float, float] | None) -> Pose:
+        path = Path(file) if self._folder is None else inside(self._folder, file, self._outside)
+        found: Any = read_yaml(path)
+        header = found.get("header", {}) if isinstance(found, Mapping) else {}
+        try:
+            body = found.get("pose", found)
+            place = [body["position"][k] for k in "xyz"]
+            turn = [body["orientation"][k] for k in "xyzw"]
+            frame = str(header.get("frame_id") or "")
+        except (AttributeError, KeyError, TypeError):
+            raise BadInput(f"{name}: {path}: expected a PoseStamped with pose: position and orientation") from None
+        return replace(pose_from(_numbers([*place, *turn], f"{name}: {path}"), free, tolerance, name), frame=frame)
+
+
+def _words(value: Any, name: str) -> tuple[str, ...]:
+    words = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, (list, tuple)) else None
+    if words is None or not all(isinstance(word, str) for word in words):
+        raise BadInput(f'{name} = {value!r}; expected axes such as ["rz"]')
+    return words
+
+
+def _numbers(value: object, name: str) -> np.ndarray:
+    """Numbers alone: text and truth values are no numbers."""
+    if isinstance(value, np.ndarray):
+        return value
+    rows = list(value) if isinstance(value, (list, tuple)) else [value]
+    if not all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in rows):
+        raise BadInput(f"{name} = {value!r:.60}; expected {FORM}")
+    return np.array(rows, dtype=float)
+
+
+def poses_of_scene(scene: Scene | None) -> dict[str, Pose]:
+    """The poses that a scene file names, in the scene's frame where they name no other.
+
+    Raises:
+        BadInput: one of them is none.
+    """
+    if scene is None:
+        return {}
+    reader, out = Given(), {}
+    for name, value in scene.poses.items():
+        pose = reader.pose(value, f"{scene.source}: poses: {name}")
+        out[name] = pose if pose.frame else replace(pose, frame=WORLD[0])
+    return out
+
+
+def scene_of(request: CellRequest) -> Scene | None:
+    """The requested scene, as its file has it."""
+    if request.scene is None:
+        return None
+    return read_scene(request.scene, allow_outside=request.allow_outside, allow_large=request.allow_large)
+
+
+def poses_of_request(request: CellRequest) -> dict[str, Pose]:
+    """The poses that the requested scene's file names."""
+    return poses_of_scene(scene_of(request))
+
+
+def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> Pose:
+    """A pose in the frame of the robot's base.
+
+    Args:
+        scene: in which objects are looked up; None without one.
+        base: (4, 4) pose of the robot's base in the scene's frame.
+
+    Raises:
+        BadInput: its frame is unknown, or moves with the arm.
+    """
+    frame = pose.frame
+    links = robot.body.link_frames()
+    if not frame or (frame in links and links[frame][0] < 0):
+        turned = np.eye(4) if not frame else links[frame][1]
+        return replace(pose, matrix=turned @ pose.matrix, frame="")
+    if frame in WORLD:
+        return replace(pose, matrix=inverse(base) @ pose.matrix, frame="")
+    objects = {thing.name: thing for thing in (scene.objects if scene is not None else ())}
+    if frame not in objects:
+        known = [*objects, WORLD[0], *(name for name, (joint, _) in links.items() if joint < 0)]
+        raise BadInput(f"{pose.name}: no frame {frame!r}{near(frame, known)}; frames are {', '.join(known)}")
+    thing = objects[frame]
+    if thing.frame is not None or thing.attached_to is not None:
+        raise BadInput(f"{pose.name}: {frame} moves with the arm; a pose in its frame says nothing")
+    at = thing.pose
+    if len(thing.shapes) == 1 and np.array_equal(at, np.eye(4)):  # as MoveIt has it: the only shape's pose is its own
+        at = thing.shapes[0].pose
+    return replace(pose, matrix=inverse(base) @ at @ pose.matrix, frame="")

@@ -1,0 +1,166 @@
+"""The joint positions that a pose allows, as a layer of a shortest path: all branches, free of contact, well spread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell
+from energy_opt.errors import Infeasible
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.poses.estimate import Curves, curves, holding
+from energy_opt.poses.inverse import Reached, ToolKinematics, reach
+from energy_opt.poses.pose import Pose
+
+Target = Pose | np.ndarray  # where a move may end: a pose of the tool, or joint positions (n,)
+MOST = 24  # positions of a layer inside a cycle
+PRICES = 40  # of time that are tried at most
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Joint positions of which one is passed.
+
+    Attributes:
+        positions: (K, n) [rad, m].
+        wait: seconds that the arm stands there; standing: (K,) [W] that this takes.
+    """
+
+    positions: np.ndarray
+    wait: float
+    standing: np.ndarray
+
+
+def unreached(pose: Pose, found: Reached) -> Infeasible:
+    """The error of a pose that no joint positions reach."""
+    held = f"; {found.blocked} is at its limit there" if found.blocked else ""
+    return Infeasible(
+        f"{pose.name}: no joint positions reach it; the nearest that can be reached is "
+        f"{1e3 * found.distance:.3g} mm and {np.degrees(found.angle):.3g} deg away{held}",
+        joint=found.blocked or None,
+        limit="pose",
+    )
+
+
+def positions_of(
+    tool: ToolKinematics, target: Target, cell: Cell | None, *, near: np.ndarray | None = None, seed: int = 0
+) -> np.ndarray:
+    """All positions (K, n) found that reach a target and touch nothing.
+
+    Raises:
+        Infeasible: none reaches it, or each of them touches something.
+    """
+    if not isinstance(target, Pose):
+        return target[None]
+    found = reach(tool, target, seed=seed, near=near)
+    if not len(found.positions):
+        raise unreached(target, found)
+    free = free_of(found.positions, cell)
+    if not len(free):
+        assert cell is not None
+        text = f"{target.name}: every joint position that reaches it touches something"
+        raise Infeasible(f"{text}; {cell.touching(found.positions[0])}", limit="clearance")
+    return free
+
+
+def free_of(q: np.ndarray, cell: Cell | None) -> np.ndarray:
+    """Those of positions (K, n) at which nothing touches."""
+    if cell is None or not cell.checks:
+        return q
+    return q[[cell.touching(row) is None for row in q]].reshape(-1, q.shape[1])
+
+
+def thinned(q: np.ndarray, cost: np.ndarray, most: int = MOST) -> np.ndarray:
+    """At most so many of positions (K, n), far from each other; the cheapest first."""
+    if len(q) <= most:
+        return q
+    kept = [int(np.argmin(cost))]
+    distance = np.abs(q - q[kept[0]]).sum(axis=1)
+    while len(kept) < most:
+        kept.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.abs(q - q[kept[-1]]).sum(axis=1))
+    return q[kept]
+
+
+def layer(scorers: Sequence[Scorer], positions: np.ndarray, wait: float = 0.0) -> Layer:
+    """A layer with what standing at its positions (K, n) takes."""
+    return Layer(positions, wait, holding(scorers, positions))
+
+
+class Ring:
+    """Layers in a ring, and what the moves between neighbours are likely to cost.
+
+    Args:
+        layers: L of them; move k goes from layer k to layer k + 1, the last back to the first.
+        scorers: of the models, for each move; where one less is given, the last move back is none and costs nothing.
+        bounds: shortest and longest duration [s] of each move.
+    """
+
+    def __init__(
+        self, layers: Sequence[Layer], scorers: Sequence[Sequence[Scorer]], bounds: Sequence[tuple[float, float]]
+    ) -> None:
+        self.layers, self.bounds = list(layers), list(bounds)
+        self._curves: list[Curves | None] = [None] * len(layers)
+        for k, models in enumerate(scorers):
+            a, b = self.layers[k].positions, self.layers[(k + 1) % len(layers)].positions
+            pairs = np.indices((len(a), len(b))).reshape(2, -1)
+            self._curves[k] = curves(models, a[pairs[0]], b[pairs[1]])
+
+    def cheapest(self, time: float, waiting: float) -> tuple[list[int], float]:
+        """The position of every layer in the cheapest ring of `time` s without waits, and its estimate [J].
+
+        Args:
+            waiting: what time that is left over takes [W]: the price of a second is at most this.
+        """
+        low, high, best = None, waiting, self._at(waiting)
+        step = 1.0 + abs(waiting)
+        for _ in range(PRICES):
+            if best[2] <= time and low is None and high == waiting:
+                break  # time is left over
+            price = high - step if low is None else (low + high) / 2
+            found = self._at(price)
+            if found[2] > time:
+                high, step = price, 2 * step
+            else:
+                low, best = price, found
+            if low is not None and high - low < 1e-3 * (1 + abs(high)):
+                break
+            if step > 1e12:
+                return found[0], found[1]
+        chosen, energy, used = best
+        return chosen, energy + waiting * max(time - used, 0.0)
+
+    def _at(self, price: float) -> tuple[list[int], float, float]:
+        """Choice, energy [J] and duration [s] of the ring that costs least at a price of time [W]."""
+        costs, times = [], []
+        for k, (of, (least, most)) in enumerate(zip(self._curves, self.bounds, strict=True)):
+            a, b = self.layers[k], self.layers[(k + 1) % len(self.layers)]
+            shape = len(a.positions), len(b.positions)
+            if of is None:
+                costs.append(np.zeros(shape))
+                times.append(np.zeros(shape))
+                continue
+            cost, time = of.cheapest(price, most, least)
+            cost = np.where(of.shortest > most, 1e12, cost)
+            costs.append(cost.reshape(shape) + b.wait * b.standing)
+            times.append(time.reshape(shape))
+        count = len(self.layers)
+        cut = int(np.argmin([len(layer.positions) for layer in self.layers]))
+        order = [(cut + k) % count for k in range(count)]
+        best, chosen = np.inf, [0] * count
+        for first in range(len(self.layers[cut].positions)):
+            total, back = costs[order[0]][first], []
+            for k in order[1:]:
+                whole = total[:, None] + costs[k]
+                back.append(np.argmin(whole, axis=0))
+                total = whole[back[-1], np.arange(whole.shape[1])]
+            if total[first] < best:
+                best, at = total[first], first
+                chosen[cut] = first
+                for k, step in zip(order[:0:-1], back[::-1], strict=True):
+                    at = int(step[at])
+                    chosen[k] = at
+        used = sum(float(t[chosen[k], chosen[(k + 1) % count]]) for k, t in enumerate(times))
+        return chosen, best + price * used, used

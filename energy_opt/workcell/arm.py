@@ -137,6 +137,8 @@ class Arm:
             poses.setdefault("home", poses.get(home, []) if isinstance(home, str) else home)
         out.table = self.table.model_copy(update={"step": list(steps), "home": None, "poses": poses})
         out.job = self._read(out.table, lambda _: self.job.robot)
+        if out.job.open:
+            raise Infeasible(f"{self.name}: a pose of the tool whose joint positions are not chosen", limit="pose")
         cell = self.cell
         if cell is not None and cell.checks:
             for step in out.job.steps:

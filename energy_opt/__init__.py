@@ -30,6 +30,7 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
     from energy_opt.front.data import identify as identify
     from energy_opt.front.evaluating import evaluate as evaluate
     from energy_opt.front.given import source_model as source_model
+    from energy_opt.front.placing import place as place
     from energy_opt.front.planning import bench as bench
     from energy_opt.front.planning import optimize as optimize
     from energy_opt.front.tradeoff import Tradeoff as Tradeoff
@@ -42,6 +43,7 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
     from energy_opt.passport import Passport as Passport
     from energy_opt.passport import PassportRequest as PassportRequest
     from energy_opt.passport import passport as passport
+    from energy_opt.place import PlaceRequest as PlaceRequest
     from energy_opt.poses import AnyOf as AnyOf
     from energy_opt.poses import Pose as Pose
     from energy_opt.poses import pose_from as pose_from
@@ -54,6 +56,7 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
 _PLACES = {
     "energy_opt.errors": ("BadInput", "EnergyOptError", "Infeasible"),
     "energy_opt.robot": ("Robot", "known_robots", "load_robot"),
+    "energy_opt.place": ("PlaceRequest",),
     "energy_opt.poses": ("AnyOf", "Pose", "pose_from"),
     "energy_opt.power": ("PowerModel", "load_model"),
     "energy_opt.motion": ("Move", "Planner", "Result", "Settings", "Trajectory"),
@@ -61,6 +64,7 @@ _PLACES = {
     "energy_opt.front.given": ("source_model",),
     "energy_opt.front.evaluating": ("evaluate",),
     "energy_opt.front.answer": ("Answer",),
+    "energy_opt.front.placing": ("place",),
     "energy_opt.front.planning": ("bench", "optimize"),
     "energy_opt.front.tradeoff": ("Tradeoff", "tradeoff"),
     "energy_opt.front.data": ("diagnose", "identify"),

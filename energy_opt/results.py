@@ -11,7 +11,7 @@ from energy_opt.files import read_json
 # What says that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
 ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "job", "results.jsonl": "bench",
            "identify.json": "identify", "diagnosis.json": "diagnose",
-           "evaluate.json": "evaluate", "passport.json": "passport"}  # fmt: skip
+           "evaluate.json": "evaluate", "place.json": "place", "passport.json": "passport"}  # fmt: skip
 SUFFIXES = (".csv", ".yaml", ".json", ".mcap", ".goal.yaml", ".script", ".franka.csv")  # of every format written
 # All that each verb may write beside it: what is there of an earlier run goes when a new one is written.
 BESIDE = {
@@ -26,6 +26,7 @@ BESIDE = {
     "evaluate.json": tuple(f"trajectory*{s}" for s in SUFFIXES),
     "diagnosis.json": ("model.toml", "next_motion.csv", "report.html"),
     "passport.json": ("report.html",),
+    "place.json": ("map.png", "report.html", "job/*"),
 }  # fmt: skip
 
 

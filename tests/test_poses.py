@@ -10,10 +10,18 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
+from energy_opt.front.rivals import rivals_from
+from energy_opt.job import check_job, load_job
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.poses.estimate import curves
+from energy_opt.poses.freedom import improved
+from energy_opt.poses.given import Given, in_base, poses_of_request, scene_of
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Freedom, Pose, missed, pose_from
+from energy_opt.poses.sets import Ring, layer
 from energy_opt.robot import load_robot
 
 
@@ -140,3 +148,127 @@ def test_of_several_goals_the_cheapest_is_taken(tmp_path: Path) -> None:
     assert main(["optimize", *options]) == 0
     found = json.loads((tmp_path / "result.json").read_text())
     assert np.allclose(found["candidates"][0]["goal"], [float(x) for x in near.split(",")])
+
+
+JOB = """
+format = "energy-opt/job/1"
+robot = "ur5e"
+cycle_time = 6.0
+home = [0, -1.57, 1.57, -1.57, -1.57, 0]
+[poses]
+part = { pose = [0.45, 0.2, 0.1, 3.14159265, 0, 0], free = ["rz:-30:30"] }
+[[step]]
+to = "part"
+[[step]]
+name = "place"
+pose = "world: -0.2, 0.5, 0.2, 3.14159265, 0, 0"
+pose_tolerance = "1mm,1deg"
+[[step]]
+to = "home"
+"""
+
+
+def test_poses_in_a_job_stay_open_until_they_are_chosen(tmp_path: Path, ur: ToolKinematics) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    job = load_job(path, lambda name: ur.robot)
+    assert job.open == (0, 1)
+    assert job.steps[0].pose.free[0].high == pytest.approx(np.radians(30))
+    assert job.steps[1].pose.frame == "world"
+    assert job.steps[1].pose.tolerance == pytest.approx((1e-3, np.radians(1)))
+    ends = {0: np.ones(6), 1: np.zeros(6)}
+    closed = job.at(ends)
+    assert not closed.open
+    assert np.array_equal(closed.steps[1].start, ends[0]) and np.array_equal(closed.steps[2].start, ends[1])
+    assert np.array_equal(closed.steps[0].start, job.steps[2].goal)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('to = "part"', 'to = "home"\nfree = ["rz"]', "is joint positions; free belongs to a pose"),
+        ('to = "part"', 'to = "part"\npose = "part"', "either `to` or `pose`"),
+        ('free = ["rz:-30:30"]', 'free = ["yaw"]', "expected one of x, y, z"),
+        ("[0.45, 0.2, 0.1, 3.14159265, 0, 0]", "[0.45, 0.2]", "2 numbers; expected X,Y,Z"),
+        ('"1mm,1deg"', "3", "such as"),
+        ('to = "home"', 'pose = "part"', "does not return to where the cycle begins"),
+    ],
+)
+def test_faults_of_poses_in_a_job(tmp_path: Path, ur: ToolKinematics, old: str, new: str, says: str) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(JOB.replace(old, new))
+    assert any(says in line for line in check_job(path, lambda name: ur.robot))
+
+
+def test_a_pose_in_the_frame_of_an_object_and_from_a_message(tmp_path: Path, ur: ToolKinematics) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "objects: [{name: box_1, type: box, size: [0.1, 0.1, 0.1], position: [0.5, 0.1, 0.2],"
+        " quaternion: [0, 0, 0.70710678, 0.70710678]}]\nposes: {pick: {pose: 'box_1: 0.1,0,0,0,0,0', free: [rz]}}\n"
+    )
+    (tmp_path / "at.yaml").write_text(
+        "header: {frame_id: box_1}\npose: {position: {x: 0.1, y: 0, z: 0}, orientation: {x: 0, y: 0, z: 0, w: 1}}\n"
+    )
+    request = CellRequest(scene=scene, base=(0.5, 0, 0, 0, 0, np.pi / 2))
+    given = Given(tmp_path, poses_of_request(request))
+    for word in ("pick", "at.yaml", "box_1: 0.1,0,0,0,0,0"):
+        pose = in_base(given.pose(word, "goal"), ur.robot, scene_of(request), request.base_pose)
+        # the object is turned by 90 deg as the base is; 0.1 m along its x is 0.1 m along the scene's y
+        assert np.allclose(pose.matrix[:3, 3], [0.2, 0.0, 0.2], atol=1e-6)
+        assert np.allclose(pose.matrix[:3, :3], np.eye(3), atol=1e-6)
+    assert given.pose("pick", "goal").free[0].axis == "rz"
+    with pytest.raises(BadInput, match="no frame 'box_2'; did you mean 'box_1'"):
+        in_base(given.pose("box_2: 0,0,0,0,0,0", "goal"), ur.robot, scene_of(request), request.base_pose)
+
+
+def test_a_tolerance_is_used_up_to_its_bound_and_not_beyond(ur: ToolKinematics) -> None:
+    q = np.array([0.4, -1.2, 1.4, -1.1, -1.3, 0.3])
+    pose = pose_at(ur, q, tolerance=(5e-3, np.radians(2)))
+    wanted = np.array([0.9, 0.5, -0.3, 0.2, 0.1, -0.4])
+    better = improved(ur, pose, q, lambda rows: rows @ wanted, None)
+    off = by_pinocchio(ur.robot, better) @ np.linalg.inv(by_pinocchio(ur.robot, q))
+    at = np.linalg.norm(by_pinocchio(ur.robot, better)[:3, 3] - by_pinocchio(ur.robot, q)[:3, 3])
+    assert 0.999 * 5e-3 < at <= 5e-3
+    angle = np.linalg.norm(pin.log3(off[:3, :3]))
+    assert 0.999 * np.radians(2) < angle <= np.radians(2)
+
+
+def test_along_a_free_axis_the_cheapest_positions_are_found(ur: ToolKinematics) -> None:
+    q = np.array([0.4, -1.2, 1.4, -1.1, -np.pi / 2, 0.3])
+    pose = pose_at(ur, q, free=(Freedom("rz", -0.5, 0.2),))
+    better = improved(ur, pose, q, lambda rows: (rows[:, 5] - 3.0) ** 2, None)
+    assert abs(better[5] - q[5]) == pytest.approx(0.5, abs=1e-6) or abs(better[5] - q[5]) == pytest.approx(
+        0.2, abs=1e-6
+    )
+    free = pose_at(ur, q, free=(Freedom("rz"),))
+    assert improved(ur, free, q, lambda rows: (rows[:, 5] - 1.1) ** 2, None)[5] == pytest.approx(1.1, abs=1e-3)
+
+
+def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:
+    """Against all combinations, at the price of waiting."""
+    scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
+    rng = np.random.default_rng(1)
+    layers = [layer(scorer, rng.uniform(-1, 1, (count, 6)), wait) for count, wait in ((3, 0.5), (2, 0.0), (3, 1.0))]
+    ring = Ring(layers, [scorer] * 3, [(0.0, np.inf)] * 3)
+    chosen, energy = ring.cheapest(1e3, 0.0)
+
+    def cost(picked: tuple[int, ...]) -> float:
+        q = [each.positions[k] for each, k in zip(layers, picked, strict=True)]
+        moves = sum(curves(scorer, q[k][None], q[(k + 1) % 3][None]).cheapest()[0][0] for k in range(3))
+        return moves + sum(each.wait * each.standing[k] for each, k in zip(layers, picked, strict=True))
+
+    costs = {picked: cost(picked) for picked in product(range(3), range(2), range(3))}
+    assert tuple(chosen) == min(costs, key=lambda picked: costs[picked])
+    assert energy == pytest.approx(min(costs.values()))
+
+
+def test_place_says_that_joint_goals_do_not_change_with_the_base(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "job.toml"
+    words = JOB.partition("[[step]]")[0] + '[[step]]\nto = [0.1, -1.5, 1.5, -1.5, -1.5, 0.1]\n[[step]]\nto = "home"\n'
+    path.write_text(words)
+    assert main(["place", str(path), "--base-box=0,1,0,1,0,0", "--out", str(tmp_path / "out")]) == 2
+    assert "joint positions do not change with the base" in capsys.readouterr().err
+    assert main(["place", str(path), "--base-box=0,1,0,1,0", "--out", str(tmp_path / "out")]) == 2
+    assert "expected X0,X1" in capsys.readouterr().err

@@ -26,6 +26,7 @@ VERBS = {
     "tradeoff": "energy against duration for one move",
     "bench": "a batch of moves, in parallel, resumable, with a report",
     "job": "a cycle of moves and waits, its time spent where it saves most",
+    "place": "the base pose that makes a job cheapest",
     "evaluate": "motions as they are: energy under models, limits, clearance; in other formats",
     "identify": "the source paper's two methods from static poses",
     "diagnose": "which effect a power model lacks, from measured data",

@@ -31,6 +31,11 @@ USAGE: dict[str, tuple[tuple[str, ...], str, str]] = {
         "a job (TOML, `energy-opt --example job`)",
         "job.json, step_01.csv and so on, cycle.csv, report.html",
     ),
+    "place": (
+        ("energy-opt place job.toml --base-box=-0.3,0.3,-0.3,0.3,0,0 --out placed",),
+        "a job (TOML) with steps that end at poses of the tool (`pose = [...]`)",
+        "place.json, map.png, report.html, and the job solved at the answer in job/ (as `job` writes it)",
+    ),
     "evaluate": (
         (
             f"energy-opt optimize {MOVE} --mode retime --duration 2 --out out",

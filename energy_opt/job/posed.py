@@ -8,7 +8,7 @@ compare    with what is done today: at every pose the branch that is nearest to 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -27,7 +27,7 @@ from energy_opt.poses.freedom import Bent, has_freedom, improved
 from energy_opt.poses.given import in_base, scene_of
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
-from energy_opt.poses.sets import Layer, Ring, Target, positions_of, thinned
+from energy_opt.poses.sets import Layer, Ring, Target, positions_near, positions_of, thinned
 from energy_opt.power import PowerModel
 
 SWEEPS = 3  # over all ends, by estimates
@@ -40,12 +40,21 @@ class Posed:
 
     Args:
         cell: as for `run_job`; poses may stand in the frames of its scene.
+        starts: positions (K, n) of steps near which positions are looked for, quickly and blind to contact; by default
+            all branches are looked for.
 
     Raises:
         Infeasible: a pose is out of reach, or reached only touching something.
     """
 
-    def __init__(self, job: Job, model: PowerModel, settings: Settings, cell: CellRequest) -> None:
+    def __init__(
+        self,
+        job: Job,
+        model: PowerModel,
+        settings: Settings,
+        cell: CellRequest,
+        starts: Mapping[int, np.ndarray] | None = None,
+    ) -> None:
         self.job, self.scorers = job, Scorers(job.robot, unloaded(model))
         self.cells = Cells(job, cell)
         self.tool = ToolKinematics(job.robot, cell.tool)
@@ -57,9 +66,12 @@ class Posed:
             step = job.steps[k]
             target: Target = self.poses.get(k, step.goal)
             key = (str(target.document()), step.scene) if isinstance(target, Pose) else k
-            if key not in known:
+            if starts is not None and k in starts and isinstance(target, Pose):
+                known[key] = positions_near(self.tool, target, starts[k])
+            elif key not in known:
                 near = job.robot.limits.near_zero
-                known[key] = positions_of(self.tool, target, self.cells.of(step), near=near, seed=settings.seed)
+                cell_of = None if starts is not None else self.cells.of(step)
+                known[key] = positions_of(self.tool, target, cell_of, near=near, seed=settings.seed)
             self.sets[k] = known[key]
 
     def _in_base(self, step: Step, cell: CellRequest) -> Pose:
@@ -69,8 +81,8 @@ class Posed:
             scene = scene_of(replace(cell, scene=step.scene or cell.scene))
         return in_base(step.pose, self.job.robot, scene, cell.base_pose)
 
-    def estimated(self) -> tuple[Ends, float]:
-        """Positions of all moving steps' ends that are likely to be cheapest, and the estimate [J]."""
+    def estimated(self, improve: bool = True) -> tuple[Ends, float]:
+        """Positions of all moving steps' ends that are likely to be cheapest, and the estimate [J] before improving."""
         nearest = self.greedy()
         layers = [self._layer(k, nearest[k]) for k in self.moving]
         steps = [self.job.steps[k] for k in self.moving]
@@ -81,7 +93,7 @@ class Posed:
         waiting = min(float(layer.standing.min()) for layer in layers)
         chosen, energy = ring.cheapest(self.job.cycle_time - self.job.waiting, waiting)
         ends = {k: layer.positions[c] for k, layer, c in zip(self.moving, layers, chosen, strict=True)}
-        return self._improved(ends), energy
+        return self._improved(ends) if improve else ends, energy
 
     def _layer(self, k: int, nearest: np.ndarray) -> Layer:
         """The positions that a moving step may end at, the nearest among them, and what the waits after it take."""
@@ -157,12 +169,29 @@ class Posed:
             q = out[k] = ways[int(np.argmin(quick))]
         return out
 
+    def _bent_legs(self, result: JobResult) -> dict[int, Bent]:
+        """The solved motions by the step that they end."""
+        pairs = zip(result.plan.legs, result.plan.answers, strict=True)
+        return {leg.steps[-1]: Bent(self._models(leg.steps[-1]), a.trajectory, True) for leg, a in pairs}
+
+    def bending(self, result: JobResult) -> Callable[[Ends], float]:
+        """What the solved motions cost [J], waits included, when they are bent to other ends."""
+        of = self._bent_legs(result)
+        places = sorted(of)
+
+        def cost(ends: Ends) -> float:
+            total = 0.0
+            for k, before in zip(places, [places[-1], *places[:-1]], strict=True):
+                total += float(of[k](ends[before][None], ends[k][None])[0])
+                total += self._held(k) * float(holding(self._models(k), ends[k][None])[0])
+            return total
+
+        return cost
+
     def bent(self, result: JobResult, ends: Ends) -> tuple[Ends, float]:
         """Ends at which the solved motions, bent, cost less, and what that promises [J]."""
-        legs = result.plan.legs
-        motions = {leg.steps[-1]: answer.trajectory for leg, answer in zip(legs, result.plan.answers, strict=True)}
-        places = sorted(motions)
-        of = {k: Bent(self._models(k), motions[k], True) for k in places}
+        of = self._bent_legs(result)
+        places = sorted(of)
         ends, gain = dict(ends), 0.0
         for k, pose in self.poses.items():
             if k not in of or not has_freedom(self.tool, pose):
@@ -188,7 +217,9 @@ def run_posed(
     settings: Settings | None = None,
     *,
     cell: CellRequest | None = None,
+    ends: Ends | None = None,
     compare: bool = True,
+    refine: bool = True,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
     **more: Any,
@@ -196,7 +227,9 @@ def run_posed(
     """As `run_job`, for jobs that may have poses: their positions are chosen over the whole cycle.
 
     Args:
+        ends: positions (n,) at the ends of all moving steps, by their index, in place of those that are chosen.
         compare: also solve the cycle with the nearest branches; where that is cheaper, it is the answer.
+        refine: solve again where the solved motions, bent, say that other ends cost less.
         more: further arguments of `run_job`.
 
     Raises:
@@ -206,7 +239,8 @@ def run_posed(
         return run_job(job, model, settings, cell=cell, stopped=stopped, progress=progress, **more)
     settings, cell = settings or Settings(), cell or CellRequest()
     progress("joint positions of the poses", 0.0)
-    posed = Posed(job, model, settings, cell)
+    posed = Posed(job, model, settings, cell, None if ends is None else {k: q[None] for k, q in ends.items()})
+    asked = ends
     known: dict[str, Any] = {"cell": cell, "stopped": stopped, **more}
     solves, errors = 0, []
     best: tuple[Ends, JobResult] | None = None
@@ -214,7 +248,7 @@ def run_posed(
     for name, share in (("cycle", 0.4), ("nearest", 0.3)):
         if name == "nearest" and not compare:
             continue
-        ends = posed.estimated()[0] if name == "cycle" else posed.greedy()
+        ends = posed.greedy() if name == "nearest" else posed.estimated()[0] if asked is None else asked
         solves += 1
         try:
             found = run_job(
@@ -228,7 +262,7 @@ def run_posed(
             best = ends, found
     if best is None:
         raise errors[0]
-    if not stopped():
+    if refine and not stopped():
         ends, gain = posed.bent(best[1], best[0])
         losses = sum(answer.energy.loss for answer in best[1].plan.answers)
         if gain > WORTH * losses:

@@ -11,11 +11,12 @@ from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.estimate import Curves, curves, holding
-from energy_opt.poses.inverse import Reached, ToolKinematics, reach
+from energy_opt.poses.inverse import SMALL, Reached, ToolKinematics, reach, solve
 from energy_opt.poses.pose import Pose
 
 Target = Pose | np.ndarray  # where a move may end: a pose of the tool, or joint positions (n,)
 MOST = 24  # positions of a layer inside a cycle
+FURTHER = 60  # starts where none of those at hand reaches a pose
 PRICES = 40  # of time that are tried at most
 
 
@@ -63,6 +64,21 @@ def positions_of(
         text = f"{target.name}: every joint position that reaches it touches something"
         raise Infeasible(f"{text}; {cell.touching(found.positions[0])}", limit="clearance")
     return free
+
+
+def positions_near(tool: ToolKinematics, pose: Pose, starts: np.ndarray) -> np.ndarray:
+    """Positions (K, n) that reach a pose, each from one of the starts (M, n), in their order.
+
+    Raises:
+        Infeasible: none of them does, nor any of further starts.
+    """
+    q, error = solve(tool, pose, starts)
+    if (error < SMALL).any():
+        return q[error < SMALL]
+    found = reach(tool, pose, starts=FURTHER)
+    if not len(found.positions):
+        raise unreached(pose, found)
+    return found.positions
 
 
 def free_of(q: np.ndarray, cell: Cell | None) -> np.ndarray:

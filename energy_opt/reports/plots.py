@@ -115,6 +115,27 @@ def heat_maps(maps: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]], x: 
     return figure
 
 
+def plot_placements(
+    x: np.ndarray, y: np.ndarray, energy: np.ndarray, path: Sequence[tuple[float, float]], given: tuple[float, float]
+) -> Figure:
+    """Energy (P,) [J] of placements (P,) each [m] as colour, nan where out of reach, and the path of the search."""
+    figure, grid = new_figure(1, 1, width=7.0, height=5.5)
+    axes = labelled(grid[0, 0], "x [m]", "y [m]", "energy of the cycle by the base's place")
+    known = np.isfinite(energy)
+    if known.any():
+        top = float(np.quantile(energy[known], 0.9))  # a few placements at the edge of reach would hide the others
+        dots = axes.scatter(x[known], y[known], c=np.minimum(energy[known], top), s=60, cmap="viridis")
+        figure.colorbar(dots, ax=axes, label="estimate [J]")
+    axes.plot(x[~known], y[~known], "x", color=GREY, markersize=5, label="out of reach")
+    axes.plot(*given, "o", color=COLOURS[5], markerfacecolor="none", markersize=11, label="given")
+    if path:
+        axes.plot(*np.array(path).T, "o-", color=COLOURS[4], linewidth=1.4, markersize=4, label="search")
+        axes.plot(*path[-1], "*", color=COLOURS[4], markersize=15, label="answer")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(fontsize=8)
+    return figure
+
+
 def _fractions(
     axes: Axes, time: np.ndarray, values: np.ndarray, bounds: np.ndarray, joints: Sequence[str], legend: bool = True
 ) -> None:

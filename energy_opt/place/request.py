@@ -1,0 +1,71 @@
+"""What is asked of a placement: the box in which the base may stand, and how much is looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.request import FAR
+from energy_opt.errors import BadInput
+
+AXES = ("x", "y", "z", "yaw")
+FORM = "X0,X1,Y0,Y1,Z0,Z1 [m], then nothing, `yaw` or YAW0,YAW1 [rad]"
+
+
+@dataclass(frozen=True)
+class PlaceRequest:
+    """The box of a search for the base's pose.
+
+    Attributes:
+        box: lowest and highest x, y and z of the base in the scene's frame [m].
+        yaw: lowest and highest yaw [rad]; None for the yaw that is given.
+        looked_at: placements at which the job is estimated.
+        seeds: the best estimates at which the job is solved.
+        steps: solves on the way from the best of these.
+    """
+
+    box: tuple[float, float, float, float, float, float]
+    yaw: tuple[float, float] | None = None
+    looked_at: int = 120
+    seeds: int = 3
+    steps: int = 4
+
+    def __post_init__(self) -> None:
+        if len(self.box) != 6 or not np.isfinite(self.box).all() or np.abs(self.box).max() > FAR:
+            raise BadInput(f"--base-box: expected {FORM}")
+        pairs = [self.box[0:2], self.box[2:4], self.box[4:6], self.yaw or (0.0, 0.0)]
+        for axis, (low, high) in zip(AXES, pairs, strict=True):
+            if not low <= high:
+                raise BadInput(f"--base-box: {axis} begins at {low:g} and ends at {high:g}; expected the smaller first")
+        if np.abs(pairs[3]).max() > 4 * np.pi:
+            raise BadInput(f"--base-box: yaw {pairs[3][0]:g}, {pairs[3][1]:g}: expected rad")
+        for name in ("looked_at", "seeds", "steps"):
+            if not 0 <= getattr(self, name) <= 10_000:
+                raise BadInput(f"--{name.replace('_', '-')} {getattr(self, name)}: expected 0 to 10000")
+
+    @classmethod
+    def of(cls, words: str, **more: Any) -> PlaceRequest:
+        """From X0,X1,Y0,Y1,Z0,Z1, and `yaw` (all round) or YAW0,YAW1."""
+        parts = [part.strip() for part in words.split(",")]
+        turning = len(parts) == 7 and parts[6].lower() == "yaw"
+        try:
+            numbers = [float(part) for part in parts[: 6 if turning else None]]
+        except ValueError:
+            numbers = []
+        if len(numbers) not in (6, 8):
+            raise BadInput(f"--base-box {words}: expected {FORM}")
+        yaw = (-np.pi, np.pi) if turning else (numbers[6], numbers[7]) if len(numbers) == 8 else None
+        x0, x1, y0, y1, z0, z1 = numbers[:6]
+        return cls((x0, x1, y0, y1, z0, z1), yaw, **more)
+
+    def bounds(self, base: tuple[float, ...]) -> np.ndarray:
+        """Lowest and highest x, y, z [m] and yaw [rad], (4, 2), beside a given base pose."""
+        yaw = self.yaw or (base[5], base[5])
+        return np.array([self.box[0:2], self.box[2:4], self.box[4:6], yaw])
+
+    def document(self) -> dict[str, Any]:
+        """As it stands in place.json."""
+        return {"box": list(self.box), "yaw": None if self.yaw is None else list(self.yaw), "seeds": self.seeds,
+                "looked_at": self.looked_at, "steps": self.steps}  # fmt: skip

@@ -53,9 +53,12 @@ class Touch:
 class DenseJudge:
     """An arm among the shapes of a scene file (MoveIt's message, or the short form), in the base frame."""
 
-    def __init__(self, robot: Robot, scene: Path | None = None) -> None:
+    def __init__(
+        self, robot: Robot, scene: Path | None = None, srdf: Path | None = None, packages: Sequence[Path] = ()
+    ) -> None:
         self.robot = robot
-        self.model, self.geometry = _arm(str(robot.urdf), robot.name, tuple(sorted((robot.locked or {}).items())))
+        srdf = srdf or srdf_beside(robot.name, robot.urdf)
+        self.model, self.geometry = _arm(robot.urdf, srdf, tuple(sorted((robot.locked or {}).items())), tuple(packages))
         self.geometry = self.geometry.copy()
         links = self.geometry.ngeoms
         for name, shape, at in [] if scene is None else shapes(yaml.safe_load(scene.read_text())):
@@ -112,18 +115,19 @@ def named_apart(model: Any) -> Any:
 
 
 @cache
-def _arm(urdf: str, name: str, locked: tuple[tuple[str, float], ...]) -> tuple[Any, Any]:
+def _arm(
+    urdf: Path, srdf: Path | None, locked: tuple[tuple[str, float], ...], packages: tuple[Path, ...]
+) -> tuple[Any, Any]:
     """The arm with its bodies, and the pairs of them that must not touch."""
-    folders = [str(folder) for folder in Path(urdf).resolve().parents]
-    model = named_apart(pin.buildModelFromUrdf(urdf))
-    geometry = pin.buildGeomFromUrdf(model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
+    folders = [str(folder) for folder in (*packages, *Path(urdf).resolve().parents)]
+    model = named_apart(pin.buildModelFromUrdf(str(urdf)))
+    geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION, package_dirs=folders)
     fixed = pin.neutral(model)
     for joint, value in locked:
         held = model.joints[model.getJointId(joint)]
         fixed[held.idx_q : held.idx_q + held.nq] = [np.cos(value), np.sin(value)] if held.nq == 2 else [value]
     model, geometry = pin.buildReducedModel(model, geometry, [model.getJointId(j) for j, _ in locked], fixed)
     geometry.addAllCollisionPairs()
-    srdf = srdf_beside(name, Path(urdf))
     before = len(geometry.collisionPairs)
     if srdf is not None:
         pin.removeCollisionPairs(model, geometry, str(srdf))

@@ -5,8 +5,11 @@
 For each arm: joints, moving mass, warnings; a move between two free postures that are held under gravity (seeded, the
 same for all); whether the file that is written holds the limits of the description (Pinocchio's torque of the original
 URDF, the quintic between rows by SciPy) and touches nothing (`dense_judge`); the largest acceleration, and what was
-assumed. A refusal names its reason. Hands, legged and flying bases are no arms; of arms on them, and of two-armed
-robots, one arm moves and the rest is locked.
+assumed. Hands, legged and flying bases are no arms; of arms on them, and of two-armed robots, one arm moves and the
+rest is locked.
+
+A refusal counts as right where it names its reason. An arm that touches itself in all postures is right where the
+judge finds the same, the refusal names the remedy, and the move is solved with it.
 """
 
 from __future__ import annotations
@@ -38,6 +41,7 @@ from energy_opt.robot.postures import postures
 
 ROOT = urdf_of(CATALOG["panda"]).parents[2]
 BELIEVABLE = 50.0  # [rad/s^2]
+POSTURES = 300  # that are looked at
 ALLOWED = 1e-4  # share of a bound that rounding of the file may break
 DENSE = 20  # instants between two rows
 
@@ -73,7 +77,7 @@ ARMS: dict[str, tuple[str, str]] = {
     "hextilt_arm": ("hextilt_description/urdf/hextilt_flying_arm_5.urdf", ".*"),
     "centauro_arm": ("centauro_description/urdf/centauro.urdf", r"j_arm1_\d"),
     "romeo_arm": ("romeo_description/urdf/romeo.urdf", r"L(?:Shoulder|Elbow|Wrist)\w*"),
-    "icub_arm": ("icub_description/robots/icub.urdf", r"l_(?:shoulder|elbow|wrist)_\w+"),
+    "icub_arm": ("icub_description/robots/icub.urdf", r"l_(?:shoulder|elbow|wrist)\w*"),
     "g1_arm": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", r"left_(?:shoulder|elbow|wrist)\w*_joint"),
     "two_dofs": ("asr_twodof_description/urdf/TwoDofs.urdf", ".*"),
     "double_pendulum": ("double_pendulum_description/urdf/double_pendulum.urdf", ".*"),
@@ -81,6 +85,12 @@ ARMS: dict[str, tuple[str, str]] = {
     "double_pendulum_continuous": ("double_pendulum_description/urdf/double_pendulum_continuous.urdf", ".*"),
     "finger": ("finger_edu_description/robots/finger_edu.urdf", ".*"),
 }
+# SRDFs that the package ships and that fit: links of these arms touch by design.
+SRDFS = {
+    "baxter_arm": "baxter_description/srdf/baxter_manipulation.srdf",
+    "pr2_arm": "pr2_description/srdf/pr2_manipulation.srdf",
+}
+REMEDY = "--self-collision off"
 
 
 @dataclass
@@ -108,63 +118,106 @@ class Row:
         return self.status == "solved" and good and (self.acceleration or np.inf) <= BELIEVABLE
 
 
-def one(arm: str, seconds: float) -> Row:
+@dataclass(frozen=True)
+class Arm:
+    """A description, the joints that move (a pattern), folders of its packages, and an SRDF that fits."""
+
+    name: str
+    urdf: Path
+    moving: str
+    packages: tuple[Path, ...] = ()
+    srdf: Path | None = None
+
+    @property
+    def by_name(self) -> bool:
+        """Is it what the catalogue has by this name?"""
+        return self.name in CATALOG and urdf_of(CATALOG[self.name]) == self.urdf
+
+
+def public_arm(name: str) -> Arm:
+    """One of `ARMS`."""
+    file, moving = ARMS[name]
+    srdf = SRDFS.get(name)
+    return Arm(name, ROOT / file, moving, (), None if srdf is None else ROOT / srdf)
+
+
+def one(arm: Arm, seconds: float) -> Row:
     """Load, solve and judge an arm."""
-    file, moving = ARMS[arm]
-    row, urdf = Row(arm), ROOT / file
+    row = Row(arm.name)
     try:
-        description = read_description(urdf)
         lock = {
             name: float(np.clip(0.0, joint.bounds.get("lower", -1.0), joint.bounds.get("upper", 1.0)))
-            for name, joint in description.joints.items()
-            if joint.kind in MOVING and joint.mimic is None and not re.fullmatch(moving, name)
+            for name, joint in read_description(arm.urdf).joints.items()
+            if joint.kind in MOVING and joint.mimic is None and not re.fullmatch(arm.moving, name)
         }
-        named = CATALOG.get(arm)
-        robot = load_robot(arm if named is not None and urdf_of(named) == urdf else urdf, lock=lock)
-        cell = Cell(robot, CellRequest())
+        robot = load_robot(arm.name if arm.by_name else arm.urdf, lock=lock)
+        cell = Cell(robot, CellRequest(srdf=arm.srdf, package_dirs=arm.packages))
         row.joints, row.mass = robot.n, sum(link.mass for link in robot.body.tree())
         row.warnings = len(robot.warnings) + len(cell.warnings)
     except BadInput as error:
-        row.status, row.reason = "refused", str(error).replace(f"{ROOT}/", "")
+        row.status, row.reason = "refused", shortened(str(error))
         return row
-    try:
-        start, goal = ends(robot, cell)
-    except BadInput as error:  # no answer of the package: it does not count as right
-        row.status, row.reason = "no move", str(error)
+    judge = DenseJudge(robot, srdf=arm.srdf, packages=arm.packages)
+    found = ends(robot, cell)
+    if found is None:
+        refused_for_touching(arm, lock, robot, judge, row, seconds)
         return row
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "out"
-        words = [
-            "optimize", "--robot", robot.name if named is not None and urdf_of(named) == urdf else str(urdf),
-            *(word for name, value in lock.items() for word in ("--lock", f"{name}={value!r}")),
-            "--start=" + ",".join(map(repr, start.tolist())), "--goal=" + ",".join(map(repr, goal.tolist())),
-            "--out", str(out), "--json", "--quiet",
-        ]  # fmt: skip
-        try:
-            answer = subprocess.run(
-                [sys.executable, "-m", "energy_opt", *words],
-                capture_output=True,
-                text=True,
-                timeout=seconds,
-                check=False,
-            )
-            document = json.loads(answer.stdout)
-        except (subprocess.TimeoutExpired, json.JSONDecodeError) as error:
-            row.status, row.reason = "failed", type(error).__name__
-            return row
-        row.status = document["status"]
-        row.reason = str(document.get("message", ""))[:200]
+        out = Path(folder)
+        document = solved(arm, lock, *found, out, seconds)
+        row.status, row.reason = document["status"], shortened(str(document.get("message", "")))
         if (out / "trajectory.csv").is_file():
             row.saving = (document.get("saving") or {}).get("loss_percent")
             row.assumed = dict(Counter(a["what"] for a in document.get("assumptions", []) if a["source"] == "assumed"))
             row.acceleration, row.broken = judged(robot, lock, out / "trajectory.csv")
-            row.touching = DenseJudge(robot).file(out / "trajectory.csv", 500).touching
+            row.touching = judge.file(out / "trajectory.csv", 500).touching
     return row
 
 
-def ends(robot: Robot, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+def refused_for_touching(
+    arm: Arm, lock: dict[str, float], robot: Robot, judge: DenseJudge, row: Row, seconds: float
+) -> None:
+    """What becomes of an arm without a free posture: it has to be refused, and solved with what the refusal names."""
+    q = postures(robot.limits, 2)
+    with tempfile.TemporaryDirectory() as folder:
+        document = solved(arm, lock, q[0], q[1], Path(folder) / "refused", seconds)
+        row.status, row.reason = document["status"], shortened(str(document.get("message", "")))
+        if row.status != "infeasible" or REMEDY not in row.reason or (judge.pose(q[0]) or judge.pose(q[1])) is None:
+            return
+        again = solved(arm, lock, q[0], q[1], Path(folder) / "solved", seconds, REMEDY.split())
+        row.status = "refused" if again["status"] == "solved" else "remedy fails"
+
+
+def solved(
+    arm: Arm, lock: dict[str, float], start: np.ndarray, goal: np.ndarray, out: Path, seconds: float,
+    more: Sequence[str] = (),
+) -> dict[str, Any]:  # fmt: skip
+    """What `optimize` answers, files in `out`; a document with the status "failed" where it answers nothing."""
+    words = [
+        "optimize", "--robot", arm.name if arm.by_name else str(arm.urdf),
+        *(word for name, value in lock.items() for word in ("--lock", f"{name}={value!r}")),
+        *(word for folder in arm.packages for word in ("--package-dir", str(folder))),
+        *(() if arm.srdf is None else ("--srdf", str(arm.srdf))),
+        "--start=" + ",".join(map(repr, start.tolist())), "--goal=" + ",".join(map(repr, goal.tolist())),
+        "--out", str(out), "--json", "--quiet", *more,
+    ]  # fmt: skip
+    command = [sys.executable, "-m", "energy_opt", *words]
+    try:
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=seconds, check=False)
+        document: dict[str, Any] = json.loads(answer.stdout)
+    except (subprocess.TimeoutExpired, json.JSONDecodeError) as error:
+        return {"status": "failed", "message": type(error).__name__}
+    return document
+
+
+def shortened(text: str) -> str:
+    """A message without the folder of the package."""
+    return text.replace(f"{ROOT}/", "")[:240]
+
+
+def ends(robot: Robot, cell: Cell) -> tuple[np.ndarray, np.ndarray] | None:
     """The first two of the seeded postures that are held within the efforts and touch nothing, half a range apart."""
-    q = postures(robot.limits)
+    q = postures(robot.limits, POSTURES)
     held = (np.abs(robot.body.torque(q, 0 * q, 0 * q)) <= 0.9 * robot.limits.effort).all(axis=1)
     start = None
     for k in np.flatnonzero(held).tolist():
@@ -176,7 +229,7 @@ def ends(robot: Robot, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
             middle = start + 0.5 * (q[k] - start)
             goal = middle if cell.free(middle) else q[k]
             return start, goal
-    raise BadInput(f"{robot.name}: no two of {len(q)} postures are free and held under gravity")
+    return None
 
 
 def judged(robot: Robot, lock: dict[str, float], file: Path) -> tuple[float, float]:
@@ -246,7 +299,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
           "touching poses of 500 | assumed | right | reason |\n|" + "---|" * 12)  # fmt: skip
     rows = []
     for arm in args.arms or ARMS:
-        rows.append(one(arm, args.limit))
+        rows.append(one(public_arm(arm), args.limit))
         print(line(rows[-1]), flush=True)
     print(f"\n{sum(row.right for row in rows)} of {len(rows)} end right")
     if args.json is not None:

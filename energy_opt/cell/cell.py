@@ -95,11 +95,21 @@ class Clearance:
 
 @dataclass(frozen=True)
 class Contact:
-    """Two bodies that are too near at one pose: names, distance [m] (0 or less: they touch) and depth [m]."""
+    """Two bodies that are too near at one pose: names, distance [m] (0 or less: they touch) and depth [m].
+
+    `own`: both are the arm's.
+    """
 
     pair: tuple[str, str]
     distance: float
     depth: float
+    own: bool = False
+
+    @property
+    def remedy(self) -> str:
+        """What would work."""
+        by_design = "; where these links touch by design, --srdf FILE names them, or --self-collision off"
+        return f"a pose that is free would work{by_design if self.own else ''}"
 
     def __str__(self) -> str:
         a, b = self.pair
@@ -222,7 +232,7 @@ class Cell:
         scene = Scenery(self.bodies, q[None])
         a, b = self.bodies.pairs[pair].tolist()
         depth = self.bodies.ruler(pair).depth(scene.placed(0, a), scene.placed(0, b))
-        return Contact(self.bodies.names(pair), distance, depth)
+        return Contact(self.bodies.names(pair), distance, depth, max(a, b) < self.links)
 
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
         """The clearance (P,) [m] that each pair keeps between the poses `ends` (2, n): half of that there if less.

@@ -39,9 +39,12 @@ class Near:
 
     The last planes are kept by place: where one still shows a pair to be farther apart than rows are wanted, nothing is
     measured anew. Distances are therefore lower bounds.
+
+    Pairs of pieces that are nearer than `wanted` (P,) [m] at poses `free` (K, n), which are known to be free, are
+    passed over: a body that is not convex lies within its pieces, and no plane shows that it is apart. The proof does.
     """
 
-    def __init__(self, bodies: Bodies) -> None:
+    def __init__(self, bodies: Bodies, free: np.ndarray | None = None, wanted: np.ndarray | None = None) -> None:
         self.bodies = bodies
         pieces = [(i, piece) for i, body in enumerate(bodies.all) for piece in body.solid.pieces]
         self.body = np.array([i for i, _ in pieces], dtype=int)
@@ -63,6 +66,18 @@ class Near:
         self.pair, self.a, self.b = np.array(made, dtype=int).reshape(-1, 3).T
         self._measures: dict[int, Plane] = {}
         self._kept = b"", np.zeros((0, 0, 3))
+        self._seen = np.ones(len(self.pair), dtype=bool)
+        if free is not None and wanted is not None:
+            self._pass_over(free, wanted)
+
+    def _pass_over(self, free: np.ndarray, wanted: np.ndarray) -> None:
+        at, reach = np.linspace(0, 1, len(free)), float(wanted.max(initial=0.0))
+        while True:  # of each pair of bodies, `MOST` pairs of pieces are measured
+            _, number, distance, _, _ = self.measured(at, free, reach)
+            hidden = number[distance < wanted[self.pair[number]]]
+            if not len(hidden):
+                return
+            self._seen[hidden] = False
 
     def measured(
         self, u: np.ndarray, q: np.ndarray, reach: float
@@ -73,7 +88,7 @@ class Near:
         from the second towards the first, (M,) each; and the poses.
         """
         poses = self.bodies.kinematics(q)
-        k, number = np.nonzero(self._apart(poses) < reach)
+        k, number = np.nonzero((self._apart(poses) < reach) & self._seen)
         if self._kept[0] != u.tobytes():
             self._kept = u.tobytes(), np.zeros((len(u), len(self.pair), 3))
         known = self._kept[1]

@@ -16,6 +16,8 @@ from energy_opt.power.assumptions import grouped, rests_on
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot.postures import postures
 
+POSTURES = 300  # that are looked at until one is free
+
 
 @dataclass(frozen=True)
 class RobotInspection:
@@ -58,7 +60,7 @@ def inspect_robot(request: RobotInspection) -> Inspected:
     """
     robot = load_robot(request.robot, limits=request.limits, lock=request.lock, prefix=request.prefix)
     cell = load_cell(robot, request.cell)
-    candidates = postures(robot.limits)
+    candidates = postures(robot.limits, POSTURES)
     torque = robot.body.torque(candidates, 0 * candidates, 0 * candidates)
     share = np.abs(torque) / robot.limits.effort
     held = np.flatnonzero((share <= 1).all(axis=1))
@@ -74,7 +76,11 @@ def inspect_robot(request: RobotInspection) -> Inspected:
     free = next((k for k in held.tolist() if cell is None or cell.touching(candidates[k]) is None), None)
     if free is None:
         assert cell is not None
-        raise BadInput(f"{robot.urdf}: in all of {len(held)} postures {cell.touching(candidates[held[0]])}")
+        contact = cell.touching(candidates[held[0]])
+        assert contact is not None
+        raise BadInput(
+            f"{robot.urdf}: the arm touches itself in all of {len(held)} postures: {contact}; {contact.remedy}"
+        )
     posture, holding = candidates[free], torque[free]
     rows = grouped(row for row in rests_on(robot) if row.source == "assumed")
     assumed = (f"assumed: {what} {value} ({note})" for what, value, _, note in rows)

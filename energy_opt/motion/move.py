@@ -119,7 +119,8 @@ class Settings:
         solver: "ipopt", which polishes the best curve that the search finds, or "sqp", which leaves that out.
         dynamics: source of the symbolic dynamics (see `dynamics`).
         verify_samples: samples of the certificate; None for ten between every two rows.
-        end_acceleration: "zero" or "free".
+        end_acceleration: of a reshaped move, "zero" or "free". Where the best timing of the first path, whose end
+            accelerations are free, takes less energy than a move with "zero", "free" is solved too.
         controls: control points per joint of a reshaped move.
         max_power: bound of the arm's electrical power [W]; None for none.
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.

@@ -15,7 +15,7 @@ from energy_opt.robot.units import sliding
 
 BOUNDS = ("velocity", "acceleration", "jerk", "effort")
 NOTES = {
-    ("acceleration", "assumed"): "full speed in no less than 0.2 s",
+    ("acceleration", "assumed"): "full speed in no less than 0.2 s, and no more than 50 rad/s²",
     ("jerk", "assumed"): "full acceleration in no less than 0.01 s",
     ("velocity", "assumed"): "no usable limit is stated",
     ("effort", "assumed"): "no limit is held; a measure of the drive, for friction and electrical values",

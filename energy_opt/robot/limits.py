@@ -12,6 +12,7 @@ from energy_opt.robot.units import unit_of
 
 ASSUMED_VELOCITY = np.pi  # [rad/s] where no limit is known
 RAMP = 5.0  # [1/s] acceleration over velocity limit where none is known: full speed in no less than 0.2 s
+FASTEST = 50.0  # [rad/s^2] and no more than this: the light arms that do more publish it
 SHARPNESS = 100.0  # [1/s] jerk over acceleration limit where none is known: full acceleration in no less than 0.01 s
 SMALLEST = 1e-6  # in SI units: slower, weaker than this nothing moves
 PLACEHOLDER = 1e4  # a velocity limit of this size or more is no limit
@@ -84,6 +85,6 @@ def with_assumptions(limits: Limits, joints: Sequence[str], slides: Sequence[boo
             velocity[j] = ASSUMED_VELOCITY
         elif velocity[j] >= DOUBTFUL_VELOCITY:
             warnings.append(f"{joint}: velocity limit {velocity[j]:g} {speed} (a placeholder?); assumed: as stated")
-    acceleration = np.where(np.isfinite(limits.acceleration), limits.acceleration, RAMP * velocity)
+    acceleration = np.where(np.isfinite(limits.acceleration), limits.acceleration, np.minimum(RAMP * velocity, FASTEST))
     jerk = np.where(np.isfinite(limits.jerk), limits.jerk, SHARPNESS * acceleration)
     return Limits(lower, upper, velocity, acceleration, jerk, limits.effort), warnings

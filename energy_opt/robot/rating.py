@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.robot.limits import Limits
+from energy_opt.robot.limits import ASSUMED_VELOCITY, DOUBTFUL_VELOCITY, Limits
 from energy_opt.robot.rigid_body import RigidBody
 
 POSES = 64  # postures in which an arm without effort limits is looked at
@@ -41,6 +41,7 @@ def rating_of(own: Limits, known: np.ndarray, held: Limits, body: RigidBody) -> 
         held: the limits in force; what the arm's own files do not state is taken from here.
     """
     velocity = np.where(known, np.maximum(own.velocity, held.velocity), held.velocity)
+    velocity = np.where(velocity < DOUBTFUL_VELOCITY, velocity, ASSUMED_VELOCITY)  # no drive turns a joint so fast
     stated = [np.where(np.isfinite(limits.effort), limits.effort, 0.0) for limits in (own, held)]
     effort = np.maximum(*stated)
     missing = effort <= 0

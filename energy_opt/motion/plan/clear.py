@@ -46,8 +46,9 @@ def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:
     if context.cell is None:
         return True
     u = (np.arange(PLACES) + 0.5) / PLACES
-    wanted = context.cell.wanted(np.stack([move.start, move.goal]))
-    near = Near(context.cell.bodies)
+    ends = np.stack([move.start, move.goal])
+    wanted = context.cell.wanted(ends)
+    near = Near(context.cell.bodies, ends, wanted)
     _, number, distance, _, _ = near.measured(u, curve.position(u), context.cell.asked + NEARLY)
     return bool((distance > wanted[near.pair[number]] - NEARLY).all())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 from energy_opt.errors import Infeasible
@@ -23,6 +24,7 @@ from energy_opt.motion.plan.choice import Work
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.reshape.search import Kept
+from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
@@ -65,15 +67,39 @@ def made(
         return Work(timing, None, None, None, warm)
     if timing is not None and (wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves):
         solution = least_energy_timing(context, move, timing)
-    curve = None
-    if not stands_still(move) and not (context.stopped() and timing is not None):
-        worth = None if context.cell is None else partial(nearly_clear, context, move)
-        curve = reshaped(context, move, timing, solution, warm, kept, worth)
-        log.info("keeping clear", extra={"share": 0.6})
-        curve = kept_clear(context, move, timing, solution, curve, warm)
-        if not curve.converged and not context.stopped():
-            curve = in_tube(context, move, solution, small_enough(move, solution, curve))
+    if stands_still(move) or (context.stopped() and timing is not None):
+        return Work(timing, solution, None, None, warm)
+    curve = _curve(context, move, timing, solution, warm, kept)
+    if context.settings.end_acceleration == "zero" and _costs_more(context, curve, solution) and not context.stopped():
+        freed = replace(context, settings=replace(context.settings, end_acceleration="free"))
+        other = _curve(freed, move, timing, solution, warm, kept)
+        if other.trajectory is not None and not _costs_more(context, other, solution):
+            curve = replace(other, iterations=curve.iterations + other.iterations)
     return Work(timing, solution, curve, None, warm)
+
+
+def _curve(
+    context: Context, move: Move, timing: Timing | None, solution: RetimeSolution | None, warm: Sequence[Trajectory],
+    kept: Kept | None,
+) -> Made:  # fmt: skip
+    """The curve of least objective that keeps clear."""
+    worth = None if context.cell is None else partial(nearly_clear, context, move)
+    curve = reshaped(context, move, timing, solution, warm, kept, worth)
+    log.info("keeping clear", extra={"share": 0.6})
+    curve = kept_clear(context, move, timing, solution, curve, warm)
+    if not curve.converged and not context.stopped():
+        curve = in_tube(context, move, solution, small_enough(move, solution, curve))
+    return curve
+
+
+def _costs_more(context: Context, curve: Made, solution: RetimeSolution | None) -> bool:
+    """Is a curve, from zero acceleration to zero, beaten by the best timing of the first path?
+
+    Timings begin and end with any acceleration. Near the least time that counts: building it up takes about 1 % longer.
+    """
+    if solution is None or context.settings.objective != "energy":
+        return False
+    return curve.trajectory is None or context.judge(curve.trajectory).energy.total > solution.energy
 
 
 def first_timing(context: Context, move: Move) -> Timing | None:

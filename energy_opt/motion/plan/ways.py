@@ -33,7 +33,7 @@ def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
     contact = cell.touching(q)
     if contact is not None:
         raise Infeasible(
-            f"{what}: {contact}; a pose that is free would work", limit="clearance",
+            f"{what}: {contact}; {contact.remedy}", limit="clearance",
             position={"start": 0.0, "goal": 1.0}.get(what), excess=contact.depth,
         )  # fmt: skip
 

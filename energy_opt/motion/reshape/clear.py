@@ -102,9 +102,10 @@ class ClearSearch:
         self, cell: Cell, joints: tuple[str, ...], level: Level, task: Task, scale: float, stopped: Callable[[], bool]
     ) -> None:
         self.cell, self.joints, self.level, self.task, self.stopped = cell, joints, level, task, stopped
-        self.near, self._many = Near(cell.bodies), Near(cell.bodies)
-        self.margins = Margins(cell, np.stack([task.ends.start, task.ends.goal]))
+        ends = np.stack([task.ends.start, task.ends.goal])
+        self.margins = Margins(cell, ends)
         self.wanted = self.margins.wanted
+        self.near, self._many = (Near(cell.bodies, ends, self.wanted) for _ in range(2))
         self._model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset)
         self._model.scale = self.scale = scale
         self.iterations = 0

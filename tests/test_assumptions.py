@@ -51,6 +51,7 @@ def test_acceleration_and_jerk_are_given_else_assumed(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.limits.jerk, 1250.0)
     assert robot.sources["acceleration"] == robot.sources["jerk"] == ("assumed", "assumed")
     assert robot.sources["effort"] == robot.sources["velocity"] == ("urdf", "urdf")
+    np.testing.assert_allclose(arm(tmp_path, velocity=30.0).limits.acceleration, 50.0)
     raised = arm(tmp_path, velocity=2.5, limits="  j2: {max_acceleration: 40}\n")
     np.testing.assert_allclose(raised.limits.acceleration, [12.5, 40])
     np.testing.assert_allclose(raised.limits.jerk, [1250, 4000])
@@ -74,6 +75,12 @@ def test_electrical_values_and_friction_go_with_the_size_of_the_arm(tmp_path: Pa
     }
     assert {(round(a, 9), round(b, 9)) for a, b in corners} == {(0.01, 0.02), (0.01, 0.12), (0.06, 0.02), (0.06, 0.12)}
     assert CoulombFriction(tau_c=0.06 * 50_000).full(1) == 3000  # of the largest arms: inside the effect's bounds
+
+
+def test_a_velocity_that_is_a_placeholder_measures_no_drive(tmp_path: Path) -> None:
+    """1000 rad/s is kept as a limit, with a warning; standby of 3 sqrt(effort * 1000) W would be that of no such arm."""
+    fast, usual = arm(tmp_path, effort=20.0, velocity=1000.0), arm(tmp_path, effort=20.0, velocity=np.pi)
+    assert fast.limits.velocity[0] == 1000 and fast.rated.power == pytest.approx(usual.rated.power)
 
 
 def test_a_user_who_slows_the_arm_changes_no_motor(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Searches that once found nothing: near the least time, and beside bodies whose hulls overlap although they are apart."""
+"""Searches that once found nothing: near the least time, and beside bodies that lie within the hull of another."""
 
 from __future__ import annotations
 

@@ -16,8 +16,6 @@ from energy_opt.power.assumptions import grouped, rests_on
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot.postures import postures
 
-POSTURES = 300  # that are looked at until one is free
-
 
 @dataclass(frozen=True)
 class RobotInspection:
@@ -60,7 +58,7 @@ def inspect_robot(request: RobotInspection) -> Inspected:
     """
     robot = load_robot(request.robot, limits=request.limits, lock=request.lock, prefix=request.prefix)
     cell = load_cell(robot, request.cell)
-    candidates = postures(robot.limits, POSTURES)
+    candidates = postures(robot.limits)
     torque = robot.body.torque(candidates, 0 * candidates, 0 * candidates)
     share = np.abs(torque) / robot.limits.effort
     held = np.flatnonzero((share <= 1).all(axis=1))

@@ -23,7 +23,7 @@ from energy_opt.power.model import PowerModel, load_model
 from energy_opt.robot import Robot, load_robot
 
 FILES = Path(__file__).parent / "published"
-SERIES = {"ur3e": "ur5e", "ur10e": "ur5e"}  # drives of one design: friction goes with the effort limit
+SERIES = {"ur3e": "ur5e", "ur10e": "ur5e", "ur16e": "ur5e"}  # drives of one design: friction goes with the effort limit
 COPPER, STANDBY = 0.1, 3.0
 DRY, VISCOUS = 0.04, 0.08  # shares of the effort limit
 DRY_RANGE, VISCOUS_RANGE = (0.01, 0.06), (0.02, 0.12)

@@ -27,7 +27,8 @@ LISTS = {
     "objectives": ["energy"],
 }
 NAMES = (*LISTS, "moves", "random", "limits", "lock", "settings", *KEYS)
-_MOVE = ("name", "start", "goal", "via", "path", "durations")
+OF_POSES = ("start_pose", "goal_pose", "via_pose", "free", "pose_tolerance")
+_MOVE = ("name", "start", "goal", "via", "path", "durations", *OF_POSES)
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ def _moves(rows: Any, faults: Faults) -> list[tuple[str, Mapping[str, Any], list
             if key not in _MOVE:
                 faults.add(f"{where}.{key}", f"unknown key; a move has {', '.join(_MOVE)}")
         for key in ("start", "goal"):
-            if (key in row) == ("path" in row):
+            if (key in row or f"{key}_pose" in row) == ("path" in row) or (key in row and f"{key}_pose" in row):
                 faults.add(f"{where}.{key}", "a move has start and goal, or a path" if key in row else "missing")
         if not isinstance(row.get("via", []), list):
             faults.add(f"{where}.via", "is not a list of points")

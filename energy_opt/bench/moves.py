@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.bench.faults import Files, is_number
+from energy_opt.bench.surroundings import Surroundings
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_text
 from energy_opt.formats import read_path
@@ -17,13 +18,18 @@ from energy_opt.robot import Limits, Robot
 
 @dataclass(frozen=True)
 class NamedMove:
-    """Start and goal (n,) [rad] under a name, with points to pass between, or a path: ending and text of its file."""
+    """Start and goal (n,) [rad] under a name, with points to pass between, or a path: ending and text of its file.
+
+    Attributes:
+        ends: where they are poses of the tool, these as `Ends.to_text` has them; `start`, `goal` do not count then.
+    """
 
     name: str
     start: tuple[float, ...]
     goal: tuple[float, ...]
     via: tuple[tuple[float, ...], ...] = ()
     path: tuple[str, str] = ("", "")
+    ends: str = ""
 
 
 def joint_ranges(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
@@ -70,6 +76,31 @@ def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
         if not is_number(item):
             raise BadInput(f"{name} = {item!r} is not a finite number")
     return tuple(float(item) for item in value)
+
+
+def posed_move(name: str, table: Mapping[str, Any], robot: Robot, files: Files, around: Surroundings) -> NamedMove:
+    """A move between poses of the tool, or joint positions and such poses.
+
+    Raises:
+        BadInput: no such pose, or a frame that is not in the scene.
+    """
+    from energy_opt.cell.scene_files import carried
+    from energy_opt.poses.ends import Ends
+    from energy_opt.poses.given import Given, in_base, poses_of_scene
+
+    scene = carried.from_text(around.scene) if around.scene else None
+    reader = Given(files.path(".", "moves"), poses_of_scene(scene))
+    free, tolerance = table.get("free", ()), table.get("pose_tolerance")
+
+    def pose(value: Any, what: str, axes: Any = ()) -> Any:
+        return in_base(reader.pose(value, what, axes, tolerance), robot, scene, around.request.base_pose)
+
+    start = pose(table["start_pose"], "start_pose") if "start_pose" in table else None
+    goal = pose(table["goal_pose"], "goal_pose", free) if "goal_pose" in table else None
+    begin, end = (joint_values(table[e], robot.joints) if e in table else (0.0,) * robot.n for e in ("start", "goal"))
+    via = tuple(pose(value, "via_pose", free) for value in table.get("via_pose", ()))
+    ends = Ends(start, (np.array(end) if goal is None else goal,), via)
+    return NamedMove(name, begin, end, (), ("", ""), ends.to_text())
 
 
 def given_path(name: str, file: Any, joints: Sequence[str], files: Files) -> NamedMove:

@@ -16,6 +16,12 @@
     goal = { panda_joint1 = 1.2, ... }      # every joint by name, or a list in order
     durations = [2.0]                       # optional: instead of the suite's
 
+    [[moves]]
+    name = "to the part"
+    start = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
+    goal_pose = [0.5, 0.1, 0.3, 3.14159, 0, 0]   # of the tool; also start_pose, via_pose = [...], pose_tolerance
+    free = ["rz"]
+
     [[groups]]                              # optional: further products; what a group does not say, the top level does
     robots = ["ur5"]
 
@@ -32,9 +38,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.bench.entries import MEAN, NAMES, Group, read_group
+from energy_opt.bench.entries import MEAN, NAMES, OF_POSES, Group, read_group
 from energy_opt.bench.faults import Faults, Files
-from energy_opt.bench.moves import NamedMove, given_path, joint_values, random_moves
+from energy_opt.bench.moves import NamedMove, given_path, joint_values, posed_move, random_moves
 from energy_opt.bench.task import Duration, Task
 from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput, near
@@ -196,6 +202,7 @@ def _product(suite: str, group: Group, at: int, files: Files, faults: Faults) ->
                                     loaded_sources(),
                                     group.surroundings,
                                     move.path,
+                                    ends=move.ends,
                                 )
                                 at += 1
 
@@ -207,6 +214,9 @@ def _moves(group: Group, robot: Robot, files: Files, faults: Faults) -> Iterator
         try:
             if "path" in table:
                 yield given_path(name, table["path"], robot.joints, files), timings or group.timings
+                continue
+            if any(key in table for key in OF_POSES):
+                yield posed_move(name, table, robot, files, group.surroundings), timings or group.timings
                 continue
             start, goal = (joint_values(table[end], robot.joints) for end in ("start", "goal"))
             via = tuple(joint_values(point, robot.joints) for point in table.get("via", []))

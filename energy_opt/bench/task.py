@@ -114,6 +114,7 @@ class Task:
         settings: settings of the solver beside the defaults.
         surroundings: the arm's body and its cell; path: ending and text of the file of a given path, or empty.
         own_effects: text and place of the files of effects that the model may use.
+        ends: start, goal and points on the way as `Ends.to_text` has them, where some are poses; else empty.
         compile: "always" or "never", decided for the whole suite, so that a resumed batch computes the same.
     """
 
@@ -135,6 +136,7 @@ class Task:
     surroundings: Surroundings = field(default_factory=Surroundings)
     path: tuple[str, str] = ("", "")
     compile: str = "never"
+    ends: str = ""
 
     @property
     def payload_label(self) -> str:
@@ -153,6 +155,8 @@ class Task:
         content = dataclasses.asdict(self)
         del content["index"], content["compile"], content["robot"]["file"]
         content["own_effects"] = [text for text, _ in self.own_effects]
+        if not self.ends:
+            del content["ends"]
         if not self.own_effects:
             del content["own_effects"]
         text = json.dumps(plain(content), sort_keys=True)

@@ -107,6 +107,8 @@ def _row(task: Task) -> dict[str, Any]:
 
     planner = _planner(task)
     row = identity(task)
+    if task.ends:
+        return _posed(task, planner, row)
     row["minimum_time"] = fastest = planner.minimum_time(_move(task, planner.robot, None))
     duration = task.timing.seconds
     if task.timing.multiple is not None:
@@ -116,6 +118,29 @@ def _row(task: Task) -> dict[str, Any]:
         return filled(row, planner.solve(move).document())
     rivals = [Rival(name, model) for name, model in powers]
     return filled(row, RobustPlanner(planner.robot, rivals, planner=planner).solve(move).document())
+
+
+def _posed(task: Task, planner: Planner, row: dict[str, Any]) -> dict[str, Any]:
+    """A move between poses of the tool; a multiple of the minimum time is one of the move to the nearest goal."""
+    from dataclasses import replace
+
+    from energy_opt.motion import Move
+    from energy_opt.motion.plan.robust import Rival, RobustPlanner
+    from energy_opt.poses.ends import ends_from_text
+    from energy_opt.poses.solve import nearest_move, solve_to
+
+    ends, robot, powers = ends_from_text(task.ends), planner.robot, task.powers()
+    move = Move(np.array(task.start), np.array(task.goal), task.mode, task.timing.seconds)
+    near = nearest_move(ends, move, robot, planner.cell, planner.settings)
+    row["minimum_time"] = fastest = planner.minimum_time(near)
+    if task.timing.multiple is not None:
+        move = replace(move, duration=task.timing.multiple * fastest)
+    solver: Any = planner
+    if len(powers) > 1:
+        solver = RobustPlanner(robot, [Rival(name, model) for name, model in powers], planner=planner)
+    models = [model for _, model in powers]
+    chosen = solve_to(ends, move, robot, models, planner.cell, planner.settings, solver.solve)
+    return filled(row, chosen.result.document())
 
 
 def resident_memory() -> int | None:

@@ -11,7 +11,9 @@ from energy_opt.cli.common import cell_of, load_robot_of, rivals_of, say, settin
 from energy_opt.cli.per_year import per_year_from
 from energy_opt.errors import BadInput
 
-OF_A_MOVE = ("start", "goal", "path", "duration", "max_duration", "cycle", "idle_power", "payload")
+OF_A_MOVE = (
+    "start", "goal", "start_pose", "goal_pose", "path", "duration", "max_duration", "cycle", "idle_power", "payload",
+)  # fmt: skip
 EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
 
 
@@ -30,7 +32,7 @@ def run_job_front(args: argparse.Namespace, times: list[float] | None) -> int:
     from energy_opt.poses.given import poses_of_request
 
     given = next((name for name in OF_A_MOVE if getattr(args, name) is not None), None)
-    if given is not None or args.via:
+    if given is not None or args.via or args.via_pose or args.free:
         raise BadInput(f"--{(given or 'via').replace('_', '-')} is of one move; {args.job} has its own")
     worth = per_year_from(args)
     cell = cell_of(args)

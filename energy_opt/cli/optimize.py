@@ -50,13 +50,14 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import read_text, write_json
     from energy_opt.folders import written_whole
     from energy_opt.front.answer import answer_of
-    from energy_opt.front.goals import solve_to, with_goals
+    from energy_opt.front.goals import with_goals
     from energy_opt.front.input_time import at_input_time, solved
     from energy_opt.front.output import put, table
     from energy_opt.front.request import guard, request_of_move
-    from energy_opt.front.rivals import compared, robust_of
+    from energy_opt.front.rivals import compared, members, robust_of
     from energy_opt.motion import Planner
     from energy_opt.motion.plan.robust import RobustPlanner
+    from energy_opt.poses.solve import solve_to
     from energy_opt.power.assumptions import said
 
     worth = per_year_from(args)
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
             if ends is None:
                 found, move = solved(solve, move, given)
             else:
-                chosen = solve_to(ends, move, robot, rivals, cell, settings, solve, kind)
+                chosen = solve_to(ends, move, robot, members(rivals), cell, settings, solve, kind == "worst")
                 found, move = chosen.result, chosen.move
             found, moves = with_room_of(args, planner, robust, move, *moves_of(args, planner, robust, move, found))
             result = answer_of(compared(found, rivals, robot), robot, request, cell, worth)

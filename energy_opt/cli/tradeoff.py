@@ -20,6 +20,7 @@ from energy_opt.cli.common import (
 )
 from energy_opt.cli.job_front import run_job_front
 from energy_opt.cli.per_year import add_per_year, per_year_from
+from energy_opt.cli.poses import add_poses, ends_of
 from energy_opt.errors import BadInput
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("job", nargs="?", type=Path, metavar="JOB.toml", help="a job over its cycle time, not one move")
     add_common(parser, "energy_opt_tradeoff", alone=False)
     add_move(parser)
+    add_poses(parser)
     add_cell(parser)
     add_per_year(parser)
     group = parser.add_argument_group("durations")
@@ -53,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from energy_opt.files import read_text
     from energy_opt.front.request import guard, request_of_move
     from energy_opt.front.rivals import robust_of
-    from energy_opt.front.tradeoff import cycle_for, document_of, mean_of, planner_for, traced
+    from energy_opt.front.tradeoff import chosen_for, cycle_for, document_of, mean_of, planner_for, traced
     from energy_opt.power.assumptions import Assumption, said
     from energy_opt.tradeoff.output import text, write
 
@@ -66,8 +68,8 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF; or give a JOB.toml")
     robot = load_robot_of(args)
     rivals, kind = rivals_of(args, robot)
-    move = move_of(args, robot)
-    cycle = cycle_for(robot, rivals[0].model, move, args.cycle, args.idle_power)
+    ends = ends_of(args, robot, cell_of(args))
+    move = move_of(args, robot, ends=ends)
     for warning in robot.warnings:
         say(args, f"warning: {warning}")
     named = {"path": args.path, "limits": args.limits, "scene": args.scene}
@@ -82,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
     over |= {} if worth is None else {"per_year": worth.document()}
     settings = settings_of(args)
     request = request_of_move(robot, rivals[0].model, move, settings, **named, command=args.command, **over)
+    request = request if ends is None else ends.asked(request)
     guard(args.out / "tradeoff.json", request, args.force)
 
     with stop_on_interrupt() as stopped, Progress(args) as show:
@@ -90,6 +93,10 @@ def run(args: argparse.Namespace) -> int:
             show(f"{front.solves}/{expected} solves", front.solves / expected)
 
         planner = planner_for(robot, rivals, kind, settings, cell=load_cell(robot, cell_of(args)), stopped=stopped)
+        goals: dict[str, Any] = {}
+        if ends is not None:
+            move, goals = chosen_for(planner, ends, move, rivals, settings)
+        cycle = cycle_for(robot, rivals[0].model, move, args.cycle, args.idle_power)
         front = traced(
             planner,
             move,
@@ -99,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
             progress=progress,
             stopped=stopped,
         )
-        found = document_of(planner, rivals, move, front, cycle, request, worth)
+        found = {**document_of(planner, rivals, move, front, cycle, request, worth), **goals}
         write(args.out, front, found, robot, mean_of(planner).cell)
     if line := said([Assumption(**row) for row in found["assumptions"]]):
         say(args, line)

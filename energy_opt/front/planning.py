@@ -23,13 +23,14 @@ from energy_opt.front.given import (
     robot_from,
     several,
 )
-from energy_opt.front.goals import ends_from, solve_to, with_goals
+from energy_opt.front.goals import ends_from, with_goals
 from energy_opt.front.input_time import at_input_time, solved
 from energy_opt.front.request import request_of_move
-from energy_opt.front.rivals import compared, rivals_from, robust_of
+from energy_opt.front.rivals import compared, members, rivals_from, robust_of
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.poses.pose import AnyOf, Pose
+from energy_opt.poses.solve import solve_to
 from energy_opt.power.per_year import PerYear
 from energy_opt.robot import Robot
 
@@ -141,7 +142,7 @@ def optimize(
     if ends is None:
         found, _ = solved(planner.solve, move, given)
         return answer_of(compared(found, rivals, arm), arm, request, known["cell"], per_year)
-    chosen = solve_to(ends, move, arm, rivals, known["cell"], settings, planner.solve, kind)
+    chosen = solve_to(ends, move, arm, members(rivals), known["cell"], settings, planner.solve, kind == "worst")
     answer = answer_of(compared(chosen.result, rivals, arm), arm, ends.asked(request), known["cell"], per_year)
     return with_goals(answer, chosen, ends.poses, settings)
 

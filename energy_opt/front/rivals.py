@@ -14,6 +14,7 @@ from energy_opt.front.grounds import grounded
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Kind, Rival, row_of
+from energy_opt.power import PowerModel
 from energy_opt.power.draws import draws_of
 from energy_opt.power.named import is_named
 from energy_opt.robot import Robot
@@ -23,6 +24,11 @@ PLANNED, JUDGED = 6, 40  # draws of a model's values that a plan is made for, an
 COARSER = 2  # places between two rows: what differs between draws is smooth
 KINDS = ("mean", "worst")
 DRAW = "draw "  # before the number of one
+
+
+def members(rivals: Sequence[Rival]) -> list[PowerModel]:
+    """The models themselves, without draws of their parameters."""
+    return [rival.model for rival in rivals if not rival.name.startswith("draw ")]
 
 
 def rivals_from(

@@ -23,11 +23,15 @@ from energy_opt.front.given import (
     robot_from,
     several,
 )
+from energy_opt.front.goals import ends_from
 from energy_opt.front.planning import move_for, sorted_out
 from energy_opt.front.request import request_of_move
-from energy_opt.front.rivals import rivals_from, robust_of, said, with_careful
+from energy_opt.front.rivals import members, rivals_from, robust_of, said, with_careful
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.robust import Kind, Rival, RobustPlanner
+from energy_opt.poses.ends import Ends
+from energy_opt.poses.pose import AnyOf, Pose
+from energy_opt.poses.solve import solve_to
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions
 from energy_opt.power.per_year import PerYear
@@ -84,15 +88,15 @@ def tradeoff(
     robot: AnyRobot,
     model: AnyModel | Sequence[AnyModel] = None,
     *,
-    start: Positions | None = None,
-    goal: Positions | None = None,
+    start: Positions | Pose | None = None,
+    goal: Positions | Pose | AnyOf | None = None,
     durations: Sequence[float] | np.ndarray | None = None,
     longest: float | None = None,
     cycle: float | None = None,
     idle_power: float | None = None,
     mode: str = "reshape",
     path: AnyPath | None = None,
-    via: Sequence[Positions] = (),
+    via: Sequence[Positions | Pose] = (),
     payload: AnyPayload | None = None,
     limits: str | PathLike[str] | None = None,
     scene: str | PathLike[str] | None = None,
@@ -117,15 +121,15 @@ def tradeoff(
     arm = robot_from(robot, limits)
     rivals, kind = rivals_from(several(model), None, arm, payload)
     of_move, settings = sorted_out(more)
-    move = move_for(arm, start, goal, path, via, mode=mode, **of_move)
     asked = cell or CellRequest()
     if scene is not None:
         asked = replace(asked, scene=Path(scene))
     if settings.tool is not None:
         asked = replace(asked, tool=settings.tool)
+    begin, end, ends = ends_from(arm, start, goal, asked, via)
+    move = move_for(arm, begin, end, path, () if ends is not None and ends.via else via, mode=mode, **of_move)
     if any(asked.base[3:5]):  # gravity is the scene's -z
         rivals = [replace(rival, model=rival.model.standing(*asked.base[3:5])) for rival in rivals]
-    over = cycle_for(arm, rivals[0].model, move, cycle, idle_power)
     wanted = None if durations is None else [float(d) for d in durations]
     chosen: dict[str, Any] = {"durations": wanted, "longest": longest, "cycle": cycle, "idle_power": idle_power}
     named: dict[str, Any] = {"path": path, "limits": limits, "scene": asked.scene, "cell": asked.document()}
@@ -133,9 +137,26 @@ def tradeoff(
     request = request_of_move(arm, rivals[0].model, move, settings, **named, **chosen)
     request |= {} if per_year is None else {"per_year": per_year.document()}
     planner = planner_for(arm, rivals, kind, settings, cell=load_cell(arm, asked), stopped=stopped)
+    goals: dict[str, Any] = {}
+    if ends is not None:
+        request = ends.asked(request)
+        move, goals = chosen_for(planner, ends, move, rivals, settings)
+    over = cycle_for(arm, rivals[0].model, move, cycle, idle_power)
     front = traced(planner, move, over, durations=wanted, longest=longest, stopped=stopped)
-    found = document_of(planner, rivals, move, front, over, request, per_year)
+    found = {**document_of(planner, rivals, move, front, over, request, per_year), **goals}
     return Tradeoff(front, found, arm, mean_of(planner).cell)
+
+
+def chosen_for(
+    planner: Planner | RobustPlanner, ends: Ends, move: Move, rivals: Sequence[Rival], settings: Settings
+) -> tuple[Move, dict[str, Any]]:
+    """The move to the goal that is cheapest at a free duration, at all of whose durations the front is made.
+
+    Returns: the move, and `candidates` and `nearest` as in result.json.
+    """
+    mean = mean_of(planner)
+    chosen = solve_to(ends, move, planner.robot, members(rivals), mean.cell, settings, planner.solve)
+    return chosen.move, chosen.document()
 
 
 def planner_for(

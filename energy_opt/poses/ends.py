@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +11,22 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.poses.given import in_base, scene_of
-from energy_opt.poses.pose import Pose
+from energy_opt.poses.pose import Freedom, Pose
 from energy_opt.robot import Robot
+
+
+def ends_from_text(text: str) -> Ends:
+    """What `Ends.to_text` wrote."""
+
+    def read(end: Any) -> Any:
+        if end is None or isinstance(end, list):
+            return None if end is None else np.array(end, dtype=float)
+        pose = end["pose"]
+        free = tuple(Freedom(axis, low, high) for axis, low, high in pose["free"])
+        return Pose(np.array(pose["matrix"]), free, tuple(pose["tolerance"]), end["name"])
+
+    found = json.loads(text)
+    return Ends(read(found["start"]), tuple(map(read, found["goals"])), tuple(map(read, found["via"])))
 
 
 @dataclass(frozen=True)
@@ -25,6 +40,16 @@ class Ends:
     start: Pose | None
     goals: tuple[Pose | np.ndarray, ...]
     via: tuple[Pose, ...] = ()
+
+    def to_text(self) -> str:
+        """As JSON; poses must be in the base frame."""
+
+        def said(end: Pose | np.ndarray | None) -> object:
+            if end is None:
+                return None
+            return {"pose": end.document(), "name": end.name} if isinstance(end, Pose) else end.tolist()
+
+        return json.dumps({"start": said(self.start), "goals": [*map(said, self.goals)], "via": [*map(said, self.via)]})
 
     def in_base(self, robot: Robot, asked: CellRequest) -> Ends:
         """The same with every pose in the frame of the robot's base, whatever frame of the scene it was given in."""

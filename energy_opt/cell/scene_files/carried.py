@@ -29,7 +29,13 @@ def to_text(scene: Scene) -> str:
         for thing in scene.objects
     ]
     entries = [[a, b, may] for (a, b), may in sorted(scene.allowed.entries.items())]
-    document = {"objects": objects, "entries": entries, "defaults": dict(sorted(scene.allowed.defaults.items()))}
+    document: dict[str, Any] = {
+        "objects": objects,
+        "entries": entries,
+        "defaults": dict(sorted(scene.allowed.defaults.items())),
+    }
+    if scene.poses:
+        document["poses"] = dict(scene.poses)
     return json.dumps(
         plain({**document, "source": Path(scene.source).name, "floor": scene.floor, "warnings": scene.warnings})
     )
@@ -45,6 +51,7 @@ def from_text(text: str) -> Scene:
         document["source"],
         document["floor"],
         tuple(document["warnings"]),
+        document.get("poses", {}),
     )
 
 

@@ -1,0 +1,94 @@
+"""A move whose start, goal or points on the way are sets: solved to the cheapest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell
+from energy_opt.motion import Move, Planner, Result, Settings, Trajectory
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.poses.choose import Chooser, Chosen
+from energy_opt.poses.ends import Ends
+from energy_opt.poses.estimate import fastest, holding
+from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.poses.sets import Ring, Target, layer, positions_of, thinned
+from energy_opt.power import Mixture, PowerModel
+from energy_opt.robot import Robot
+
+Solve = Callable[[Move, Sequence[Trajectory]], Result]
+CONTROLS = 20  # of solves that only rank goals
+
+
+def solve_to(
+    ends: Ends,
+    move: Move,
+    robot: Robot,
+    models: Sequence[PowerModel],
+    cell: Cell | None,
+    settings: Settings,
+    solve: Solve,
+    worst: bool = False,
+) -> Chosen:
+    """The cheapest motion to any of the goals; see `Chooser.choose`.
+
+    Args:
+        ends: start pose, poses on the way and goals; the move's own goal is ignored, and its start where there is a
+            start pose.
+        models: that are planned under; goals are compared by their mean, or by the `worst` of them.
+        solve: the planner that gives the answer.
+    """
+    tool = ToolKinematics(robot, settings.tool)
+    scorers = [Scorer(robot, model) for model in models]
+    if ends.start is not None or ends.via:
+        move = _placed(ends, move, tool, scorers, cell, settings)
+    quick = replace(settings, starts=1, controls=min(CONTROLS, settings.controls), solver="sqp", ways=1)
+    rough = Planner(robot, Mixture.of(models) if len(models) > 1 else models[0], quick, cell=cell)
+    chooser = Chooser(tool, scorers, cell, solve, rough.solve, settings.seed, worst)
+    return chooser.choose(move, ends.goals)
+
+
+def _placed(
+    ends: Ends, move: Move, tool: ToolKinematics, scorers: Sequence[Scorer], cell: Cell | None, settings: Settings
+) -> Move:
+    """The move with those positions of its start pose and of the poses on its way that are likely to be cheapest.
+
+    Raises:
+        Infeasible: no positions reach one of them, or all touch something.
+    """
+    start: Target = move.start if ends.start is None else ends.start
+    near = tool.robot.limits.near_zero if ends.start is not None else move.start
+    rows = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in (start, *ends.via)]
+    goals = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in ends.goals]
+    rows.append(np.vstack(goals))
+    layers = [layer(scorers, thinned(q, holding(scorers, q))) for q in rows]
+    chain = Ring(layers, [scorers] * (len(layers) - 1), [(0.0, np.inf)] * len(layers))
+    chosen, _ = chain.cheapest(move.duration or move.max_duration or np.inf, 0.0)
+    q = [each.positions[k] for each, k in zip(layers, chosen, strict=True)]
+    return replace(move, start=q[0], via=tuple(q[1:-1]))
+
+
+def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settings: Settings) -> Move:
+    """The move to the positions that are quickest to reach, at every pose from where the arm comes from.
+
+    Raises:
+        Infeasible: no positions reach one of the poses, or all touch something.
+    """
+    tool = ToolKinematics(robot, settings.tool)
+    q = move.start
+    if ends.start is not None:
+        near = robot.limits.near_zero
+        found = positions_of(tool, ends.start, cell, near=near, seed=settings.seed)
+        q = found[np.argmin(np.abs(found - near).sum(axis=1))]
+    at = [q]
+    for stop in ends.via:
+        at.append(_nearest(robot, at[-1], positions_of(tool, stop, cell, near=at[-1], seed=settings.seed)))
+    goals = [positions_of(tool, goal, cell, near=at[-1], seed=settings.seed) for goal in ends.goals]
+    return replace(move, start=at[0], via=tuple(at[1:]), goal=_nearest(robot, at[-1], np.vstack(goals)))
+
+
+def _nearest(robot: Robot, q: np.ndarray, found: np.ndarray) -> np.ndarray:
+    quick = fastest(robot, np.broadcast_to(q, found.shape), found) + 1e-3 * np.abs(found - q).sum(axis=1)
+    return np.asarray(found[int(np.argmin(quick))])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +13,12 @@ import pytest
 import tomli_w
 
 from energy_opt.cell.cell import Cell
+from energy_opt.cell.moving import MovingCell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import load_robot
+from energy_opt.workcell.aside import others_during
 from energy_opt.workcell.between import TwoArms, prove_apart
 from energy_opt.workcell.motion import Part, PeriodicMotion
 
@@ -113,6 +117,49 @@ def test_the_proof_shifts_time_as_lateness_says(panda: object) -> None:
     assert prove_apart(arms, (0, 1), one, late, 0.8).verdict != "proven"
 
 
+def test_the_bodies_of_an_arm_that_moves_are_where_it_is_at_that_instant(panda: object) -> None:
+    bases = ((0.0,) * 6, (0.9, 0.05, 0.0, 0.0, 0.0, np.pi))
+    cells = [Cell(panda, CellRequest(base=base)) for base in bases]
+    goal = REST + np.array([0.3, 0.5, 0.0, 0.4, 0.0, 0.2, 0.0])
+    one, two = swing(panda.joints, goal, 0.4), swing(panda.joints, goal, 0.9)
+    others = others_during(cells[0], [(cells[1], two)], 0.0, CYCLE, 0.0)
+    moving = MovingCell(cells[0], others, REST, REST)
+    u = np.linspace(0, 1, 40)
+    apart = moving.gap(u, one.at(u * CYCLE - 1e-12), 1.0)
+    assert apart < 0.15
+    least = least_distance(one, two, cells[1].request.base_pose, 0.0)
+    own = min(d for q in one.at(u * CYCLE) for _, d in cells[0].distances(q, 1.0))
+    assert apart == pytest.approx(min(least, own), abs=2e-3)
+
+
+@pytest.mark.slow
+def test_an_arm_makes_way_where_both_must_move_at_once(tmp_path: Path) -> None:
+    def robot(name: str, base: list[float]) -> dict:
+        ends = [[s * 0.6, 0.45, 0.0, -1.7, 0.0, 2.1, 0.8] for s in (1, -1)]  # across the middle, past the other
+        steps = [{"name": "there", "to": ends[1]}, {"name": "back", "to": ends[0]}]
+        return {"name": name, "robot": "panda", "base": base, "step": steps}
+
+    document = {
+        "format": "energy-opt/job/2",
+        "cycle_time": 3.6,
+        "robot": [robot("a", [0.0] * 6), robot("b", [1.1, 0.0, 0.0, 0.0, 0.0, float(np.pi)])],
+        "lag": [
+            {"from": f"{x}.{step}", "to": f"{y}.{step}", "length": -0.05} for x, y in ("ab", "ba")
+            for step in ("there", "back")
+        ],
+    }  # fmt: skip
+    file = tmp_path / "cell.toml"
+    file.write_bytes(tomli_w.dumps(document).encode())
+    options = ["--model", "source-method-2", "--starts", "1", "--quiet"]
+    assert main(["job", str(file), "--out", str(tmp_path / "out"), *options]) == 0
+    found = json.loads((tmp_path / "out" / "job.json").read_text())
+    assert found["clearance"]["verdict"] == "proven" and found["around"]
+    sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+    from cell_judge import faults_of_cell
+
+    assert faults_of_cell(document, tmp_path / "out") == []
+
+
 @pytest.mark.slow
 def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
     near = [0.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7]
@@ -130,6 +177,7 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
     file = tmp_path / "cell.toml"
     file.write_bytes(tomli_w.dumps(document).encode())
     options = ["--model", "source-method-2", "--floor", "-0.01", "--starts", "2", "--quiet"]
+    options += ["--write", "follow-joint-trajectory", "--write", "franka"]
     code = main(["job", str(file), "--out", str(tmp_path / "out"), *options])
     found = json.loads((tmp_path / "out" / "job.json").read_text())
     assert code == 0, found["warnings"]
@@ -142,4 +190,14 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
     assert found["energy_total"] <= found["supply"]["energy_own"]
     for robot in found["robots"]:
         assert sum(step["duration"] for step in robot["steps"]) == pytest.approx(9.0)
-        assert (tmp_path / "out" / f"cycle_{robot['name']}.csv").is_file()
+        files = {row["file"]: row for row in found["written"] if row["robot"] == robot["name"]}
+        assert list(files) == [f"cycle_{robot['name']}{end}" for end in (".csv", ".goal.yaml", ".franka.csv")]
+        assert all(row["valid"] and row["starts_at"] == robot["steps"][0]["start"] for row in files.values())
+        with (tmp_path / "out" / f"cycle_{robot['name']}.csv").open() as lines:
+            rows = list(csv.DictReader(lines))
+        for row in rows:
+            values = {
+                kind: [float(x) for key, x in row.items() if key.endswith(kind)] for kind in (".velocity", "ation")
+            }
+            if not any(values[".velocity"]):
+                assert np.abs(values["ation"]).max() < 1e-6  # no jump of the acceleration at a join

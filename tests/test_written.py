@@ -87,7 +87,7 @@ def test_a_cycle_as_one_program(cycle, ur5: Robot, tmp_path: Path) -> None:
     (row,) = write_programs(cycle, wanted(["urscript"]), tmp_path)
     assert row.valid and row.file == "trajectory.script"
     text = (tmp_path / "trajectory.script").read_text()
-    assert "# 3. settle" in text and "# the brakes may hold the arm here" in text
+    assert "# 3. settle" in text and "# waits in mode brakes" in text
     arm = Controller(np.array([0.0, -1.5, 1.2, -1.0, 0.3, 0.0]))
     arm.run(text)
     assert arm.time == pytest.approx(5.0, abs=1e-3)

@@ -52,6 +52,10 @@ class Bodies:
         sides = self.pairs.T
         self.planar = convex[sides[0]] & convex[sides[1]] & ~self.moves[1].any(axis=1) & ~self.flat[sides[0]]
 
+    def poses(self, q: np.ndarray, u: np.ndarray) -> Poses:
+        """Frames of the links at q (K, n); u (K,) in [0, 1] along a move matters where other arms move (`moving`)."""
+        return self.kinematics(q)
+
     def ruler(self, pair: int) -> Ruler:
         """What measures a pair's distance."""
         if pair not in self._rulers:

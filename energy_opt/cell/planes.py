@@ -87,7 +87,7 @@ class Near:
         Returns place, number of the pair of pieces, distance [m] (negative: overlap) and unit normal in the base frame
         from the second towards the first, (M,) each; and the poses.
         """
-        poses = self.bodies.kinematics(q)
+        poses = self.bodies.poses(q, u)
         k, number = np.nonzero((self._apart(poses) < reach) & self._seen)
         if self._kept[0] != u.tobytes():
             self._kept = u.tobytes(), np.zeros((len(u), len(self.pair), 3))
@@ -238,13 +238,13 @@ class PlaneRows:
         if self._at is q:
             return
         self._at = q
-        poses, k = self._bodies.kinematics(q), self.place
+        poses, k = self._bodies.poses(q, self.u), self.place
         n = np.matmul(poses.rotation[k, self._joint_b], self._normal[:, :, None])[..., 0]
         point = np.matmul(poses.rotation[k, self._joint_a], self._point[:, :, None])[..., 0]
         point += poses.origin[k, self._joint_a]
         self._f = np.sum(n * (point - poses.origin[k, self._joint_b]), axis=1) - self._height
         self._n, self._axis = n, poses.axis[k]
-        swept = _cross(self._axis, point[:, None] - poses.origin[k][:, :-1])
+        swept = _cross(self._axis, point[:, None] - poses.origin[k][:, : self._axis.shape[1]])
         slides = self._bodies.kinematics.prismatic
         self._w = np.where(slides[:, None], self._axis, swept) * self._moves[:, :, None]
 
@@ -262,7 +262,7 @@ class PlaneRows:
         """(K, n, n)."""
         self._move(q)
         kinematics = self._bodies.kinematics
-        above = kinematics.moves[:-1].T  # (L, L): joint i moves joint j, or is it
+        above = kinematics.moves[: kinematics.count].T  # (L, L): joint i moves joint j, or is it
         turned = _cross(self._n[:, None], self._axis) * (self._moves & ~kinematics.prismatic)[:, :, None]
         h = np.matmul(turned, self._w.transpose(0, 2, 1)) * (multipliers / LENGTH)[:, None, None] * above
         out = np.zeros((len(self.u), *h.shape[1:]))

@@ -45,13 +45,19 @@ def add_controllers(parser: argparse.ArgumentParser) -> None:
 def check_written(args: argparse.Namespace, joints: int) -> list[Format]:
     """The formats of --write, for an arm of so many joints; what cannot be meant is refused before the work."""
     from energy_opt.formats.output import wanted
+
+    check_rate_of(args)
+    return wanted(args.write, joints)
+
+
+def check_rate_of(args: argparse.Namespace) -> None:
+    """Refuse a rate that no controller has, or one of no file."""
     from energy_opt.formats.resample import check_rate
 
     if args.rate is not None:
         if not args.write:
             raise BadInput(f"--rate {args.rate:g}: of which files? Give --write too")
         check_rate(args.rate)
-    return wanted(args.write, joints)
 
 
 def check_controllers(args: argparse.Namespace, joints: int) -> None:

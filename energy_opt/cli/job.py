@@ -20,7 +20,7 @@ from energy_opt.cli.common import (
     rivals_of,
     say,
 )
-from energy_opt.cli.controllers import add_written, check_written
+from energy_opt.cli.controllers import add_written, check_rate_of, check_written
 from energy_opt.cli.per_year import add_per_year, per_year_from
 from energy_opt.errors import Infeasible
 
@@ -155,6 +155,7 @@ def _run_workcell(args: argparse.Namespace) -> int:
     from energy_opt.robot import load_robot
     from energy_opt.workcell.file import load_workcell
     from energy_opt.workcell.output import write
+    from energy_opt.workcell.program import formats_of, write_programs
     from energy_opt.workcell.run import run_workcell
 
     cell = load_workcell(args.job)
@@ -165,6 +166,8 @@ def _run_workcell(args: argparse.Namespace) -> int:
         named = given or (beside if beside is not None and beside.is_file() else name)
         return mean_of(rivals_from([] if named is None else [named], None, robot)[0])
 
+    check_rate_of(args)
+    formats = formats_of(cell, args.write, args.job, load_robot, args.allow_outside)
     worth = per_year_from(args)
     request = {"job": read_toml(args.job), **stamp(args.command)}
     request |= {} if worth is None else {"per_year": worth.document()}
@@ -181,7 +184,11 @@ def _run_workcell(args: argparse.Namespace) -> int:
             stopped=stopped, progress=progress,
         )  # fmt: skip
         with written_whole(args.out, "job.json") as aside:
-            found = write(result, request, aside, worth)
+            rows = write_programs(result, formats, aside, args.rate, args.joint_prefix)
+            found = write(result, request, aside, worth, rows)
+    for row in rows:
+        if row.written.format != "csv" or not row.written.valid:
+            say(args, f"{args.out / row.written.file}: {row.written}; begins at {row.start:.3f} s of the cell's cycle")
     for warning in found["warnings"]:
         say(args, f"warning: {warning}")
     view(args, args.out)
@@ -191,7 +198,7 @@ def _run_workcell(args: argparse.Namespace) -> int:
         print(_text_of_workcell(found, args.out))
     if result.interrupted:
         return 130
-    return 0 if result.solved else 4
+    return 0 if result.solved and all(row.written.valid for row in rows) else 4
 
 
 def _text_of_workcell(found: dict[str, Any], out: Path) -> str:

@@ -206,5 +206,5 @@ def _parts(motion: Recorded, intervals: Sequence[Interval]) -> tuple[Part, ...]:
         waits = i.stands and bool(np.abs(trajectory.velocity).max() < AT_REST)
         if waits:
             trajectory = standing(trajectory.joints, trajectory.position[-1], i.end - i.start)
-        out.append(Part(trajectory, "", waits, i.brakes, i.load))
+        out.append(Part(trajectory, "", waits, "brakes" if i.brakes else "", i.load))
     return tuple(out)

@@ -140,11 +140,15 @@ def _at(parts: Sequence[Part], rate: float) -> Trajectory:
 
 
 def _carried(parts: Sequence[Part]) -> str:
-    """What such a file cannot say: when which payload is to be set."""
-    out, at, before = [], 0.0, 0.0
+    """What such a file cannot say: when which payload is to be set, and when the arm waits in which mode."""
+    loads, modes, at, before = [], [], 0.0, 0.0
     for part in parts:
         mass = part.payload[0] if part.payload is not None else 0.0
+        end = at + part.trajectory.duration
         if mass != before:
-            out.append(f"{mass:g} kg from {at:.6g} s on")
-        at, before = at + part.trajectory.duration, mass
-    return f"; it holds no payloads, set them yourself: {', '.join(out)}" if out else ""
+            loads.append(f"{mass:g} kg from {at:.6g} s on")
+        if part.mode:
+            modes.append(f"{part.mode} from {at:.6g} to {end:.6g} s")
+        at, before = end, mass
+    out = f"; it holds no payloads, set them yourself: {', '.join(loads)}" if loads else ""
+    return out + (f"; it holds no modes: {', '.join(modes)}" if modes else "")

@@ -23,14 +23,14 @@ class Part:
 
     Attributes:
         trajectory: its rows, from any time on; of a wait, standing ones.
-        waits: it is a wait; brakes: which brakes may hold.
+        waits: it is a wait; mode: what the arm waits in, where that is not held by its motors.
         payload: mass [kg] and its centre [m] in the last joint's frame, from its beginning on; None: not known.
     """
 
     trajectory: Trajectory
     name: str = ""
     waits: bool = False
-    brakes: bool = False
+    mode: str = ""
     payload: Load | None = None
 
 

@@ -94,8 +94,8 @@ def write_program(parts: Sequence[Part], path: Path) -> None:
         if streamed:
             lines += _streamed(part.trajectory)
         elif _rests(part):
-            if part.brakes:
-                lines.append("  # the brakes may hold the arm here")
+            if part.mode:
+                lines.append(f"  # waits in mode {commented(part.mode)}")
             lines.append(f"  rest({vector(part.trajectory.position[-1])},{part.trajectory.duration:.9f},t,dt,speed)")
             lines.append("  t = dt * speed")
         else:

@@ -26,7 +26,7 @@ def parts_of(result: JobResult) -> list[Part]:
         payload = payload if step is None else step.payload
         waits = piece.source == "wait"
         brakes = waits and (result.plan.rest.brakes if step is None else step.brakes)
-        out.append(Part(piece.trajectory, piece.name, waits, brakes, payload))
+        out.append(Part(piece.trajectory, piece.name, waits, "brakes" if brakes else "", payload))
     return out
 
 

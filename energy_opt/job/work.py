@@ -104,10 +104,13 @@ class Worker:
 
     def slowed(self, leg: Leg, timing: Timing, duration: float, name: str = "scaled") -> Answer:
         """The leg's fastest timing, slowed evenly; not solved where it is beyond a limit."""
-        trajectory = timing.slowed(duration).trajectory(self.job.robot.joints)
+        return self.judged(leg, timing.slowed(duration).trajectory(self.job.robot.joints), name)
+
+    def judged(self, leg: Leg, trajectory: Trajectory, source: str) -> Answer:
+        """A trajectory as an answer to a leg; not solved where it is beyond a limit or touches something."""
         valid = self.planner(leg).certify(trajectory).valid
         energy = self.scorers.of(leg.step).energy(trajectory)
-        return Answer(trajectory, energy, name, "solved" if valid else "infeasible")
+        return Answer(trajectory, energy, source, "solved" if valid else "infeasible")
 
     def solved(self, leg: Leg, timing: Timing, duration: float, known: Trajectory | None) -> Answer:
         """The leg in `duration` s with the least energy that is found."""

@@ -25,7 +25,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.ways import check_free
 from energy_opt.motion.timing.law import Timing
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.poses.given import poses_of_request
 from energy_opt.poses.pose import Pose
 from energy_opt.power import PowerModel
@@ -38,6 +38,9 @@ from energy_opt.workcell.motion import Part
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
 SOLVED = (1.0, 1.35, 2.0, 3.2)  # and those at which a move is optimized before the first schedule
 SAME = 1e-6  # relative: durations nearer than this are one
+BLEND, ROOM = 4e-3, 1.05  # [s] over which the acceleration rises at a move's ends, and that in jerk-limited ramps
+WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and limits are kept by all files
+AT_ENDS = 1e-6  # [rad/s^2] of acceleration at a move's ends that counts as none
 MOTORS = "motors"  # the mode in which the motors hold the arm
 AT_REST = np.linspace(0, 1, 3)  # samples of a wait
 
@@ -100,6 +103,9 @@ class Arm:
         self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped)
         self.worker.check_poses()
         self._known: dict[tuple[object, ...], ArmMove] = {}
+        limits = self.job.robot.limits
+        ramps = limits.acceleration / limits.jerk
+        self._blend = float(whole(max(ROOM * ramps[np.isfinite(ramps)].max(initial=0.0), BLEND)))
         self.moves = [self._move(leg) for leg in legs_of(self.job.steps)]
         self._feeding: dict[tuple[float, ...], Scorer] = {}
         self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
@@ -114,7 +120,9 @@ class Arm:
         if key not in self._known:
             begun = self.worker.begun(leg)
             timing = self.worker.timing(begun)
-            shortest, longest = max(timing.duration, leg.least), min(leg.most, self.job.cycle_time)
+            timing = timing.slowed(WITHIN * timing.duration)
+            shortest = max(float(whole(timing.duration + self._blend)), leg.least)
+            longest = min(leg.most, self.job.cycle_time)
             if shortest > longest * (1 + 1e-12):
                 raise Infeasible(
                     f"{self.name}: {leg.name} takes {shortest:.6g} s at least; it may take {longest:.6g} s",
@@ -166,11 +174,15 @@ class Arm:
                 raise Infeasible(f"{self.name}: {move.leg.name} keeps its limits at no duration", limit="duration")
 
     def _slowed(self, move: ArmMove, duration: float) -> None:
-        name = "toppra" if duration <= move.timing.duration * (1 + SAME) else "scaled"
-        answer = self.worker.slowed(move.leg, move.timing, duration, name)
+        timing = move.timing.slowed(max(duration - self._blend, move.timing.duration))
+        answer = self._blended(move, timing.trajectory(self.job.robot.joints), "scaled")
         if answer.status == "solved":
             move.slowed[duration] = answer
             move.answers.setdefault(duration, answer)
+
+    def _blended(self, move: ArmMove, trajectory: Trajectory, source: str) -> Answer:
+        """A trajectory averaged over `_blend` s: its acceleration begins and ends at 0, and does not jump at joins."""
+        return self.worker.judged(move.leg, trajectory.averaged(self._blend), source)
 
     def optimize(self, move: ArmMove, duration: float) -> bool:
         """Optimize a move at a duration [s] where that has not been done; was anything done?"""
@@ -181,6 +193,9 @@ class Arm:
         self._slowed(move, duration)
         try:
             answer = self.worker.solved(move.leg, move.timing, duration, None)
+            if np.abs(answer.trajectory.acceleration[[0, -1]]).max() > AT_ENDS:
+                answer = self.worker.solved(move.leg, move.timing, duration - self._blend, None)
+                answer = self._blended(move, answer.trajectory, answer.source)
         except Infeasible:  # it is too short for this move; others are known
             return True
         known = move.answers.get(duration)
@@ -254,21 +269,21 @@ class Arm:
         rest = np.full(len(at), scorer.model.constant_power(scorer.robot.n))
         return power - rest, rest
 
+    def step_of(self, name: str) -> Step:
+        """The step that a ring calls `name`; of a wait that was added, the one before it."""
+        steps = dict(zip((step.name for step in self.job.steps), self.job.steps, strict=True))
+        return steps[name] if name in steps else steps[name.removeprefix(ADDED.format(""))]
+
     def parts(self, ring: Ring, starts: np.ndarray, durations: np.ndarray) -> list[Part]:
         """The motion of every step of the ring, as scheduled."""
         moves = {step_name(m.place, self.table.step[m.place]): m for m in self.moves}
-        steps = {
-            step_name(k, table): step
-            for k, (table, step) in enumerate(zip(self.table.step, self.job.steps, strict=True))
-        }
         out = []
         for step, start, duration in zip(ring.steps, starts.tolist(), durations.tolist(), strict=True):
             if isinstance(step, Move):
                 move = moves[step.name]
                 trajectory = move.answers[nearest(move.answers, duration)].trajectory
             else:
-                at: Step = steps[step.name] if step.name in steps else steps[step.name.removeprefix(ADDED.format(""))]
-                trajectory = _standing(self.job.robot, at.goal, max(duration, 1e-9))
+                trajectory = _standing(self.job.robot, self.step_of(step.name).goal, max(duration, 1e-9))
             out.append(Part(step.name, start, duration, trajectory))
         return out
 

@@ -64,6 +64,8 @@ class TwoArms:
         pairs = np.column_stack([a.ravel(), b.ravel()])
         pairs = pairs[~(still[pairs[:, 0]] & still[pairs[:, 1]])]
         self.bodies = Bodies(Kinematics(links), bodies, pairs)
+        self.own_numbers = [k for k, body in enumerate(one.bodies.all) if k < one.links or body.joint >= 0]
+        self.of_second = _own(two)
         self.asked = max(one.asked, two.asked)
 
     def names(self, pair: int) -> tuple[str, str]:
@@ -129,7 +131,7 @@ def prove_apart(
     bound = np.inf
     # first without slack, in the middle and at both ends: collisions show there at once
     for late in dict.fromkeys((0.0, -2 * jitter, 2 * jitter)):
-        proof = prove(arms.bodies, _curve(arms, one, two, late, 0.0), wanted)
+        proof = prove(arms.bodies, side_by_side(arms, one, two, late, 0.0), wanted)
         worst = proof.touches[0] if proof.touches else proof.least
         if worst is not None and (least is None or least.min_distance is None or worst.distance < least.min_distance):
             least = Between(
@@ -141,7 +143,7 @@ def prove_apart(
     open_ = [(0.0, 2 * jitter)] if jitter > 0 else []
     while open_:
         late, slack = open_.pop()
-        proof = prove(arms.bodies, _curve(arms, one, two, late, slack), wanted)
+        proof = prove(arms.bodies, side_by_side(arms, one, two, late, slack), wanted)
         if proof.verdict == "proven":
             bound = min(bound, proof.lower_bound)
             continue
@@ -157,8 +159,9 @@ def prove_apart(
     return replace(least, verdict="proven", lower_bound=bound)
 
 
-def _curve(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: float, slack: float) -> _Loose:
-    """Both motions on common times, the second ahead by `late` and loose by `slack` [s], a little over one cycle."""
+def side_by_side(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: float, slack: float) -> _Loose:
+    """Both motions on common times, the second ahead by `late` and loose by `slack` [s], a little over one cycle of the
+    first."""
     begin, end = one.begin - slack, one.begin + one.cycle + slack
     times = np.unique(np.concatenate([[begin, end], one.rows(begin, end), two.rows(begin + late, end + late) - late]))
     times = times[np.append(np.diff(times) > 1e-10, True)]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from energy_opt import formats
 from energy_opt.files import plain, write_json
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.workcell import page
+from energy_opt.workcell.program import RobotFile
 from energy_opt.workcell.run import CellResult
 
 FORMAT = "energy-opt/job-result/2"
@@ -78,6 +78,7 @@ def document(result: CellResult) -> dict[str, Any]:
             {"name": "fastest_then_wait", "energy_total": x["energy_total"]} for x in levers if x["name"] == "as_is"
         ],
         "clearance": _clearance(result),
+        "around": list(result.planned.around),
         "jitter": cell.jitter,
         "peak_power": None if result.supply is None else result.supply.peak,
         "supply": _supply(result),
@@ -129,18 +130,22 @@ def _supply(result: CellResult) -> dict[str, Any] | None:
     }
 
 
-def write(result: CellResult, request: Mapping[str, Any], out: Path, worth: PerYear | None = None) -> dict[str, Any]:
+def write(
+    result: CellResult,
+    request: Mapping[str, Any],
+    out: Path,
+    worth: PerYear | None = None,
+    written: Sequence[RobotFile] = (),
+) -> dict[str, Any]:
     """Write report.html and job.json, this last; returns the document.
 
-    `worth`: how often the cycle runs in a year, where what is saved against it as it is is to be stated for one.
+    Args:
+        worth: how often the cycle runs in a year, where what is saved against it as it is is to be stated for one.
+        written: what `write_programs` wrote.
     """
-    found = {**document(result), "request": plain(request)}
+    found = {**document(result), "written": [row.document() for row in written], "request": plain(request)}
     if worth is not None:
         found["per_year"] = worth.of(found["levers"][0]["energy_total"] - found["energy_total"])
-    for robot, arm, motion in zip(result.cell.robot, result.arms, result.planned.motions, strict=True):
-        if arm is not None and motion is not None:
-            file = f"cycle_{robot.name.replace('/', '_')}.csv"
-            formats.write(motion.trajectory(), Path(out) / file)
     page(found).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

@@ -5,31 +5,33 @@ price        every move optimized at a few durations
 schedule     durations, modes and starts of least energy on the lower hull of what is known
 refine       optimize every move at the duration that it got; again while the cycle's energy changes by 0.1 %
 prove        every two arms, for the whole cycle and for lateness; where two touch, the times at which their steps
-             may not meet become a constraint, and the schedule is made again with the durations that are known
+             may not meet become a constraint, and the schedule is made again with the durations that are known;
+             where there is none, one of the two moves is led around the other arm in its motion
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.schedule import Exclusion, Problem, Ring, Run, Schedule, solve
-from energy_opt.workcell.arm import SOLVED, Arm
-from energy_opt.workcell.arrange import arrangements, cheapest, listed
+from energy_opt.schedule import Exclusion, Run, Schedule, solve
+from energy_opt.workcell.arm import SOLVED, Arm, nearest
+from energy_opt.workcell.aside import aside
 from energy_opt.workcell.between import Between, TwoArms, prove_apart
-from energy_opt.workcell.curves import problem_of, ring_of
-from energy_opt.workcell.file import WorkCell, groups_of
-from energy_opt.workcell.levers import Levers, pull, with_lever
+from energy_opt.workcell.file import WorkCell
 from energy_opt.workcell.meeting import meeting
 from energy_opt.workcell.motion import PeriodicMotion
+from energy_opt.workcell.stage import Stage
 
 SETTLED = 1e-3  # relative change of the cycle's energy that ends refining
 REFINED = 6  # schedules whose durations are optimized
+AROUND = 6  # moves that are led around others
+LONGER = (1.1, 1.25, 1.5, 2.0, 3.0)  # times the cycle time that are looked at where it is too short
 SHIFTED = 30  # schedules that are tried until no two arms touch
 
 
@@ -41,20 +43,18 @@ class Planned:
         schedule: with durations at which every move is known; exclusions: times that keep arms apart, found on the way.
         clearance: every two arms.
         motions: of every arm over its cycle; None for a robot that is known by its curves alone.
+        around: moves that go around another arm, as `robot.step`.
     """
 
     schedule: Schedule
     exclusions: tuple[Exclusion, ...]
     clearance: tuple[Between, ...]
     motions: tuple[PeriodicMotion | None, ...]
+    around: tuple[str, ...] = ()
 
 
-class Planning:
-    """The work on a cell with arms.
-
-    Args:
-        arms: by robot; None for a robot that is known by its curves alone.
-    """
+class Planning(Stage):
+    """The work on a cell with arms; arguments are those of `Stage`."""
 
     def __init__(
         self,
@@ -64,72 +64,13 @@ class Planning:
         progress: Callable[[str, float], None],
         stopped: Callable[[], bool],
     ) -> None:
-        self.cell, self.arms, self.seconds = cell, tuple(arms), seconds
-        self.progress, self.stopped = progress, stopped
-        self._plain = self.arms  # in the order of the file, as far as `after` allows it
-        self.exclusions: dict[tuple[int, int, int, int], Exclusion] = {}
+        super().__init__(cell, arms, seconds, progress, stopped)
         cells = [None if arm is None else arm.cell for arm in arms]
         self._two = {
             (a, b): TwoArms(one, two)
             for (a, one), (b, two) in combinations(enumerate(cells), 2)
             if one is not None and two is not None
         }
-
-    @property
-    def moving(self) -> bool:
-        """Is any arm known, not by its curves alone?"""
-        return any(arm is not None for arm in self.arms)
-
-    def arranged(self) -> Levers:
-        """What each lever saves with evenly slowed moves; the arms take the arrangement of steps that costs least.
-
-        Raises:
-            Infeasible: no schedule keeps cycle time, lags and zones.
-        """
-        given = self.arms
-        self.arms = tuple(None if arm is None else listed(arm) for arm in given)
-        self._plain = self.arms
-        for k, arm in enumerate(self.arms):
-            if arm is not None:
-                self.progress(f"{arm.name}: evenly slowed", 0.1 * k / len(self.arms))
-                arm.slow()
-        found: Levers | None = None
-        fault: Infeasible | None = None
-        try:
-            found = pull(self.problem(False).as_listed, seconds=self.seconds)
-        except Infeasible as error:
-            fault = error
-        self.progress("poses to wait in", 0.12)
-        better = self._cheapest(given, False)
-        if better is not None:
-            found = with_lever(found, "modes", better)
-        if any(groups_of(robot) for robot in self.cell.robot):
-            self.progress("orders of steps", 0.15)
-            better = self._cheapest(given, True)
-            if better is not None:
-                found = with_lever(found, "order", better)
-        if found is None:
-            raise fault or Infeasible("no order of the steps keeps the cycle time", limit="duration")
-        return found
-
-    def _cheapest(self, given: Sequence[Arm | None], orders: bool) -> Schedule | None:
-        """The schedule of the best arrangement, where there is more than one; the arms take it."""
-        choices = [[] if arm is None else arrangements(arm, orders) for arm in given]
-        if not orders and all(len(choice) < 2 for choice in choices):
-            return None
-
-        def problem(arms: Sequence[Arm | None]) -> Problem:
-            out = self.problem(False, arms=arms)
-            return out if orders else out.as_listed
-
-        if not self.moving:
-            with suppress(Infeasible):
-                return solve(problem(given), seconds=self.seconds)
-        found = cheapest(given, choices, problem)
-        if found is None:
-            return None
-        self.arms = found[0]
-        return found[1]
 
     def _price(self) -> None:
         """Optimize every move at the first durations."""
@@ -140,19 +81,6 @@ class Planning:
                 if not self.stopped():
                     arm.optimize(move, min(move.shortest * factor, move.longest))
 
-    def problem(
-        self,
-        optimized: bool,
-        hold: Sequence[dict[int, float] | None] | None = None,
-        arms: Sequence[Arm | None] | None = None,
-    ) -> Problem:
-        """The scheduling problem with all that is known now."""
-        rings: dict[str, Ring] = {}
-        for k, (robot, arm) in enumerate(zip(self.cell.robot, self.arms if arms is None else arms, strict=True)):
-            held = None if hold is None else hold[k]
-            rings[robot.name] = ring_of(self.cell, robot) if arm is None else arm.ring(optimized, held)
-        return problem_of(self.cell, rings, tuple(self.exclusions.values()))
-
     def plan(self) -> Planned:
         """The plan of least energy in which no two arms touch.
 
@@ -161,11 +89,11 @@ class Planning:
         Raises:
             Infeasible: no schedule keeps cycle time, lags, zones and the arms apart; names the two steps.
         """
-        if self.arms == self._plain:
+        if self.arms == self.plain:
             return self._planned()
         with suppress(Infeasible):
             return self._planned()
-        self.arms, self.exclusions = self._plain, {}
+        self.arms, self.exclusions = self.plain, {}
         return self._planned()
 
     def _planned(self) -> Planned:
@@ -187,9 +115,63 @@ class Planning:
             except Infeasible:
                 try:
                     schedule = self._refined()
-                except Infeasible as error:
-                    raise _collision(self.cell, found, touching[0], error) from None
+                except Infeasible:
+                    wanted, self.exclusions = self.exclusions, before
+                    around = self._around(found)
+                    if around is None:
+                        raise self._collision(found, touching[0], wanted) from None
+                    return around
         return found
+
+    def _around(self, found: Planned) -> Planned | None:
+        """The plan with moves that make way for other arms in their motion; None where none was found."""
+        around: list[str] = []
+        for turn in range(AROUND):
+            touching = [between for between in found.clearance if between.verdict != "proven"]
+            if not touching or self.stopped():
+                return replace(found, around=tuple(around)) if not touching else None
+            self.progress("paths around other arms", 0.9)
+            name = self._make_way(touching[0], found, turn)
+            if name is None:
+                return None
+            around.append(name)
+            found = self.proved(self._priced(found.schedule))
+        return None
+
+    def _make_way(self, between: Between, found: Planned, turn: int) -> str | None:
+        """Lead one of two moves that touch around all other arms; its name, or None where neither finds a way."""
+        time = between.time or 0.0
+        both = [(between.robots[0], time), (between.robots[1], time + between.late)]
+        for r, at in both if turn % 2 == 0 else reversed(both):
+            arm, motion = self.arms[r], found.motions[r]
+            if arm is None or motion is None:
+                continue
+            part = motion.part_at(at)
+            move = next((m for m in arm.moves if ring_name(arm, m.place) == part.name), None)
+            if move is None:
+                continue
+            others = [
+                (other.cell, moves)
+                for k, (other, moves) in enumerate(zip(self.arms, found.motions, strict=True))
+                if k != r and other is not None and other.cell is not None and moves is not None
+            ]
+            answer = aside(arm, move, part.start, part.duration, others, self.cell.jitter, turn)
+            if answer is not None:
+                move.answers[nearest(move.answers, part.duration)] = answer
+                return f"{arm.name}.{part.name}"
+        return None
+
+    def _priced(self, schedule: Schedule) -> Schedule:
+        """A schedule with the energies of the moves as they are now."""
+        energies = [energy.copy() for energy in schedule.energies]
+        for r, (arm, ring) in enumerate(zip(self.arms, schedule.problem.rings, strict=True)):
+            names = [step.name for step in ring.steps]
+            if arm is None:
+                continue
+            for move in arm.moves:
+                k = names.index(ring_name(arm, move.place))
+                energies[r][k] = move.answers[nearest(move.answers, schedule.durations[r][k])].energy.total
+        return replace(schedule, energies=tuple(energies))
 
     def _scheduled(self, hold: Sequence[dict[int, float] | None] | None = None) -> Schedule:
         return solve(self.problem(True, hold), seconds=self.seconds, gap=1e-5)
@@ -264,6 +246,34 @@ class Planning:
                 first, second = Run(a, i, i), Run(b, j, j)
         self.exclusions[key] = Exclusion(first, second, 2 * self.cell.jitter)
 
+    def _collision(
+        self, found: Planned, between: Between, wanted: dict[tuple[int, int, int, int], Exclusion]
+    ) -> Infeasible:
+        """What is said where neither times nor paths keep two arms apart: the steps, the time, and what would help."""
+        a, b = between.robots
+        time = between.time or 0.0
+        one, two = found.motions[a], found.motions[b]
+        assert one is not None
+        assert two is not None
+        names = [self.cell.robot[r].name for r in (a, b)]
+        steps = one.part_at(time).name, two.part_at(time + between.late).name
+        bodies = "" if between.pair is None else f" ({between.pair[0]} and {between.pair[1]})"
+        self.exclusions = wanted
+        problem = self.problem(True)
+        help_ = "a longer cycle_time gives the schedule room"
+        for longer in LONGER:
+            cycle = longer * self.cell.cycle_time
+            with suppress(Infeasible):
+                solve(replace(problem, cycle_time=cycle), seconds=self.seconds / len(LONGER))
+                help_ = f'with `zone = "{names[0]}-{names[1]}"` in both steps and cycle_time = {cycle:.4g} it works'
+                break
+        return Infeasible(
+            f"{names[0]}, step {steps[0]}, and {names[1]}, step {steps[1]}, touch at {time:.4g} s{bodies}; neither "
+            f"other times nor a path around the other arm keep them apart: {help_}",
+            limit="clearance",
+            time=time,
+        )
+
 
 def ring_name(arm: Arm, place: int) -> str:
     """The name in a ring of the arm's step at an index of its table."""
@@ -276,19 +286,3 @@ def _wider(one: Run, two: Run) -> Run:
         return Run(one.ring, one.first, one.last)
     part = min(one.part[0], two.part[0]), max(one.part[1], two.part[1])
     return Run(one.ring, one.first, one.last, part)
-
-
-def _collision(cell: WorkCell, found: Planned, between: Between, error: Infeasible) -> Infeasible:
-    a, b = between.robots
-    time = between.time or 0.0
-    one, two = found.motions[a], found.motions[b]
-    assert one is not None
-    assert two is not None
-    steps = one.part_at(time).name, two.part_at(time + between.late).name
-    bodies = "" if between.pair is None else f" ({between.pair[0]} and {between.pair[1]})"
-    return Infeasible(
-        f"{cell.robot[a].name}, step {steps[0]}, and {cell.robot[b].name}, step {steps[1]}, touch at {time:.4g} s"
-        f"{bodies}, and no schedule keeps them apart: {error}; a longer cycle_time gives the schedule room",
-        limit="clearance",
-        time=time,
-    )

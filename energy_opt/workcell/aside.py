@@ -1,0 +1,175 @@
+"""A move that makes way for other arms in their motion, where no shift of times keeps the arms apart.
+
+The schedule is held. A first curve that keeps clear of the others is looked for among bends and delays of the move as
+it is; from there the reshaping goes on, with the others' bodies at every place where they are at that instant, and as
+early and as late as they may be. What comes of it is proven with the whole cycle, like every plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from energy_opt.cell.bodies import Body
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.moving import Frames, MovingCell, Others
+from energy_opt.cell.proof import Proof, Touch, prove
+from energy_opt.errors import Infeasible
+from energy_opt.job.cycle import Answer
+from energy_opt.motion.plan.candidates import task_of
+from energy_opt.motion.plan.clear import Clearing, mended_clear
+from energy_opt.motion.reshape.clear import TRUST
+from energy_opt.motion.reshape.task import Line
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import Limits
+from energy_opt.workcell.arm import Arm, ArmMove
+from energy_opt.workcell.between import TwoArms, side_by_side
+from energy_opt.workcell.motion import Part, PeriodicMotion
+
+PLACES = 48  # of a first curve that are looked at
+TRIED, DRAWN = 500, 200  # bends and delays of a move; so many of them from nothing, the others from the best
+SHARE = 0.4  # of the joints that are bent at a time
+BENDS = (0.1, 0.2, 0.4, 0.7)  # [rad, m] standard deviations of what a joint is bent by
+DELAY = 0.25  # share of a move by which its middle is put off at most
+KEPT = 0.004  # [m] more than is asked for that a first curve keeps; the search may give some of it up
+FASTER = 1.5  # times a speed limit that a first curve may reach; the search brings it down
+FINISHED = 3  # first curves from which the search goes on
+
+
+def aside(
+    arm: Arm, move: ArmMove, start: float, duration: float, others: Sequence[tuple[Cell, PeriodicMotion]],
+    jitter: float, seed: int = 0,
+) -> Answer | None:  # fmt: skip
+    """The move with the least energy that is found among others' motions; None where nothing clear was found.
+
+    Args:
+        start, duration: when the move is done [s].
+        others: cells and motions of the other arms.
+        jitter: how early or late every arm may be [s].
+    """
+    cell = arm.cell
+    if cell is None:
+        return None
+    known = move.answers[min(move.answers, key=lambda d: abs(d - duration))].trajectory
+    ends = known.position[0], known.position[-1]
+    moving = MovingCell(cell, others_during(cell, others, start, duration, jitter), *ends)
+    if moving.gap(np.array([0.0, 1.0]), np.stack(ends), cell.asked + KEPT) <= cell.asked:
+        return None  # another arm is at one of its ends
+    planner = arm.worker.planner(move.leg)
+    asked = replace(move.leg.move(duration), mode="reshape", path=None)
+    context = replace(planner.context(asked), cell=moving)
+    task = task_of(context, asked, duration, duration)
+    level = context.reshaper("energy").fine(task.vias)
+    lines = _clear_lines(moving, known, duration, arm.job.robot.limits, seed)
+    if not lines:
+        return None
+    work = Clearing.of(context, task, [task.curve(level.shape, line) for line in lines])
+    for curve in work.curves:
+        if not work.context.stopped():
+            work.finish(curve, TRUST)
+    if work.best is None:
+        return None
+    try:
+        made = mended_clear(context, work.search, task, work.polished())
+    except Infeasible:
+        return None
+    if made.trajectory is None:
+        return None
+    return Answer(made.trajectory, planner.score(made.trajectory), "around another arm")
+
+
+def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: Limits, seed: int) -> list[Line]:
+    """First curves that keep clear: the move with a delay and with bends, in its middle and of opposite signs in its
+    halves. They are drawn at random, the smallest first, and then around what comes nearest to being clear."""
+    rng = np.random.default_rng(seed)
+    u = np.linspace(0, 1, PLACES)
+    share = (known.time - known.time[0]) / known.duration
+    joints = known.position.shape[1]
+    middle = 64 * (u * (1 - u)) ** 3
+    bumps = np.stack([middle, middle * 4 * (u - 0.5)])
+    enough = cell.asked + KEPT
+
+    def line(x: np.ndarray) -> Line | None:
+        when = u + np.clip(x[0], -DELAY, DELAY) * 16 * (u * (1 - u)) ** 2
+        q = np.column_stack([np.interp(when, share, column) for column in known.position.T])
+        q += bumps.T @ x[1:].reshape(2, joints)
+        speed = np.abs(np.diff(q, axis=0)) * (PLACES - 1) / duration
+        inside = (q >= limits.lower).all() and (q <= limits.upper).all() and (speed <= FASTER * limits.velocity).all()
+        return Line(u, q, duration) if inside else None
+
+    out: list[Line] = []
+    best, nearest_ = np.zeros(1 + 2 * joints), -np.inf
+    for k in range(TRIED):
+        wide = BENDS[k * len(BENDS) // DRAWN] if k < DRAWN else BENDS[0]
+        step = rng.normal(size=len(best)) * wide * (rng.random(len(best)) < SHARE)
+        step[0] *= DELAY / BENDS[-1]
+        x = step if k < DRAWN else best + step
+        found = line(x if k else best)
+        if found is None:
+            continue
+        gap = cell.gap(u[1:-1], found.q[1:-1], enough)
+        if gap > nearest_:
+            best, nearest_ = x, gap
+        if gap >= enough - KEPT / 2:
+            out.append(found)
+            if len(out) == FINISHED:
+                break
+    return out
+
+
+def others_during(
+    own: Cell, others: Sequence[tuple[Cell, PeriodicMotion]], start: float, duration: float, jitter: float
+) -> Others:
+    """The bodies of other arms during a move, each in time, and as early and late as both arms may be apart."""
+    late = (0.0,) if jitter == 0 else (0.0, -2 * jitter, 2 * jitter)
+    inward = np.linalg.inv(own.request.base_pose)
+    bodies: list[Body] = []
+    pairs: list[np.ndarray] = []
+    placed: list[tuple[Cell, PeriodicMotion, float, np.ndarray]] = []
+    proofs: list[tuple[TwoArms, PeriodicMotion, float, np.ndarray]] = []
+    frame = 0
+    for cell, motion in others:
+        two = TwoArms(own, cell)
+        theirs, joint = two.of_second, cell.bodies.kinematics.count
+        both = np.sort(two.bodies.pairs, axis=1)  # the first arm's bodies come first
+        use = np.flatnonzero(two.bodies.joint[both[:, 0]] >= 0)
+        for by in late:
+            bodies += [
+                Body(b.name, b.joint + frame if b.joint >= 0 else -1, b.pose if b.joint >= 0
+                     else inward @ cell.request.base_pose @ b.pose, b.solid)
+                for b in theirs
+            ]  # fmt: skip
+            own_side = np.array(two.own_numbers)[both[use, 0]]
+            pairs.append(np.column_stack([own_side, both[use, 1] - len(two.own_numbers) + len(bodies) - len(theirs)]))
+            placed.append((cell, motion, by, inward @ cell.request.base_pose))
+            proofs.append((two, motion, by, use))
+            frame += joint
+
+    def frames(u: np.ndarray) -> Frames:
+        rotations, origins = [], []
+        for cell, motion, by, base in placed:
+            poses = cell.bodies.kinematics(motion.at(start + u * duration + by))
+            rotations.append(base[:3, :3] @ poses.rotation[:, :-1])
+            origins.append(poses.origin[:, :-1] @ base[:3, :3].T + base[:3, 3])
+        return np.concatenate(rotations, axis=1), np.concatenate(origins, axis=1)
+
+    def proof(time: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> Proof:
+        joints = own.robot.joints
+        one = PeriodicMotion([Part("", start, duration, Trajectory(joints, time, q, v, a))], duration)
+        out, first = Proof(), 0
+        for two, motion, by, use in proofs:
+            found = prove(
+                two.bodies, side_by_side(two, one, motion, by, 0.0), np.full(len(two.bodies.pairs), own.asked)
+            )
+            number = {pair: first + k for k, pair in enumerate(use.tolist())}
+            out.touches += [
+                Touch(t.time - start, number[t.pair], t.distance) for t in found.touches if t.pair in number
+            ]
+            if found.verdict != "proven" and out.verdict != "colliding":
+                out.verdict = found.verdict
+            first += len(use)
+        return out
+
+    return Others(bodies, np.vstack(pairs), frames, frame, proof)

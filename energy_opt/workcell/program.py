@@ -1,0 +1,126 @@
+"""A cell's plan for its controllers: one file a robot, read back and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from energy_opt import formats
+from energy_opt.errors import BadInput
+from energy_opt.formats import FORMATS, Format
+from energy_opt.formats.cycle import write_cycle
+from energy_opt.formats.judging import CycleJudging, Judging, Window
+from energy_opt.formats.output import Written, unchanged, wanted
+from energy_opt.formats.program import Part, joined
+from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.robot import Robot, robot_named
+from energy_opt.workcell.arm import MOTORS, Arm
+from energy_opt.workcell.file import WorkCell
+from energy_opt.workcell.motion import PeriodicMotion
+from energy_opt.workcell.run import CellResult
+
+BRIEF = 1e-7  # [s] shorter waits are rounding
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """What was written for a robot; `start` is when its cycle begins [s] after that of the first robot."""
+
+    robot: str
+    start: float
+    written: Written
+
+    def document(self) -> dict[str, Any]:
+        """As it stands in job.json."""
+        return {"robot": self.robot, "starts_at": self.start, **self.written.document()}
+
+
+def formats_of(
+    cell: WorkCell, names: Sequence[str], path: Path, load: Callable[[str], Robot], allow_outside: bool
+) -> dict[str, list[Format]]:
+    """The formats of these names for every arm of a cell, by the robot's name: those that are for such an arm.
+
+    Raises:
+        BadInput: one is not known, or is for no arm of the cell.
+    """
+    known = {
+        table.name: load(robot_named(table.robot, path.parent, allow_outside)).n
+        for table in cell.robot
+        if table.robot is not None and names
+    }
+    out: dict[str, list[Format]] = {name: [] for name in known}
+    for name in dict.fromkeys(names):
+        faults = []
+        for robot, joints in known.items():
+            try:
+                out[robot] += wanted([name], joints)
+            except BadInput as error:
+                faults.append(error)
+        if len(faults) == len(known):
+            raise faults[0] if faults else BadInput(f"--write {name}: no robot of this cell is known as an arm")
+    return out
+
+
+def write_programs(
+    result: CellResult, forms: Mapping[str, Sequence[Format]], out: Path, rate: float | None = None, prefix: str = ""
+) -> list[RobotFile]:
+    """Write `cycle_<robot>.csv` of every arm, and its cycle as a program in each of several formats.
+
+    Args:
+        forms: by the robot's name.
+        rate, prefix: as in `formats.cycle.write_cycle`.
+    """
+    rows: list[RobotFile] = []
+    for r, (arm, motion) in enumerate(zip(result.arms, result.planned.motions, strict=True)):
+        if arm is None or motion is None:
+            continue
+        ring = result.schedule.problem.rings[r]
+        modes = dict(zip((step.name for step in ring.steps), result.schedule.modes[r], strict=True))
+        parts, judge = _parts(arm, motion, modes), _judging(arm, motion)
+        stem = f"cycle_{arm.name.replace('/', '_')}"
+        cycle = joined([part.trajectory for part in parts])
+        file = out / f"{stem}.csv"
+        formats.write(cycle, file)
+        written = [unchanged(file, FORMATS["csv"], cycle, judge(cycle))]
+        for form in forms.get(arm.name, ()):
+            if form.name != "csv" or rate is not None:
+                written += write_cycle(parts, judge, [form], out, rate, prefix, stem)
+        rows += [RobotFile(arm.name, motion.begin, one) for one in written]
+    return rows
+
+
+def _parts(arm: Arm, motion: PeriodicMotion, modes: dict[str, str]) -> list[Part]:
+    """Moves and waits in order, each with what is carried and the mode in which the arm waits."""
+    out = []
+    for part in motion.parts:
+        if part.duration < BRIEF:
+            continue
+        mode = modes[part.name]
+        out.append(
+            Part(
+                part.trajectory,
+                f"{part.name}, at {part.start:.3f} s of the cell's cycle",
+                bool(mode),
+                mode if mode != MOTORS else "",
+                arm.step_of(part.name).payload,
+            )
+        )
+    return out
+
+
+def _judging(arm: Arm, motion: PeriodicMotion) -> CycleJudging:
+    """What judges an arm's cycle: every stretch under the payload of its steps."""
+    limits = joint_limits(arm.job.robot.limits)
+    windows: list[Window] = []
+    at, load = 0.0, None
+    for part in motion.parts:
+        step = arm.step_of(part.name)
+        end = at + part.duration
+        if windows and load == step.payload:
+            windows[-1] = replace(windows[-1], end=end)
+        else:
+            windows.append(Window(at, end, Judging(arm.worker.scorers.of(step), limits, arm.cell)))
+        at, load = end, step.payload
+    return CycleJudging.of(windows)

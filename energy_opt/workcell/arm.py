@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -17,7 +17,6 @@ from energy_opt.effects import Regeneration
 from energy_opt.errors import Infeasible
 from energy_opt.job.cycle import Answer, standing_power
 from energy_opt.job.file import Job, Step
-from energy_opt.job.file import job_of as read_job
 from energy_opt.job.legs import Leg, legs_of
 from energy_opt.job.posed import Posed
 from energy_opt.job.work import Cells, Worker
@@ -27,12 +26,12 @@ from energy_opt.motion.plan.ways import check_free
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.poses.given import poses_of_request
-from energy_opt.poses.pose import Pose
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.schedule import Hull, Mode, Move, Ring, Wait
+from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of
 from energy_opt.workcell.curves import ADDED, mode_of
-from energy_opt.workcell.file import PoseTable, RobotTable, StepTable, WorkCell, step_name
+from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
 from energy_opt.workcell.motion import Part
 
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
@@ -87,16 +86,16 @@ class Arm:
         request: CellRequest,
         stopped: Callable[[], bool],
     ) -> None:
-        self.table, self.name = table.model_copy(update={"step": _explicit(table)}), table.name
+        self.table, self.name = table.model_copy(update={"step": explicit_steps(table)}), table.name
         scene = request.scene if cell.scene is None else path.parent / cell.scene
         self.request = replace(request, base=tuple(table.base), scene=scene, tool=table.tool or request.tool)
         named = poses_of_request(self.request)
-        self._read = partial(_job, cell, path=path, allow_outside=request.allow_outside, named=named)
+        self._read = partial(job_of, cell, path=path, allow_outside=request.allow_outside, named=named)
         self.job: Job = self._read(self.table, load)
         model = model_of(table.model, self.job.robot).standing(table.base[3], table.base[4])
         if self.job.open:
             chosen = Posed(self.job, model, settings, self.request).estimated()[0]
-            self.table = _at_positions(self.table, {k: chosen[k] for k in self.job.open})
+            self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})
             self.job = self.job.at(chosen)
         if cell.supply is not None:  # what brakes is lost in a resistor, unless another arm takes it
             model = model.replaced(Regeneration(efficiency=0.0))
@@ -296,63 +295,3 @@ def nearest(known: dict[float, Any], duration: float) -> float:
 def _standing(robot: Robot, q: np.ndarray, seconds: float) -> Trajectory:
     rows = np.repeat(q[None], len(AT_REST), axis=0)
     return Trajectory(robot.joints, AT_REST * seconds, rows, np.zeros_like(rows), np.zeros_like(rows))
-
-
-def _explicit(table: RobotTable) -> list[StepTable]:
-    """The robot's steps, each with its name and its payload, so that they can be put in another order."""
-    out, payload = [], table.payload
-    for k, step in enumerate(table.step):
-        payload = payload if step.payload is None else step.payload
-        out.append(step.model_copy(update={"name": step_name(k, step), "payload": payload}))
-    return out
-
-
-def _at_positions(table: RobotTable, chosen: Mapping[int, np.ndarray]) -> RobotTable:
-    """The robot's table with joint positions (n,) in place of the poses of the tool at which steps k end."""
-    steps, poses, home = list(table.step), dict(table.poses), table.home
-    for k, q in chosen.items():
-        alone = isinstance(steps[k].to, str) and sum(step.to == steps[k].to for step in steps) == 1
-        at = {} if alone else {"to": q.tolist()}  # a name that modes may speak of stays
-        if alone:
-            poses[str(steps[k].to)] = q.tolist()
-        steps[k] = steps[k].model_copy(update={**at, "pose": None, "free": None, "pose_tolerance": None})
-    last = max(k for k, step in enumerate(steps) if step.moves)
-    home = home if home is None or last not in chosen else chosen[last].tolist()
-    return table.model_copy(update={"step": steps, "poses": poses, "home": home})
-
-
-def _job(
-    cell: WorkCell,
-    table: RobotTable,
-    load: Callable[[str], Robot],
-    path: Path,
-    allow_outside: bool,
-    named: Mapping[str, Pose],
-) -> Job:
-    """The robot's steps as a job of one robot."""
-    document = {
-        "format": "energy-opt/job/1",
-        "robot": table.robot,
-        "cycle_time": cell.cycle_time,
-        **({} if table.home is None else {"home": table.home}),
-        "poses": {name: _plain(place) for name, place in {**cell.poses, **table.poses}.items()},
-        "step": [_step(k, step) for k, step in enumerate(table.step)],
-    }
-    return read_job(document, path, load, allow_outside=allow_outside, named=named)
-
-
-def _step(k: int, step: StepTable) -> dict[str, Any]:
-    out: dict[str, Any] = {"name": step_name(k, step)}
-    if step.payload is not None:
-        out["payload"] = _plain(step.payload)
-    if not step.moves:
-        return {**out, "wait": max(step.span[0], 1e-6)}
-    given = {key: getattr(step, key) for key in ("to", "pose", "free", "pose_tolerance", "mode", "max_duration")}
-    out |= {key: value for key, value in given.items() if value is not None}
-    return out | {"min_duration": step.min_duration, "stop": step.stop}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, PoseTable):
-        return value.model_dump(exclude_unset=True)
-    return list(value) if isinstance(value, tuple) else value

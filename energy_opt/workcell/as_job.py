@@ -1,0 +1,75 @@
+"""A robot of a cell as a job of one robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.job.file import Job
+from energy_opt.job.file import job_of as read_job
+from energy_opt.poses.pose import Pose
+from energy_opt.robot import Robot
+from energy_opt.workcell.file import PoseTable, RobotTable, StepTable, WorkCell, step_name
+
+
+def explicit_steps(table: RobotTable) -> list[StepTable]:
+    """The robot's steps, each with its name and its payload, so that they can be put in another order."""
+    out, payload = [], table.payload
+    for k, step in enumerate(table.step):
+        payload = payload if step.payload is None else step.payload
+        out.append(step.model_copy(update={"name": step_name(k, step), "payload": payload}))
+    return out
+
+
+def at_positions(table: RobotTable, chosen: Mapping[int, np.ndarray]) -> RobotTable:
+    """The robot's table with joint positions (n,) in place of the poses of the tool at which steps k end."""
+    steps, poses, home = list(table.step), dict(table.poses), table.home
+    for k, q in chosen.items():
+        alone = isinstance(steps[k].to, str) and sum(step.to == steps[k].to for step in steps) == 1
+        at = {} if alone else {"to": q.tolist()}  # a name that modes may speak of stays
+        if alone:
+            poses[str(steps[k].to)] = q.tolist()
+        steps[k] = steps[k].model_copy(update={**at, "pose": None, "free": None, "pose_tolerance": None})
+    last = max(k for k, step in enumerate(steps) if step.moves)
+    home = home if home is None or last not in chosen else chosen[last].tolist()
+    return table.model_copy(update={"step": steps, "poses": poses, "home": home})
+
+
+def job_of(
+    cell: WorkCell,
+    table: RobotTable,
+    load: Callable[[str], Robot],
+    path: Path,
+    allow_outside: bool,
+    named: Mapping[str, Pose],
+) -> Job:
+    """The robot's steps as a job of one robot."""
+    document = {
+        "format": "energy-opt/job/1",
+        "robot": table.robot,
+        "cycle_time": cell.cycle_time,
+        **({} if table.home is None else {"home": table.home}),
+        "poses": {name: _plain(place) for name, place in {**cell.poses, **table.poses}.items()},
+        "step": [_step(k, step) for k, step in enumerate(table.step)],
+    }
+    return read_job(document, path, load, allow_outside=allow_outside, named=named)
+
+
+def _step(k: int, step: StepTable) -> dict[str, Any]:
+    out: dict[str, Any] = {"name": step_name(k, step)}
+    if step.payload is not None:
+        out["payload"] = _plain(step.payload)
+    if not step.moves:
+        return {**out, "wait": max(step.span[0], 1e-6)}
+    given = {key: getattr(step, key) for key in ("to", "pose", "free", "pose_tolerance", "mode", "max_duration")}
+    out |= {key: value for key, value in given.items() if value is not None}
+    return out | {"min_duration": step.min_duration, "stop": step.stop}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, PoseTable):
+        return value.model_dump(exclude_unset=True)
+    return list(value) if isinstance(value, tuple) else value

@@ -3,13 +3,11 @@
     import energy_opt as eo
 
     robot = eo.load_robot("panda")
-    model = eo.source_model(robot) + eo.CoulombFriction(tau_c=0.3)
+    model = eo.source_model(robot) + eo.effects.CoulombFriction(tau_c=0.3)
     result = eo.optimize(robot, model, start=[...], goal=[...], duration=2.0)
 
-All names are looked up when they are first used, so that importing the package is fast. Where to look behind them:
-`effects` (what uses energy, one class each), `power` (the model that joins them), `robot` and `dynamics` (the arm),
-`motion` (optimization of one move), `tradeoff` and `bench` (many of them), `measured` and `diagnose` (logged data),
-`virtual_arm` (data without hardware), `front` (what is offered here), `cli` (the command line).
+All names are looked up when they are first used, so that importing the package is fast. Effects are under
+`eo.effects`. Where to look behind the names: docs/architecture.md.
 """
 
 import importlib
@@ -20,30 +18,32 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` says where things are
+    from energy_opt import conditions as conditions
+    from energy_opt import effects as effects
     from energy_opt.effects import *  # noqa: F403
-    from energy_opt.effects.check import check_effect as check_effect
     from energy_opt.errors import BadInput as BadInput
     from energy_opt.errors import EnergyOptError as EnergyOptError
     from energy_opt.errors import Infeasible as Infeasible
     from energy_opt.front.answer import Answer as Answer
-    from energy_opt.front.data import diagnose as diagnose
-    from energy_opt.front.data import identify as identify
-    from energy_opt.front.evaluating import evaluate as evaluate
+    from energy_opt.front.bench import bench as bench
+    from energy_opt.front.check import check as check
+    from energy_opt.front.diagnose import diagnose as diagnose
+    from energy_opt.front.evaluate import evaluate as evaluate
     from energy_opt.front.given import source_model as source_model
-    from energy_opt.front.placing import place as place
-    from energy_opt.front.planning import bench as bench
-    from energy_opt.front.planning import optimize as optimize
+    from energy_opt.front.identify import identify as identify
+    from energy_opt.front.importing import import_logs as import_logs
+    from energy_opt.front.job import job as job
+    from energy_opt.front.optimize import optimize as optimize
+    from energy_opt.front.passport import passport as passport
+    from energy_opt.front.place import place as place
+    from energy_opt.front.run import repeat as repeat
+    from energy_opt.front.simulate import simulate as simulate
     from energy_opt.front.tradeoff import Tradeoff as Tradeoff
     from energy_opt.front.tradeoff import tradeoff as tradeoff
     from energy_opt.motion import Move as Move
     from energy_opt.motion import Planner as Planner
-    from energy_opt.motion import Result as Result
     from energy_opt.motion import Settings as Settings
     from energy_opt.motion import Trajectory as Trajectory
-    from energy_opt.passport import Passport as Passport
-    from energy_opt.passport import PassportRequest as PassportRequest
-    from energy_opt.passport import passport as passport
-    from energy_opt.place import PlaceRequest as PlaceRequest
     from energy_opt.poses import AnyOf as AnyOf
     from energy_opt.poses import Pose as Pose
     from energy_opt.poses import pose_from as pose_from
@@ -56,20 +56,31 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
 _PLACES = {
     "energy_opt.errors": ("BadInput", "EnergyOptError", "Infeasible"),
     "energy_opt.robot": ("Robot", "known_robots", "load_robot"),
-    "energy_opt.place": ("PlaceRequest",),
     "energy_opt.poses": ("AnyOf", "Pose", "pose_from"),
     "energy_opt.power": ("PowerModel", "load_model"),
-    "energy_opt.motion": ("Move", "Planner", "Result", "Settings", "Trajectory"),
-    "energy_opt.passport": ("Passport", "PassportRequest", "passport"),
+    "energy_opt.motion": ("Move", "Planner", "Settings", "Trajectory"),
     "energy_opt.front.given": ("source_model",),
-    "energy_opt.front.evaluating": ("evaluate",),
-    "energy_opt.front.answer": ("Answer",),
-    "energy_opt.front.placing": ("place",),
-    "energy_opt.front.planning": ("bench", "optimize"),
-    "energy_opt.front.tradeoff": ("Tradeoff", "tradeoff"),
-    "energy_opt.front.data": ("diagnose", "identify"),
     "energy_opt.effects.check": ("check_effect",),
     "energy_opt.power.per_year": ("PerYear",),
+    **{
+        f"energy_opt.front.{verb}": (verb,)
+        for verb in (
+            "bench",
+            "check",
+            "diagnose",
+            "evaluate",
+            "identify",
+            "job",
+            "optimize",
+            "passport",
+            "place",
+            "simulate",
+        )
+    },
+    "energy_opt.front.tradeoff": ("Tradeoff", "tradeoff"),
+    "energy_opt.front.importing": ("import_logs",),
+    "energy_opt.front.answer": ("Answer",),
+    "energy_opt.front.run": ("repeat",),
 }
 _PLACE_OF = {name: place for place, names in _PLACES.items() for name in names}
 _EFFECTS = "energy_opt.effects"  # every other name is looked for among the effects
@@ -78,6 +89,8 @@ _EFFECTS = "energy_opt.effects"  # every other name is looked for among the effe
 def __getattr__(name: str) -> Any:
     if name.startswith("_"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in ("conditions", "effects"):
+        return importlib.import_module(f"energy_opt.{name}")
     found = getattr(importlib.import_module(_PLACE_OF.get(name, _EFFECTS)), name, None)
     if found is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -85,7 +98,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*_PLACE_OF, *importlib.import_module(_EFFECTS).__all__, "__version__"])
+    return sorted([*_PLACE_OF, "conditions", "effects", *importlib.import_module(_EFFECTS).__all__, "__version__"])
 
 
 class _Verb(ModuleType):

@@ -9,8 +9,10 @@ import pytest
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import AllowedPairs, Scene, SceneObject, Shape
-from energy_opt.cli.common import add_cell, cell_of
+from energy_opt.cli.options import add_options, request_of
 from energy_opt.errors import BadInput
+from energy_opt.front.given import cell_of
+from energy_opt.front.verbs import VERBS
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -18,9 +20,8 @@ from energy_opt.robot import Robot
 
 def asked(*words: str) -> CellRequest:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--payload")
-    add_cell(parser)
-    return cell_of(parser.parse_args(words))
+    add_options(parser, "optimize", VERBS["optimize"])
+    return cell_of(request_of(parser.parse_args(words), VERBS["optimize"]))
 
 
 def test_gravity_is_the_scene_s_down(ur5: Robot, model: PowerModel) -> None:

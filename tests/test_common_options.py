@@ -14,10 +14,11 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json
 from energy_opt.formats import write
-from energy_opt.front.request import request_of_set
+from energy_opt.front.sets import request_of_set
 from energy_opt.job.example import EXAMPLE
 from energy_opt.motion import Settings
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.requests.verbs import DiagnoseRequest
 from energy_opt.robot import Robot
 
 SMALL = START + 0.05 * (GOAL - START)
@@ -174,4 +175,4 @@ def test_standard_moves_of_free_duration_take_the_time_that_they_need(tmp_path: 
 
 def test_a_seed_below_zero_is_refused_where_a_set_is_read(panda: Robot, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="seed -1: expected 0"):
-        request_of_set(tmp_path, panda, -1)
+        request_of_set(DiagnoseRequest(tmp_path, seed=-1), panda)

@@ -111,16 +111,16 @@ def test_one_long_recording_has_a_holdout(tmp_path):
 
 def test_results_stand_before_the_next_motion_is_looked_for(repeated, tmp_path, monkeypatch):
     """Its search fails softly, whatever the fault."""
-    import energy_opt.cli.diagnose as cli
+    import energy_opt.front.diagnose as front
 
     def fails(*_):
         assert (tmp_path / "out/model.toml").is_file() and (tmp_path / "out/report.html").is_file()
         raise ValueError("no collision bodies")
 
-    monkeypatch.setattr("energy_opt.next_motion.propose", fails)
-    before = cli._next_motion
+    monkeypatch.setattr("energy_opt.front.diagnose.propose", fails)
+    before = front._next_motion
     monkeypatch.setattr(
-        cli,
+        front,
         "_next_motion",
         lambda result, *rest: before(result, *rest) if not result.document.update(verdict="ambiguous") else None,
     )

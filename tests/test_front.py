@@ -91,7 +91,7 @@ def test_arguments_as_people_have_them(panda):
         ({"path": np.zeros((3, 4))}, r"^path: shape \(3, 4\); expected waypoints \(K, 7\)"),
         ({"start": START, "goal": GOAL, "payload": [1, 2]}, r"^payload \[1, 2\]: expected a mass"),
         ({"start": START, "goal": GOAL, "model": "source-metod-2"}, "did you mean 'source-method-2'"),
-        ({"start": START, "goal": "here"}, "^goal: 'here' is not 7 numbers"),
+        ({"start": START, "goal": "here"}, "^goal here: "),
     ],
 )
 def test_wrong_arguments_are_named_as_arguments(panda, arguments, says):

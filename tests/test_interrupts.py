@@ -58,7 +58,7 @@ def pressed(monkeypatch: pytest.MonkeyPatch, place: str, times: int = 1) -> None
 @pytest.mark.parametrize(
     ("place", "times", "known"),
     [
-        ("energy_opt.measured:read_set", 1, False),
+        ("energy_opt.front.diagnose:read_set", 1, False),
         ("energy_opt.diagnose.diagnosis:take_samples", 1, True),
         ("energy_opt.diagnose.search:Search.fitted", 1, True),
         ("energy_opt.diagnose.search:Search.fitted", 2, True),
@@ -87,7 +87,7 @@ def test_what_a_diagnosis_knows_is_written(
         assert d["verdict"] == "explained" and [row["name"] for row in d["effects"]] == ["coulomb_friction"]
 
 
-@pytest.mark.parametrize("place", ["energy_opt.measured:read_set", "energy_opt.identify:identify"])
+@pytest.mark.parametrize("place", ["energy_opt.front.identify:read_set", "energy_opt.front.identify:of_poses"])
 def test_identify_ends_quietly(
     place: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:

@@ -62,7 +62,7 @@ def test_a_folder_with_the_result_of_another_request_is_left_alone(tmp_path, cap
     assert request["command"].startswith("energy-opt optimize --robot z1") and request["goal"] == [1, 1, -1, 0, 0, 0]
     assert main([*words, "--goal", "1,1,-1,0,0,0", "--quiet"]) == 0  # the same again
     assert main([*words, "--goal", "1,1,-1,0,0,0", "--quiet", "--max-power", "900"]) == 2
-    assert "another request (settings)" in capsys.readouterr().err
+    assert "another request (max_power)" in capsys.readouterr().err
     assert main([*words, "--goal", "1,1.2,-1,0,0,0", "--quiet"]) == 2
     assert "another request (goal); choose another --out, or overwrite it with --force" in capsys.readouterr().err
     assert main([*words, "--goal", "1,1.2,-1,0,0,0", "--quiet", "--force"]) == 0
@@ -71,7 +71,7 @@ def test_a_folder_with_the_result_of_another_request_is_left_alone(tmp_path, cap
 def test_one_document_in_every_case(capsys, monkeypatch):
     assert main(["--json"]) == 2
     assert json.loads(capsys.readouterr().out)["message"].startswith("no verb; verbs are optimize")
-    monkeypatch.setattr("energy_opt.cli.robots.run", lambda args: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr("energy_opt.front.robots.run", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     assert main(["robots", "--json"]) == 130
     assert json.loads(capsys.readouterr().out)["status"] == "interrupted"
     assert main(["optimize", "--robot", "nowhere", "--start", "0", "--goal", "1", "-v"]) == 2

@@ -9,12 +9,13 @@ import pytest
 
 import energy_opt as eo
 from energy_opt.bench import load_suite
-from energy_opt.cli.bench import _overrides
-from energy_opt.cli.main import main, parsers
+from energy_opt.cli.main import main
+from energy_opt.front.bench import overrides_of
 from energy_opt.front.given import model_from
 from energy_opt.front.rivals import rivals_from
 from energy_opt.power import drive_function
 from energy_opt.power.named import careful, model_of, named_model
+from energy_opt.requests.verbs import BenchRequest
 from energy_opt.robot import load_robot
 
 # Gaz et al. 2019: delta_1 [N m], delta_2 [s/rad], delta_3 [rad/s]
@@ -48,7 +49,7 @@ def test_names_are_taken_everywhere(tmp_path, capsys):
     )
     assert main(["bench", str(tmp_path / "s.toml"), "--model", "carefool", "--out", str(tmp_path / "out")]) == 2
     assert "carefool' is neither a model file" in capsys.readouterr().err
-    overrides = _overrides(parsers(["bench"])[0].parse_args(["bench", "s.toml", "--model", "careful"]))
+    overrides = overrides_of(BenchRequest("s.toml", model="careful"))
     models = {task.model for task in load_suite(tmp_path / "s.toml", overrides=overrides).tasks}
     assert models == {"careful"}
     effects = [[e.name for e in task.power().effects] for task in load_suite(tmp_path / "s.toml").tasks]

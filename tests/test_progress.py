@@ -6,7 +6,6 @@ import io
 import logging
 import time
 import webbrowser
-from argparse import Namespace
 from pathlib import Path
 
 import pytest
@@ -29,7 +28,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _said(stream: io.StringIO, **options: bool) -> str:
-    with Progress(Namespace(**{"quiet": False, "verbose": False, **options}), stream) as show:
+    with Progress(**{"quiet": False, "verbose": False, **options}, stream=stream) as show:
         LOG.info("compiling", extra={"expected": 30.0})
         time.sleep(0.1)
         show("leg 1", 0.25)
@@ -46,7 +45,7 @@ def test_a_terminal_sees_what_is_done_and_how_long_it_takes() -> None:
 
 
 def test_the_time_left_goes_by_the_share_that_the_verb_says() -> None:
-    shown = Progress(Namespace(quiet=False, verbose=False), Terminal())
+    shown = Progress(False, False, Terminal())
     shown("half", 0.25)
     begin = time.monotonic()
     assert shown.left(begin + 10.0) == pytest.approx(30.0, abs=1.0)
@@ -66,19 +65,17 @@ def test_the_report_opens_where_there_is_a_display(
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or True)
     (tmp_path / "report.html").write_text("")
-    asked = Namespace(view=True, quiet=False)
     monkeypatch.setattr(view, "has_display", lambda: False)
-    view.view(asked, tmp_path)
+    view.view(tmp_path)
     assert not opened and str(tmp_path / "report.html") in capsys.readouterr().err
     monkeypatch.setattr(view, "has_display", lambda: True)
-    view.view(asked, tmp_path)
-    view.view(Namespace(view=False, quiet=False), tmp_path)
+    view.view(tmp_path)
     assert opened == [(tmp_path / "report.html").resolve().as_uri()]
 
 
 def test_a_stage_maps_the_shares_of_its_parts() -> None:
     terminal = Terminal()
-    with Progress(Namespace(quiet=False, verbose=False), terminal) as show:
+    with Progress(False, False, terminal) as show:
         show.stage("reading", 0.2, 0.6)
         LOG.info("file 2 of 4", extra={"share": 0.5})
         assert show.left(show._begin + 4.0) == pytest.approx(4.0 * 0.6 / 0.4)

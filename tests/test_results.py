@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from energy_opt.cli.main import main
-from energy_opt.cli.simulate import _simulated
 from energy_opt.errors import BadInput
 from energy_opt.folders import written_whole
 from energy_opt.formats import FORMATS
+from energy_opt.front.simulate import simulated_files
 from energy_opt.results import ANSWERS, BESIDE, faults_of_results
 
 READY, NEAR = "0,-0.785,0,-2.356,0,1.571,0.785", "0.2,-0.685,0.1,-2.256,0.1,1.471,0.885"
@@ -109,9 +109,9 @@ def test_runs_that_were_simulated_go_with_their_log_and_measured_ones_stay(tmp_p
     )
     for name in ("run01.csv", "p.csv", "mine.csv"):
         (tmp_path / name).write_text("old")
-    assert _simulated(tmp_path) == []  # measured: there is no truth
+    assert simulated_files(tmp_path) == []  # measured: there is no truth
     (tmp_path / "truth.toml").write_text("")
-    with written_whole(tmp_path, "log.toml", _simulated(tmp_path)) as aside:
+    with written_whole(tmp_path, "log.toml", simulated_files(tmp_path)) as aside:
         (aside / "run01.csv").write_text("new")
         (aside / "log.toml").write_text("")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log.toml", "mine.csv", "run01.csv", "truth.toml"]

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.cli.common import pose_from
 from energy_opt.errors import BadInput
+from energy_opt.front.given import positions
 from energy_opt.robot import Robot, known_robots, load_robot
 from energy_opt.robot.description import read_description
 from energy_opt.robot.meshes import mesh_files
@@ -62,11 +62,11 @@ def test_known_robots_bring_pairs_and_poses(panda: Robot, ur5: Robot) -> None:
     """Counts are those of the files that come with example-robot-data."""
     assert len(semantics(panda).disabled) == 35 and len(semantics(ur5).disabled) == 10
     assert not semantics(load_robot("ur10")).disabled
-    assert np.allclose(pose_from("default", panda, "--start"), [0, -0.785398, 0, -2.35619, 0, 1.5707, 0.785398])
+    assert np.allclose(positions("default", panda, "start"), [0, -0.785398, 0, -2.35619, 0, 1.5707, 0.785398])
     with pytest.raises(BadInput, match=r"goal homme: no pose is named 'homme'.*default"):
-        pose_from("homme", panda, "--goal")
+        positions("homme", panda, "goal")
     with pytest.raises(BadInput, match="1 positions"):
-        pose_from("0.5", panda, "--goal")
+        positions("0.5", panda, "goal")
 
 
 @pytest.mark.parametrize("name", [n for n in known_robots() if not n.endswith("e")])

@@ -1,6 +1,5 @@
 """Seeded sets: what they hold, that they repeat, that they read back; and the command that makes one."""
 
-import argparse
 import json
 import tomllib
 from pathlib import Path
@@ -8,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.cli import simulate as cli
+import energy_opt as eo
+from energy_opt.cli.main import main
 from energy_opt.effects import ViscousFriction
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table, write_toml
@@ -80,14 +80,6 @@ def test_every_size_is_of_an_effect_that_is_played_and_sought() -> None:
     assert {kind.name for kind in SIZES} | {"standby", "copper_loss"} <= sought & PLAYED
 
 
-def _arguments(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    cli.add_arguments(parser)
-    args = parser.parse_args(list(words))
-    args.command = ["simulate", *words]  # as the command notes what it was called with
-    return args
-
-
 @pytest.fixture
 def move(tmp_path: Path) -> Path:
     """A trajectory.csv of the z1: 0.8 rad and back in 2 s, columns in another order than the joints."""
@@ -107,7 +99,8 @@ def test_simulate_command(move: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     write_toml(plant, Plant(base_model("z1"), (Cogging(1.0),)).to_document())
     out, declared = tmp_path / "set", tmp_path / "believed.toml"
     base_model("z1").save(declared)
-    arguments = _arguments(
+    arguments = [
+        "simulate",
         str(move),
         str(move),
         "--plant",
@@ -123,8 +116,8 @@ def test_simulate_command(move: Path, tmp_path: Path, capsys: pytest.CaptureFixt
         str(declared),
         "--self-collision",
         "off",  # folded up as it is, the arm touches itself
-    )
-    assert cli.run(arguments) == 0
+    ]
+    assert main(arguments) == 0
     said = json.loads(capsys.readouterr().out)
     assert len(said["runs"]) == 4 and said["plant"] == ["standby", "copper_loss", "payload", "cogging"]
     seen = read_set(out)
@@ -142,7 +135,7 @@ def test_a_set_of_an_arm_from_a_file_can_be_read(move: Path, tmp_path: Path) -> 
     base_model("z1").save(plant)
     urdf.write_bytes(arm("z1").urdf.read_bytes())
     words = (str(move), "--plant", str(plant), "--self-collision", "off", "--out", str(tmp_path / "set"))
-    assert cli.run(_arguments(*words, "--robot", str(urdf), "--lock", "jointGripper=0")) == 0
+    assert main(["simulate", *words, "--robot", str(urdf), "--lock", "jointGripper=0"]) == 0
     log = read_log(tmp_path / "set")
     seen = read_set(tmp_path / "set", robot_of(log, None, {"jointGripper": 0.0}))
     assert seen.robot.urdf == tmp_path / "set" / "mine.urdf" and seen.robot.joints == arm("z1").joints[:6]
@@ -153,12 +146,11 @@ def test_simulate_command_names_faults(move: Path, tmp_path: Path) -> None:
     plant = tmp_path / "plant.toml"
     base_model("panda").save(plant)
     with pytest.raises(BadInput, match="panda_joint1 is missing"):
-        cli.run(_arguments(str(move), "--plant", str(plant), "--out", str(tmp_path / "x")))
+        eo.simulate(move, plant, tmp_path / "x")
     base_model("z1").save(plant)
-    for option in (("--noise", "-1"), ("--rate", "0"), ("--rate", "5000"), ("--repeat", "0"), ("--log", "current")):
+    for option in ({"noise": -1}, {"rate": 0}, {"rate": 5000}, {"repeat": 0}, {"log": "current"}):
         with pytest.raises(BadInput):
-            alone = ("--self-collision", "off", *option)
-            cli.run(_arguments(str(move), "--plant", str(plant), "--out", str(tmp_path / "x"), *alone))
+            eo.simulate(move, plant, tmp_path / "x", self_collision=False, **option)
 
 
 def test_a_suite_holds_every_kind_of_set_on_every_arm() -> None:

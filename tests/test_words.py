@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from energy_opt.effects import CopperLoss, Standby, ViscousFriction
-from energy_opt.front.answer import answer_of
+from energy_opt.front.optimize import optimize
 from energy_opt.front.output import table
-from energy_opt.front.planning import optimize
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.by_joint import loss_by_joint
 from energy_opt.motion.judge.energy import Scorer
@@ -57,7 +56,7 @@ def test_no_line_of_the_table_repeats_another(tmp_path):
     robot, model = load_robot("z1"), MODEL
     move = Move(np.zeros(6) + [0, 1, -1, 0, 0, 0], np.array([0.8, 1.5, -1.3, 0.3, 0.2, 0.1]), "retime", 2.0)
     result = Planner(robot, model).solve(move)
-    lines = table(answer_of(result, robot, {}), tmp_path, robot).splitlines()
+    lines = table(result, tmp_path, robot).splitlines()
     values = [line.split(maxsplit=1)[1] for line in lines[1 : lines.index(next(x for x in lines if "toppra is" in x))]]
     assert len(set(values)) == len(values)  # mechanical work is what is stored, copper loss the whole loss
     fastest = result.baseline("toppra").duration

@@ -1,26 +1,35 @@
-"""A limit of one's own: the mechanical power of each joint's drive, |tau_m,j v_j| <= P_j."""
+"""A limit of one's own: the mechanical power of each joint's drive stays at or below 25 W.
+
+From Python, `python my_limit.py`; from the command line `energy-opt optimize --conditions my_limit.py ...`.
+"""
 
 import casadi as ca
-import numpy as np
 
-from energy_opt.motion.dense import Dense
-from energy_opt.motion.limits.base import State
-from energy_opt.motion.limits.joint import JointLimit
+import energy_opt as eo
 
 
-class DrivePower(JointLimit):
-    """Bounds (n,) [W]."""
+class DrivePower(eo.conditions.Limit):
+    """|tau_m v| <= bound in every joint, with the motors' torque tau_m [N m] and the joint's velocity v [rad/s]."""
 
-    name, unit = "drive_power", "W"
+    name = "drive_power"
+    unit = "W"
+    binds = "joint"  # a value of each joint; "arm" for one number
+    bound = 25.0  # [W]
 
-    def __init__(self, bound: np.ndarray) -> None:
-        super().__init__(bound)
-        self.scale = self.bound  # the rows below are divided by it
-
-    def of(self, x: Dense) -> np.ndarray:
-        """For the judge: the value at every sample, (N, n)."""
+    def value(self, x: eo.conditions.State) -> ca.SX:
+        """The limited value (n, 1) at a state: q, v, a, effort (n, 1); power and t (1, 1)."""
         return x.effort * x.v
 
-    def expression(self, x: State, p: ca.SX) -> ca.SX:
-        """For the solver: the value at a node, (n, 1)."""
-        return x.effort * x.v
+
+if __name__ == "__main__":
+    result = eo.optimize(
+        "panda",
+        start=[0, -0.785, 0, -2.356, 0, 1.571, 0.785],
+        goal=[1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4],
+        duration=2.5,
+        conditions=[eo.conditions.ToolSpeed(1.2), DrivePower()],
+        starts=1,
+        controls=16,
+    )
+    print(result)
+    print(f"drive power uses {100 * (1 + result.certificate.max_violation['drive_power']):.1f} % of its bound")

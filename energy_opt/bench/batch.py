@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from dataclasses import dataclass
 from functools import partial
+from html import escape
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +18,64 @@ from energy_opt.bench.rows import Record, Row, write_parquet
 from energy_opt.bench.runner import Solver, run_tasks
 from energy_opt.bench.suite import Suite
 from energy_opt.bench.summary import summarize
+from energy_opt.bench.words import table
 from energy_opt.bench.work import solve_task
-from energy_opt.files import write_json
+from energy_opt.files import to_json, write_json
 from energy_opt.power.per_year import PerYear
+from energy_opt.requests.option import Request
 
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Batch:
-    """A batch as far as it came: rows in the order of the suite, its summary, and whether it was interrupted."""
+    """A batch as far as it came.
+
+    Attributes:
+        rows: a record of every move, in the order of the suite. summary: summary.json.
+        interrupted: stopped early; resuming does what is left.
+        left_out: earlier records that belong to another version of the suite.
+        out: the folder of its results. request: what was asked, where that is known.
+    """
 
     rows: list[Row]
     summary: dict[str, Any]
     interrupted: bool
     left_out: int
+    out: Path = Path(".")
+    request: Request | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        if self.interrupted:
+            return 130
+        return 0 if self.summary["status"].get("solved") else 4
+
+    def document(self) -> dict[str, Any]:
+        """summary.json."""
+        return self.summary
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return to_json(self.summary)
+
+    def text(self, out: Path | None = None) -> str:
+        """A short table for a terminal."""
+        return table(self.summary, out or self.out)
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Copy the results into the folder `out`; returns it."""
+        if Path(out).resolve() != self.out.resolve():
+            shutil.copytree(self.out, Path(out), dirs_exist_ok=True)
+        return Path(out)
+
+    def __repr__(self) -> str:
+        solved = self.summary["status"].get("solved", 0)
+        return f"Batch({self.summary['suite']!r}, {solved} of {self.summary['moves']} solved, in {str(self.out)!r})"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.text())}</pre>"
 
 
 def run_batch(
@@ -104,7 +150,7 @@ def run_batch(
         write_parquet(Path(out) / "results.parquet", rows)
         write_report(Path(out) / "report.html", rows, summary)
         write_json(Path(out) / "summary.json", summary)
-    return Batch(rows, summary, interrupted, left_out)
+    return Batch(rows, summary, interrupted, left_out, Path(out))
 
 
 def _said(row: Row) -> str:

@@ -3,61 +3,30 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import os
 import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
-from types import ModuleType
-from typing import Any, NoReturn
+from pathlib import Path
+from typing import Any
 
 from energy_opt import __version__
 from energy_opt.cli.examples import EXAMPLES, example
 from energy_opt.cli.faults import as_error, one_line
 from energy_opt.cli.interrupt import was_pressed
+from energy_opt.cli.options import Help, Parser, add_options, request_of
 from energy_opt.cli.streams import flushed, of_output, opened
-from energy_opt.cli.usage import epilog
+from energy_opt.cli.terminal import Terminal
+from energy_opt.cli.view import view
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
+from energy_opt.files import read_text
 from energy_opt.folders import leave_folders
+from energy_opt.front.verbs import VERBS
 
-VERBS = {
-    "optimize": "one move to minimum energy",
-    "tradeoff": "energy against duration for one move",
-    "bench": "a batch of moves, in parallel, resumable, with a report",
-    "job": "a cycle of moves and waits, its time spent where it saves most",
-    "place": "the base pose that makes a job cheapest",
-    "evaluate": "motions as they are: energy under models, limits, clearance; in other formats",
-    "identify": "the source paper's two methods from static poses",
-    "diagnose": "which effect a power model lacks, from measured data",
-    "import": "logs as labs have them to a measured set; guesses columns and units",
-    "passport": "an arm's electrical passport from its models; several side by side",
-    "simulate": "play trajectories on a virtual arm and write a measured set",
-    "check": "is this log, trajectory, model or suite usable",
-    "robots": "the robots known by name, with joints and limits",
-    "effects": "the effects known, with parameters, units and laws",
-}
-MODULES = {"import": "ingest"}  # verbs whose module cannot have their name
 SHELLS = ("bash", "zsh", "tcsh")
 ALONE = {"--example": "KIND", "--print-completion": "SHELL"}  # without a verb
 VECTORS = ("--start", "--goal", "--via", "--base", "--start-pose", "--goal-pose", "--via-pose", "--base-box")
-
-
-class _Help(argparse.HelpFormatter):
-    """Lines of the epilog stay as they are where they are commands; the others are wrapped."""
-
-    def _fill_text(self, text: str, width: int, indent: str) -> str:
-        lines = text.splitlines()
-        return "\n".join(
-            line if line[:2] == "  " else super(_Help, self)._fill_text(line, width, indent) for line in lines
-        )
-
-
-class _Parser(argparse.ArgumentParser):
-    """Errors become one line with exit code 2."""
-
-    def error(self, message: str) -> NoReturn:
-        raise BadInput(f"{message} (see {self.prog} --help)")
 
 
 def joined_vectors(arguments: Sequence[str]) -> list[str]:
@@ -73,10 +42,6 @@ def joined_vectors(arguments: Sequence[str]) -> list[str]:
         else:
             out.append(word)
     return out
-
-
-def _module(verb: str) -> ModuleType:
-    return importlib.import_module(f"energy_opt.cli.{MODULES.get(verb, verb)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -155,13 +120,32 @@ def _run(words: list[str]) -> int:
             raise BadInput(f"{alone} goes without a verb: energy-opt {alone} {ALONE[alone]}")
         options = [name for action in verbs[args.verb]._actions for name in action.option_strings]
         raise BadInput(f"unknown: {' '.join(unknown)}{near(unknown[0], options)} (see energy-opt {args.verb} --help)")
-    args.command = words
     if args.effects:
         from energy_opt.effects import load_file
 
         for file in args.effects:
             load_file(file)
-    return int(_module(args.verb).run(args)) or flushed()
+    return _done(args, tuple(words)) or flushed()
+
+
+def _done(args: argparse.Namespace, words: tuple[str, ...]) -> int:
+    """Read the request, run its verb, and print what it found; returns the exit code."""
+    verb = VERBS[args.verb]
+    request = request_of(args, verb)
+    given = getattr(args, "out", None)
+    out: Path | None = given if given is not None or not verb.out else Path(verb.out)
+    force = getattr(args, "force", False)
+    desk = Terminal(out, force, words, quiet=args.quiet, verbose=args.verbose)
+    found = verb.run(request, desk)
+    folder = Path(out or getattr(found, "out", None) or ".")
+    if getattr(args, "view", False):
+        view(folder, args.quiet)
+    if args.json:
+        answer = folder / verb.answer
+        sys.stdout.write(read_text(answer) if answer.is_file() else found.to_json())
+    elif not args.quiet and (text := found.text(folder)):
+        print(text)
+    return int(found.exit_code)
 
 
 def _print(args: argparse.Namespace) -> int:
@@ -179,22 +163,20 @@ def _print(args: argparse.Namespace) -> int:
     return flushed()
 
 
-def parsers(words: Sequence[str]) -> tuple[_Parser, dict[str, _Parser]]:
+def parsers(words: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
     """The command's parser, and that of each verb; only those of verbs that stand in `words` have their arguments."""
-    parser = _Parser(prog="energy-opt", description="Robot arms that use less energy.")
+    parser = Parser(prog="energy-opt", description="Robot arms that use less energy.")
     parser.add_argument("--version", action="version", version=f"energy-opt {__version__}")
     parser.add_argument("--example", metavar="KIND", help=f"print a commented file that works: {', '.join(EXAMPLES)}")
     parser.add_argument("--print-completion", metavar="SHELL", help=f"print a completion script: {', '.join(SHELLS)}")
     group = parser.add_subparsers(dest="verb", metavar="VERB")  # of the same class
     verbs = {}
-    for verb, text in VERBS.items():
+    for name, verb in VERBS.items():
+        text = verb.summary
         sub = group.add_parser(
-            verb, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False,
-            epilog=epilog(verb), formatter_class=_Help,
-        )  # fmt: skip
-        if verb in words:  # only the verb that is run is imported
-            _module(verb).add_arguments(sub)
-        sub.add_argument("--effects", action="append", default=[], metavar="FILE.py", help="effects of your own")
-        sub.add_argument("-v", dest="verbose", action="store_true", help="what the solver does; where it fails, where")
-        verbs[verb] = sub
+            name, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False, formatter_class=Help
+        )
+        if name in words:  # only the verb that is run
+            add_options(sub, name, verb)
+        verbs[name] = sub
     return parser, verbs

@@ -6,7 +6,6 @@ Verbs say what share of the work is done; what the solver does comes as log reco
 
 from __future__ import annotations
 
-import argparse
 import logging
 import sys
 import threading
@@ -14,20 +13,22 @@ import time
 from types import TracebackType
 from typing import TextIO
 
+from energy_opt.front.desk import Show
+
 PATIENCE = 1.0  # [s] what takes less is done without a word
 TICK = 0.5  # [s]
 LEAST_SHARE = 0.03  # of the work: before it is done nothing can be said of the time left
 WIDTH = 100  # of the line
 
 
-class Progress(logging.Handler):
+class Progress(logging.Handler, Show):
     """Shows progress while its block lasts; silent with --quiet, and off a terminal without -v."""
 
-    def __init__(self, args: argparse.Namespace, stream: TextIO | None = None) -> None:
+    def __init__(self, quiet: bool, verbose: bool, stream: TextIO | None = None) -> None:
         super().__init__(logging.INFO)
         self._stream = stream or sys.stderr
-        self._lines = bool(getattr(args, "verbose", False)) and not args.quiet
-        self._rewrites = not self._lines and not args.quiet and self._stream.isatty()
+        self._lines = verbose and not quiet
+        self._rewrites = not self._lines and not quiet and self._stream.isatty()
         self._begin = self._stage_begin = time.monotonic()
         self._text, self._detail = "", ""
         self._share: float | None = None

@@ -82,6 +82,11 @@ USAGE: dict[str, tuple[tuple[str, ...], str, str]] = {
         "logs, trajectories, models, limits, suites, scenes, jobs, URDFs",
         "nothing; faults go to stderr, one line each; exit code 2 where there are any",
     ),
+    "run": (
+        (f"energy-opt optimize {MOVE} --duration 2 --out out", "energy-opt run out/result.json --out again"),
+        "a request (JSON), or a result that holds one",
+        "what its verb writes",
+    ),
     "robots": (("energy-opt robots panda",), "a URDF, where one is given", "nothing"),
     "effects": (("energy-opt effects coulomb_friction",), "effects of your own with --effects FILE.py", "nothing"),
 }

@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from pathlib import Path
 
 
-def add_view(group: argparse._ActionsContainer) -> None:
-    """The option."""
-    group.add_argument("--view", action="store_true", help="open report.html in the browser when it is written")
-
-
-def view(args: argparse.Namespace, out: Path) -> None:
-    """Open the report that was written into `out`, if asked to; where there is no display, say where it is."""
-    if not args.view:
-        return
+def view(out: Path, quiet: bool = False) -> None:
+    """Open the report that was written into `out`; where there is no display, say where it is."""
     import webbrowser
 
     report = (Path(out) / "report.html").resolve()
@@ -27,7 +19,7 @@ def view(args: argparse.Namespace, out: Path) -> None:
             return
     except webbrowser.Error:
         pass
-    if not args.quiet:
+    if not quiet:
         print(f"no browser to open; the report is {report}", file=sys.stderr)
 
 

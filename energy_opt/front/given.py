@@ -1,60 +1,98 @@
-"""Arguments as people have them (lists, names, files) made into what the package works with; shapes are checked."""
+"""Arguments as people have them (words, lists, names, files) made into what the package works with; shapes are checked.
+
+Words are those of the command line: `"0.1,0.2"`, `"joint=0.1"`, `"1.5,0,0,0.1"`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, near
-from energy_opt.motion.path import Curve, JointPath, of_trajectory, through
-from energy_opt.motion.standing import check_moves_on
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.files import finite_number
 from energy_opt.power import PowerModel
 from energy_opt.power.locked import of_joints
+from energy_opt.power.model import model_from_document
 from energy_opt.power.named import is_named, model_of, named_model
+from energy_opt.requests.groups import CellGroup, RobotGroup
 from energy_opt.robot import Robot, load_robot
+from energy_opt.robot.limits import look_like_degrees
 
 AnyRobot = Robot | str | PathLike[str]
-AnyModel = PowerModel | str | PathLike[str] | None
+AnyModel = PowerModel | str | PathLike[str] | Mapping[str, Any]
 Vector = Sequence[float] | np.ndarray
-Positions = Vector | Mapping[str, float]
-AnyPayload = float | Sequence[float] | Payload
-AnyPath = JointPath | Trajectory | Curve | Sequence[Vector] | np.ndarray | str | PathLike[str]
+Positions = Vector | Mapping[str, float] | str
+AnyPayload = float | Sequence[float] | Payload | Mapping[str, Any] | str
 
 DEFAULT = "source-method-2"
-SAMPLED = 401  # points at which a path that is any function is taken
+DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for degrees: two turns
+PAYLOAD = "MASS or MASS,CX,CY,CZ"
 
 
-def robot_from(given: AnyRobot, limits: str | PathLike[str] | None = None) -> Robot:
-    """A robot, or the one of a name or of a URDF file."""
+def robot_from(
+    given: AnyRobot | None, limits: str | PathLike[str] | None = None, lock: Mapping[str, float] | None = None,
+    prefix: str = "",
+) -> Robot:  # fmt: skip
+    """A robot, or the one of a name or of a URDF file.
+
+    Raises:
+        BadInput: none is given, or limits and locked joints for a robot that is loaded already.
+    """
+    if given is None:
+        raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF")
     if isinstance(given, Robot):
         if limits is not None:
             raise BadInput("--limits belongs to a robot that is loaded: load_robot(name, limits=...)")
+        if lock:
+            raise BadInput("--lock belongs to a robot that is loaded: load_robot(name, lock=...)")
         return given
-    return load_robot(str(given), limits=None if limits is None else Path(limits))
+    return load_robot(str(given), limits=None if limits is None else Path(limits), lock=lock, prefix=prefix)
 
 
-def model_from(given: AnyModel, robot: Robot) -> PowerModel:
-    """A model, or the one of a name or of a model file; the source paper's Method 2 where None is given.
+def robot_of(request: RobotGroup, given: Any = None) -> Robot:
+    """The robot that a request names, or else `given`, with the limits and locked joints of the request."""
+    named = getattr(request, "robot", None)
+    prefix = getattr(request, "joint_prefix", "")
+    return robot_from(given if named is None else named, request.limits, request.locked or None, prefix)
+
+
+def named_robot(robot: Robot, given: Any) -> str:
+    """What a robot is loaded by: what was given, or the name of one handed in, or its URDF."""
+    if isinstance(given, Robot) or given is None:
+        from energy_opt.robot import known_robots
+
+        return robot.name if robot.name in known_robots() else str(robot.urdf)
+    return str(given)
+
+
+def model_from(given: AnyModel | None, robot: Robot) -> PowerModel:
+    """A model, or the one of a name, a model file or its document; the source paper's Method 2 where None is given.
 
     Raises:
         BadInput: no such name or file, or a model of another number of joints.
     """
-    model = given if isinstance(given, PowerModel) else model_of(DEFAULT if given is None else given, robot)
+    if isinstance(given, PowerModel):
+        model = given
+    elif isinstance(given, Mapping):
+        model = model_from_document({key: value for key, value in given.items() if key != "name"}, "model")
+    else:
+        model = model_of(DEFAULT if given is None else given, robot)
     model = of_joints(model, robot)
     model.check(robot.n)
     return model
 
 
-def several(given: AnyModel | Sequence[AnyModel]) -> list[AnyModel]:
+def several(given: AnyModel | Sequence[AnyModel] | None) -> list[AnyModel]:
     """The models of one or several; empty where none is given."""
     if given is None:
         return []
-    return [given] if isinstance(given, (str, PathLike, PowerModel)) else list(given)
+    return [given] if isinstance(given, (str, PathLike, PowerModel, Mapping)) else list(given)
 
 
 def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
@@ -65,32 +103,73 @@ def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
     return named_model(name, robot if isinstance(robot, Robot) else str(robot))
 
 
-def payload_from(given: AnyPayload) -> Payload:
-    """A payload from its mass [kg], or from mass and centre of mass (m, x, y, z) [kg, m] in the last joint's frame."""
+def payload_from(given: Any) -> Payload:
+    """A payload from its mass [kg], from mass and centre (m, x, y, z) [kg, m] in the last joint's frame, or by name.
+
+    Raises:
+        BadInput: another number of values, or values that are none.
+    """
     if isinstance(given, Payload):
         return given
-    numbers = np.atleast_1d(np.asarray(given, dtype=float))
-    if numbers.shape not in ((1,), (4,)):
-        raise BadInput(f"--payload {given!r}: expected a mass, or mass and centre of mass: (m, x, y, z)")
+    if isinstance(given, str):
+        words = given.split(",")
+        numbers = np.array([finite_number(word, f"--payload {given}", PAYLOAD) for word in words])
+        if len(numbers) not in (1, 4):
+            raise BadInput(f"--payload {given}: {len(numbers)} numbers; expected {PAYLOAD}")
+    else:
+        mapping = isinstance(given, Mapping)
+        values = [*np.ravel(given.get("mass")), *np.ravel(given.get("com", [0, 0, 0]))] if mapping else given
+        try:
+            numbers = np.atleast_1d(np.asarray(values, dtype=float))
+        except (TypeError, ValueError):
+            numbers = np.zeros(0)
+        if numbers.shape not in ((1,), (4,)):
+            raise BadInput(f"--payload {given!r}: expected a mass, or mass and centre of mass: (m, x, y, z)")
     return Payload(mass=numbers[0], com=numbers[1:] if numbers.size == 4 else np.zeros(3))
 
 
-def positions(given: Positions, robot: Robot, name: str) -> np.ndarray:
-    """Joint positions (n,) [rad] from any sequence in the robot's order, or by joint names in any order.
+def cell_of(request: CellGroup) -> CellRequest:
+    """Body and cell as a request has them.
+
+    Raises:
+        BadInput: a value that no cell has, or a payload's size without a payload.
+    """
+    given: dict[str, Any] = {
+        name: value
+        for name in CellRequest.__dataclass_fields__
+        if name != "payload_at" and (value := getattr(request, name, None)) is not None
+    }
+    given["package_dirs"] = tuple(Path(folder) for folder in request.package_dir)
+    if request.payload_size is not None:
+        payload = getattr(request, "payload", None)
+        if payload is None:
+            raise BadInput("--payload-size belongs to --payload MASS[,CX,CY,CZ]")
+        given["payload_at"] = tuple(payload_from(payload).values["com"].tolist())
+    return CellRequest(**given)
+
+
+def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> np.ndarray:
+    """Joint positions (n,) [rad] from any sequence in the robot's order, by joint names in any order, or as words.
+
+    Args:
+        given: also `"0.1,0.2"`, `"joint=0.1,…"`, or the name of a pose of the robot's SRDF (`srdf`, or its own).
+        name: of the argument, for messages.
 
     Raises:
         BadInput: another number of values, an unknown or missing joint, not finite.
     """
+    if isinstance(given, str):
+        word = given.strip()
+        if not word or any(c in word for c in ",=") or word.replace(".", "").lstrip("+-").isdigit():
+            return _in_words(given, robot.joints, f"--{name}")
+        from energy_opt.robot.srdf import semantics
+
+        try:
+            return semantics(robot, srdf).pose(word, robot.joints)
+        except BadInput as error:
+            raise BadInput(f"--{name} {word}: {error}") from None
     if isinstance(given, Mapping):
-        for joint in given:
-            if joint not in robot.joints:
-                raise BadInput(
-                    f"--{name}: unknown joint {joint!r}{near(joint, robot.joints)}; joints: {', '.join(robot.joints)}"
-                )
-        missing = [joint for joint in robot.joints if joint not in given]
-        if missing:
-            raise BadInput(f"--{name}: no value for {', '.join(missing)}")
-        given = [given[joint] for joint in robot.joints]
+        given = _by_name(given, robot.joints, f"--{name}")
     try:
         q = np.array(given, dtype=float)
     except (TypeError, ValueError):
@@ -102,26 +181,44 @@ def positions(given: Positions, robot: Robot, name: str) -> np.ndarray:
     return q
 
 
-def path_from(given: AnyPath, robot: Robot) -> JointPath:
-    """A path from waypoints (K, n) [rad], a trajectory, a file of either, or any function q(s) on [0, 1].
+def _by_name(given: Mapping[str, float], joints: Sequence[str], flag: str) -> list[float]:
+    """Values in the order of `joints`."""
+    for joint in given:
+        if joint not in joints:
+            raise BadInput(f"{flag}: unknown joint {joint!r}{near(joint, joints)}; joints: {', '.join(joints)}")
+    missing = [joint for joint in joints if joint not in given]
+    if missing:
+        raise BadInput(f"{flag}: no value for {', '.join(missing)}")
+    return [given[joint] for joint in joints]
+
+
+def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
+    """Joint positions (n,) from `0.1,0.2,…` or `name=value,…` in any order."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if any("=" in part for part in parts):
+        named: dict[str, float] = {}
+        for part in parts:
+            name, _, value = part.partition("=")
+            if name.strip() in named:
+                raise BadInput(f"{flag}: joint {name.strip()} is given twice")
+            known = name.strip() in joints
+            named[name.strip()] = finite_number(value, f"{flag} {part}", "name=value") if known else 0.0
+        return np.array(_by_name(named, joints, flag))
+    if len(parts) != len(joints):
+        raise BadInput(f"{flag}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
+    return np.array([finite_number(part, f"{flag} {text}", "numbers [rad, m]") for part in parts])
+
+
+def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
+    """Refuse positions (N, n) or (n,) that are radians by the rules and degrees by their size.
 
     Raises:
-        BadInput: of another number of joints, or not finite.
+        BadInput: names what to write instead.
     """
-    if isinstance(given, (str, PathLike)):
-        from energy_opt.formats import read
-
-        given = read(Path(given)).of(robot.joints, "").path()
-    if isinstance(given, Trajectory):
-        check_moves_on(given, "--path")
-        given = of_trajectory(given)
-    if isinstance(given, JointPath):
-        path = given
-    else:
-        points = np.asarray(given(np.linspace(0.0, 1.0, SAMPLED)) if callable(given) else given, dtype=float)
-        if points.ndim != 2 or len(points) < 2 or points.shape[1] != robot.n or not np.isfinite(points).all():
-            raise BadInput(f"--path: shape {points.shape}; expected waypoints (K, {robot.n}), K at least 2, all finite")
-        path = through(points)
-    if path.n != robot.n:
-        raise BadInput(f"--path: {path.n} joints; {robot.name} has {robot.n}")
-    return path
+    found = look_like_degrees(robot.limits, position, DEGREES, robot.slides)
+    if found is not None:
+        value = float(np.atleast_2d(position)[found])
+        raise BadInput(
+            f"{where}: {value:g} rad for {robot.joints[found[1]]} is far outside its limits: these look like degrees; "
+            f"positions are radians ({value:g} deg = {np.radians(value):.4g} rad)"
+        )

@@ -12,7 +12,6 @@ from energy_opt import formats
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import own_body
 from energy_opt.files import replacing, write_json
-from energy_opt.folders import written_whole
 from energy_opt.formats.output import unchanged
 from energy_opt.front.grounds import until
 from energy_opt.motion import Result
@@ -27,18 +26,13 @@ from energy_opt.reports.words import clearance_words, input_words, limits_words,
 from energy_opt.robot import Robot
 
 
-def write(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None = None) -> None:
-    """Write result.json (`document`), trajectory.csv, trajectory.yaml, plot.png and report.html; result.json last.
+def put(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None = None) -> None:
+    """Write result.json (`document`), trajectory.csv, trajectory.yaml, plot.png and report.html into a folder.
 
     Args:
+        out: whose files take their places together later.
         cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
     """
-    with written_whole(out, "result.json") as aside:
-        put(result, robot, document, aside, cell)
-
-
-def put(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None = None) -> None:
-    """The same into a folder whose files take their places together later."""
     own = []
     for name in ("csv", "yaml"):
         form = formats.FORMATS[name]

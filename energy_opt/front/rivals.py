@@ -9,7 +9,8 @@ from typing import Any, cast
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.front.given import DEFAULT, AnyModel, AnyPayload, model_from, payload_from
+from energy_opt.front.desk import Desk
+from energy_opt.front.given import DEFAULT, AnyModel, model_from, payload_from, several
 from energy_opt.front.grounds import grounded
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import Scorer
@@ -32,7 +33,7 @@ def members(rivals: Sequence[Rival]) -> list[PowerModel]:
 
 
 def rivals_from(
-    models: Sequence[AnyModel], robust: str | None, robot: Robot, payload: AnyPayload | None = None
+    models: Sequence[AnyModel], robust: str | None, robot: Robot, payload: Any = None
 ) -> tuple[list[Rival], Kind | None]:
     """The models to plan under, the one that results are stated under first, and how; None: under the first alone.
 
@@ -43,7 +44,7 @@ def rivals_from(
     """
     if robust is not None and robust not in KINDS:
         raise BadInput(f"--robust {robust}; expected mean or worst")
-    names: list[AnyModel] = list(models) or [DEFAULT, CAREFUL]
+    names: list[Any] = list(models) or [DEFAULT, CAREFUL]
     rivals = []
     for number, given in enumerate(names, start=1):
         model = model_from(given, robot)
@@ -57,15 +58,21 @@ def rivals_from(
     return rivals, cast(Kind, robust or "mean")
 
 
-def robust_of(rivals: Sequence[Rival], kind: Kind | None) -> dict[str, Any] | None:
-    """How a plan is to hold under several models, for a result's request; None where it is made under one.
+def rivals_of(request: Any, robot: Robot, desk: Desk) -> tuple[list[Rival], Kind | None]:
+    """The models that a request plans under: with its payload, and on its base: gravity is the scene's -z.
 
-    Draws are left out: they follow from their model.
+    Raises:
+        BadInput: as `rivals_from`, or a base that is tilted otherwise than a model says.
     """
-    if kind is None:
-        return None
-    models = [{"name": r.name, **r.model.to_document()} for r in rivals if not r.name.startswith(DRAW)]
-    return {"kind": kind, "models": models}
+    rivals, kind = rivals_from(
+        several(request.model), getattr(request, "robust", None), robot, getattr(request, "payload", None)
+    )
+    if request.base is not None:
+        rivals = [replace(rival, model=rival.model.standing(*request.base[3:5])) for rival in rivals]
+    for rival in rivals:
+        if rival.model.robot not in ("", robot.name):
+            desk.say(f"warning: {rival.name}: a model of {rival.model.robot}, used for {robot.name}")
+    return rivals, kind
 
 
 def _drawn(rival: Rival, count: int) -> list[Rival]:
@@ -98,6 +105,8 @@ def _interval(result: Result, rival: Rival, robot: Robot) -> dict[str, list[floa
 def _name(given: AnyModel, number: int) -> str:
     if isinstance(given, str) and is_named(given):
         return given.replace("_", "-")
+    if isinstance(given, Mapping) and given.get("name"):
+        return str(given["name"])
     return f"model {number}" if given is None or not isinstance(given, str) else given
 
 

@@ -1,8 +1,8 @@
-"""The verb `tradeoff` from Python: energy against duration of one move."""
+"""The verb `tradeoff`: energy against duration of one move, or of a job over its cycle time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -12,33 +12,32 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
-from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
-from energy_opt.front.given import (
-    AnyModel,
-    AnyPath,
-    AnyPayload,
-    AnyRobot,
-    Positions,
-    robot_from,
-    several,
-)
-from energy_opt.front.goals import ends_from
-from energy_opt.front.planning import move_for, sorted_out
-from energy_opt.front.request import request_of_move
-from energy_opt.front.rivals import members, rivals_from, robust_of, said, with_careful
+from energy_opt.files import to_json
+from energy_opt.front.desk import Desk, verb
+from energy_opt.front.ends import ends_of
+from energy_opt.front.given import cell_of, robot_of
+from energy_opt.front.job_over_time import JobFront, run_job
+from energy_opt.front.moves import move_of, resolved, settings_of
+from energy_opt.front.rivals import members, rivals_of, said, with_careful
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.robust import Kind, Rival, RobustPlanner
 from energy_opt.poses.ends import Ends
-from energy_opt.poses.pose import AnyOf, Pose
 from energy_opt.poses.solve import solve_to
 from energy_opt.power import PowerModel
-from energy_opt.power.assumptions import assumptions
+from energy_opt.power.assumptions import Assumption, assumptions
+from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.per_year import PerYear
+from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.robot import Robot
 
 if TYPE_CHECKING:
     from energy_opt.tradeoff import Cycle, Front
+
+ANSWER = "tradeoff.json"
+MOST = 1000  # durations of a front, each a solve or more: some minutes
+EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
+DURATIONS = "expected FIRST:LAST:COUNT, seconds above 0 in rising order and how many"
 
 
 @dataclass(frozen=True, repr=False)
@@ -47,36 +46,63 @@ class Tradeoff:
 
     Attributes:
         front: its points, from fast to slow.
-        document: tradeoff.json. robot: the arm.
+        data: tradeoff.json. robot: the arm. move: what was solved. request: what was asked.
         cell: the arm's body and what stood around it; None where nothing was kept clear of.
     """
 
     front: Front
-    document: dict[str, Any]
+    data: Mapping[str, Any]
     robot: Robot
+    move: Move
+    request: TradeoffRequest
     cell: Cell | None = None
+
+    @property
+    def document(self) -> Mapping[str, Any]:
+        """tradeoff.json."""
+        return self.data
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        return EXITS[self.front.status]
+
+    def to_json(self) -> str:
+        """tradeoff.json as text."""
+        return to_json(self.data)
+
+    def text(self, out: Path) -> str:
+        """A short table for a terminal, of a front that was saved into `out`."""
+        from energy_opt.tradeoff.output import text
+
+        return text(self.front, self.data, out).rstrip("\n")
 
     @property
     def durations(self) -> np.ndarray:
         """(P,) [s]."""
-        return np.array([row["duration"] for row in self.document["points"]])
+        return np.array([row["duration"] for row in self.data["points"]])
 
     @property
     def energies(self) -> np.ndarray:
         """Total energy at each duration, (P,) [J]; nan where none was found."""
-        return np.array([row["energy_total"] for row in self.document["points"]], dtype=float)
+        return np.array([row["energy_total"] for row in self.data["points"]], dtype=float)
 
     def save(self, out: str | PathLike[str]) -> Path:
         """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
-        from energy_opt.tradeoff.output import write
-
-        write(Path(out), self.front, self.document, self.robot, self.cell)
+        self.kept(Path(out))
         return Path(out)
 
+    def kept(self, out: Path) -> Tradeoff:
+        """The same; returns the front."""
+        from energy_opt.tradeoff.output import write
+
+        write(out, self.front, dict(self.data), self.robot, self.cell)
+        return self
+
     def __repr__(self) -> str:
-        least = self.document["minimum"]
+        least = self.data["minimum"]
         best = "" if least is None else f", least {least['energy_total']:.4g} J at {least['duration']:.4g} s"
-        return f"Tradeoff({self.document['robot']!r}, {len(self.document['points'])} points{best})"
+        return f"Tradeoff({self.data['robot']!r}, {len(self.data['points'])} points{best})"
 
     def _repr_html_(self) -> str:
         rows = zip(self.durations, self.energies, strict=True)
@@ -84,67 +110,87 @@ class Tradeoff:
         return f"<table><tr><th>duration [s]</th><th>energy [J]</th></tr>{cells}</table>"
 
 
-def tradeoff(
-    robot: AnyRobot,
-    model: AnyModel | Sequence[AnyModel] = None,
-    *,
-    start: Positions | Pose | None = None,
-    goal: Positions | Pose | AnyOf | None = None,
-    durations: Sequence[float] | np.ndarray | None = None,
-    longest: float | None = None,
-    cycle: float | None = None,
-    idle_power: float | None = None,
-    mode: str = "reshape",
-    path: AnyPath | None = None,
-    via: Sequence[Positions | Pose] = (),
-    payload: AnyPayload | None = None,
-    limits: str | PathLike[str] | None = None,
-    scene: str | PathLike[str] | None = None,
-    cell: CellRequest | None = None,
-    per_year: PerYear | None = None,
-    stopped: Callable[[], bool] = lambda: False,
-    **more: Any,
-) -> Tradeoff:
-    """Energy against duration of one move, planned under the same models; arguments as those of `optimize`, and
-
-    Args:
-        durations: where [s]; by default chosen from the fastest and the optimum, up to `longest`.
-        longest: where the front ends [s], where the program chooses.
-        cycle: length [s] of a cycle in which the arm waits at the goal after the move, counted too.
-        idle_power: overhead while waiting [W], in place of the model's standby.
-        per_year: how often the move is made in a year; states what the saving is worth.
+def run(request: TradeoffRequest, desk: Desk) -> Tradeoff | JobFront:
+    """Energy against duration of one move, planned under the same models as `optimize`, or of a job.
 
     Raises:
         BadInput: something given is not usable; says what and what would be.
-        Infeasible: no duration works at all, or none that is within the cycle.
+        Infeasible: no duration works, or none that is within the cycle.
     """
-    arm = robot_from(robot, limits)
-    rivals, kind = rivals_from(several(model), None, arm, payload)
-    of_move, settings = sorted_out(more)
-    asked = cell or CellRequest()
-    if scene is not None:
-        asked = replace(asked, scene=Path(scene))
-    if settings.tool is not None:
-        asked = replace(asked, tool=settings.tool)
-    begin, end, ends = ends_from(arm, start, goal, asked, via)
-    move = move_for(arm, begin, end, path, () if ends is not None and ends.via else via, mode=mode, **of_move)
-    if any(asked.base[3:5]):  # gravity is the scene's -z
-        rivals = [replace(rival, model=rival.model.standing(*asked.base[3:5])) for rival in rivals]
-    wanted = None if durations is None else [float(d) for d in durations]
-    chosen: dict[str, Any] = {"durations": wanted, "longest": longest, "cycle": cycle, "idle_power": idle_power}
-    named: dict[str, Any] = {"path": path, "limits": limits, "scene": asked.scene, "cell": asked.document()}
-    chosen |= {"robust": robust_of(rivals, kind)}
-    request = request_of_move(arm, rivals[0].model, move, settings, **named, **chosen)
-    request |= {} if per_year is None else {"per_year": per_year.document()}
-    planner = planner_for(arm, rivals, kind, settings, cell=load_cell(arm, asked), stopped=stopped)
-    goals: dict[str, Any] = {}
-    if ends is not None:
-        request = ends.asked(request)
-        move, goals = chosen_for(planner, ends, move, rivals, settings)
-    over = cycle_for(arm, rivals[0].model, move, cycle, idle_power)
-    front = traced(planner, move, over, durations=wanted, longest=longest, stopped=stopped)
-    found = {**document_of(planner, rivals, move, front, over, request, per_year), **goals}
-    return Tradeoff(front, found, arm, mean_of(planner).cell)
+    if request.objective != "energy":
+        raise BadInput(f"--objective {request.objective}: a front of energy minimises energy; leave it out")
+    durations, worth = durations_of(request), request.worth
+    if request.job is not None:
+        return run_job(request, durations, desk)
+    if request.robot is None:
+        raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF; or give a JOB.toml")
+    robot = robot_of(request)
+    rivals, kind = rivals_of(request, robot, desk)
+    around = cell_of(request)
+    ends = ends_of(request, robot, around)
+    move = move_of(request, robot, ends, desk.say)
+    for warning in robot.warnings:
+        desk.say(f"warning: {warning}")
+    settings = settings_of(request)
+    asked = replace(resolved(request, robot, rivals, kind, move, ends), durations=durations, duration=None)
+    document = desk.stamped(asked.document())
+    desk.take(ANSWER, document)
+    with desk.working() as (stopped, show):
+
+        def progress(front: Front, expected: int) -> None:
+            show(f"{front.solves}/{expected} solves", front.solves / expected)
+
+        cell = load_cell(robot, around)
+        planner = planner_for(robot, rivals, kind, settings, cell=cell, stopped=stopped)
+        goals: dict[str, Any] = {}
+        if ends is not None:
+            move, goals = chosen_for(planner, ends, move, rivals, settings)
+        cycle = cycle_for(robot, rivals[0].model, move, request.cycle, request.idle_power)
+        front = traced(
+            planner, move, cycle, durations=durations, longest=request.max_duration, progress=progress, stopped=stopped
+        )
+        found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
+        answer = desk.keep(Tradeoff(front, found, robot, move, asked, mean_of(planner).cell))
+    if line := assumed([Assumption(**row) for row in found["assumptions"]]):
+        desk.say(line)
+    for warning in found["warnings"]:
+        desk.say(f"warning: {warning}")
+    if "message" in found:
+        desk.say(found["message"])
+    return answer
+
+
+tradeoff = verb(TradeoffRequest, run)
+
+
+def durations_of(request: TradeoffRequest) -> list[float] | None:
+    """Durations [s] that a request asks for; None where the program chooses.
+
+    Raises:
+        BadInput: none that a move can take, too many, or given twice.
+    """
+    given = request.durations
+    if given is None:
+        if request.duration is None:
+            return None
+        if not 0 < request.duration < np.inf:
+            raise BadInput(f"--duration {request.duration:g}: expected seconds above 0")
+        return [request.duration]
+    for name in ("duration", "max_duration"):
+        if getattr(request, name) is not None:
+            raise BadInput(f"--durations says which; leave --{name.replace('_', '-')} out")
+    if not isinstance(given, str):
+        return [float(duration) for duration in given]
+    parts = given.split(":")
+    try:
+        first, last, count = float(parts[0]), float(parts[1]), int(parts[2])
+        if len(parts) != 3 or not 0 < first <= last < np.inf or count < 1 or (count == 1 and first != last):
+            raise ValueError
+    except (ValueError, IndexError):
+        raise BadInput(f"--durations {given}: {DURATIONS}") from None
+    if count > MOST and not request.allow_large:
+        raise BadInput(f"--durations {given}: expected at most {MOST} durations, or --allow-large")
+    return [float(d) for d in np.linspace(first, last, count)]
 
 
 def chosen_for(

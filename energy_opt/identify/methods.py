@@ -9,14 +9,18 @@ it was held, since what separates poses from the line is not the meter's noise a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from os import PathLike
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
+from energy_opt.files import to_json
 from energy_opt.measured import MeasuredSet
 from energy_opt.measured.segment import LONG, standstills
 from energy_opt.power import PowerModel
@@ -38,7 +42,7 @@ class Pose:
     duration: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identification:
     """Results of both methods.
 
@@ -46,6 +50,7 @@ class Identification:
         standby: overhead of Method 1, W; its 95 % interval `standby_ci95` (None for a single pose).
         line: Method 2 as {standby, r_over_kt2, ci95, r_squared}, or None where the poses do not determine it.
         word: why Method 2 is refused, or what to mind about it; empty where all is well.
+        request: what was asked, with version and command line, as identify.json has it.
     """
 
     robot: str
@@ -54,6 +59,8 @@ class Identification:
     standby_ci95: tuple[float, float] | None
     line: dict[str, Any] | None
     word: str
+    request: Mapping[str, Any] = field(default_factory=dict)
+    exit_code: ClassVar[int] = 0
 
     def model_1(self) -> PowerModel:
         """Method 1 as a model."""
@@ -75,7 +82,47 @@ class Identification:
             "method2": self.line,
             "remark": self.word,
             "poses": rows,
+            **({"request": dict(self.request)} if self.request else {}),
         }
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """Nothing: what there is to say was said."""
+        return ""
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write identify.json, the models of both methods, plot.png and report.html into the folder `out`."""
+        self.kept(Path(out))
+        return Path(out)
+
+    def kept(self, out: Path) -> Identification:
+        """The same; returns the identification."""
+        from energy_opt.identify.output import write  # plots are slow to import
+
+        load, power = [pose.load for pose in self.poses], [pose.power for pose in self.poses]
+        write(out, self.document(), {"model_method1": self.model_1(), "model_method2": self.model_2()}, load, power)
+        return self
+
+    def __repr__(self) -> str:
+        second = "" if self.line is None else f", R/Kt^2 {self.line['r_over_kt2']:.4g} W/(N m)^2"
+        return f"Identification({self.robot!r}, {len(self.poses)} poses, overhead {self.standby:.2f} W{second})"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.poses)} poses", f"Method 1: overhead {self.standby:.2f} W"]
+        if self.line is not None:
+            (low, high), (least, most) = self.line["ci95"]["standby"], self.line["ci95"]["r_over_kt2"]
+            lines.append(
+                f"Method 2: overhead {self.line['standby']:.2f} W [{low:.2f}, {high:.2f}], "
+                f"R/Kt^2 {self.line['r_over_kt2']:.4g} W/(N m)^2 [{least:.4g}, {most:.4g}], "
+                f"R^2 = {self.line['r_squared']:.3f}"
+            )
+        return "\n".join([*lines, *([self.word] if self.word else [])])
 
 
 def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Pose]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -134,6 +134,7 @@ class Settings:
         deadline: seconds after which the search for a motion ends with the best proven answer so far; None for none.
         ways: how many free ways are looked for, and started from, where the straight line is not free, and besides a
             path that is given; None for one (two where it leads to little), and none besides a free path that is given.
+        own_limits: limits of one's own (`motion.limits.own.OwnLimit`), besides all others.
     """
 
     starts: int = 24
@@ -153,6 +154,7 @@ class Settings:
     tool: str | None = None
     allow_large: bool = False
     ways: int | None = None
+    own_limits: tuple[Any, ...] = ()
     deadline: float | None = None
 
     def __post_init__(self) -> None:

@@ -2,7 +2,7 @@
 
 from energy_opt.passport.changes import Change, changes, changes_since
 from energy_opt.passport.drives import friction, loss
-from energy_opt.passport.sheet import Passport, PassportRequest, passport
+from energy_opt.passport.sheet import Passport, passport
 from energy_opt.passport.sources import Arm, Number, arm_of, read_arm
 
 __all__ = [
@@ -10,7 +10,6 @@ __all__ = [
     "Change",
     "Number",
     "Passport",
-    "PassportRequest",
     "arm_of",
     "changes",
     "changes_since",

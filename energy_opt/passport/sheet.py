@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from energy_opt.errors import BadInput
-from energy_opt.files import write_json
+from energy_opt.files import to_json, write_json
 from energy_opt.folders import written_whole
 from energy_opt.passport.changes import Change, changes
 from energy_opt.passport.sources import Arm, arm_of, read_arm
@@ -20,27 +20,6 @@ FORMAT = "energy-opt/passport/1"
 MOST = 12  # arms beside each other
 
 
-@dataclass(frozen=True)
-class PassportRequest:
-    """What a passport is asked for.
-
-    Attributes:
-        models: model files, or names of robots whose values are published or assumed; the first is what the others are
-            compared with.
-        robot: the name or URDF of the models' robot; by default the one that each model names.
-        limits: joint limits (MoveIt's joint_limits.yaml).
-    """
-
-    models: tuple[str, ...]
-    robot: str | None = None
-    limits: Path | None = None
-
-    def document(self) -> dict[str, Any]:
-        """As it stands in passport.json."""
-        limits = None if self.limits is None else str(self.limits)
-        return {"models": list(self.models), "robot": self.robot, "limits": limits}
-
-
 @dataclass(frozen=True, repr=False)
 class Passport:
     """Arms side by side, and what differs between the first and each other one."""
@@ -48,6 +27,7 @@ class Passport:
     arms: tuple[Arm, ...]
     changes: tuple[Change, ...]
     request: dict[str, Any] = field(default_factory=dict)
+    exit_code: ClassVar[int] = 0
 
     @property
     def headline(self) -> str:
@@ -77,53 +57,72 @@ class Passport:
 
     def save(self, out: str | PathLike[str]) -> Path:
         """Write passport.json and report.html into the folder `out`; returns it."""
+        self.kept(Path(out))
+        return Path(out)
+
+    def kept(self, out: Path) -> Passport:
+        """The same; returns the passport."""
         from energy_opt.passport.page import page  # plots are slow to import
 
-        with written_whole(Path(out), "passport.json") as aside:
+        with written_whole(out, "passport.json") as aside:
             write_json(aside / "passport.json", self.document())
             page(self.arms, self.changes, self.headline, self.request).write(aside / "report.html")
-        return Path(out)
+        return self
+
+    def to_json(self) -> str:
+        """passport.json as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """Nothing: what there is to say was said."""
+        return ""
+
+    def __str__(self) -> str:
+        lines = [self.headline]
+        for arm in self.arms:
+            lines += _in_words(arm)
+        real = [change for change in self.changes if change.real]
+        lines += [f"changed: {change}" for change in real]
+        if len(real) < len(self.changes):
+            lines.append(f"{len(self.changes) - len(real)} other quantities are in report.html")
+        return "\n".join(lines)
 
     def __repr__(self) -> str:
         return f"Passport({', '.join(arm.label for arm in self.arms)}): {self.headline}"
 
 
 def passport(
-    models: str | PathLike[str] | PowerModel | Sequence[str | PathLike[str] | PowerModel] | PassportRequest,
+    models: str | PathLike[str] | PowerModel | Sequence[str | PathLike[str] | PowerModel],
     robot: str | PathLike[str] | Robot | None = None,
+    limits: str | PathLike[str] | None = None,
 ) -> Passport:
     """The electrical passport of one model of an arm, or of several side by side.
 
     Args:
-        models: model files, names of robots, or models in memory; one or several. Or a whole request.
+        models: model files, names of robots, or models in memory; one or several.
         robot: their robot; by default the one that each model names.
+        limits: a joint_limits.yaml in MoveIt's format.
 
     Raises:
         BadInput: a file is at fault, a name or a robot is not known, or lists do not fit the robot.
     """
-    if isinstance(models, PassportRequest):
-        request = models
-    else:
-        several = [models] if isinstance(models, (str, PathLike, PowerModel)) else list(models)
-        held = [m if isinstance(m, PowerModel) else str(m) for m in several]
-        request = PassportRequest(tuple(map(str, held)), None if robot is None else str(getattr(robot, "name", robot)))
-    given: Sequence[str | PowerModel] = request.models if isinstance(models, PassportRequest) else held
+    several = [models] if isinstance(models, (str, PathLike, PowerModel)) else list(models)
+    given = [m if isinstance(m, PowerModel) else str(m) for m in several]
     if not given:
         raise BadInput("passport needs a model file, or a robot's name")
     if len(given) > MOST:
         raise BadInput(f"passport takes at most {MOST} models; {len(given)} are given")
-    if robot is None and request.robot is not None:
-        robot = request.robot
-    body = robot if isinstance(robot, Robot) or robot is None else load_robot(str(robot), limits=request.limits)
+    file = None if limits is None else Path(limits)
+    body = robot if isinstance(robot, Robot) or robot is None else load_robot(str(robot), limits=file)
     arms = []
     for k, (model, label) in enumerate(zip(given, _labels(given), strict=True), start=1):
         if isinstance(model, PowerModel):
-            arms.append(arm_of(model, body or load_robot(model.robot, limits=request.limits), label or f"model {k}"))
+            arms.append(arm_of(model, body or load_robot(model.robot, limits=file), label or f"model {k}"))
         else:
-            arm = read_arm(model, body, request.limits)
+            arm = read_arm(model, body, file)
             arms.append(Arm(label, arm.robot, arm.model, arm.file, arm.sources))
     found = [change for arm in arms[1:] for change in changes(arms[0], arm)]
-    return Passport(tuple(arms), tuple(found), request.document())
+    return Passport(tuple(arms), tuple(found))
 
 
 def _labels(models: Sequence[str | PowerModel]) -> list[str]:
@@ -186,3 +185,14 @@ def _document(arm: Arm) -> dict[str, Any]:
         "values": arm.numbers(),
         "rivals": [[e.name for e in rival.effects] for rival in known.rivals] if known is not None else [],
     }
+
+
+def _in_words(arm: Arm) -> list[str]:
+    shares = "friction at 1, 10, 50 and 100 % of the velocity limit [N m]"
+    lines = [f"{arm.label} ({arm.robot.name})", f"  {'joint':<24}{'R/Kt² [W/(N m)²]':>20}   {shares}"]
+    for j, joint in enumerate(arm.robot.joints):
+        heat = arm.number("copper_loss", "r_over_kt2", j)
+        rubs = [arm.friction_at(j, k).value for k in range(arm.speeds.shape[1])]
+        words = " / ".join(f"{x:.3g}" for x in rubs if x is not None) or "unknown"
+        lines.append(f"  {joint:<24}{'unknown' if heat.value is None else f'{heat.value:.4g}':>20}   {words}")
+    return lines

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +151,7 @@ def _plot(path: Path, front: Front) -> None:
     plots.save(figure, path)
 
 
-def text(front: Front, found: dict[str, Any], out: Path) -> str:
+def text(front: Front, found: Mapping[str, Any], out: Path) -> str:
     """The front as a short table for a terminal."""
     lines = [f"{'duration [s]':>12} {'total [J]':>11} {'standby':>11} {'loss':>11} {'stored':>11}  status"]
     for p in found["points"]:
@@ -174,5 +175,5 @@ def text(front: Front, found: dict[str, Any], out: Path) -> str:
             line += f"; fastest then wait {fastest['energy_total']:.1f} J (saves {saved:.1f} %)"
         lines.append(line)
     if "per_year" in found:
-        lines.append(per_year_words(found["per_year"], found["request"]["per_year"]["cycles_per_year"]))
+        lines.append(per_year_words(found["per_year"], found["request"]["cycles_per_year"]))
     return "\n".join([*lines, f"files in {out}"]) + "\n"

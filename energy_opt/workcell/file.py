@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -219,7 +220,12 @@ def load_workcell(path: Path) -> WorkCell:
     Raises:
         BadInput: names every fault, one a line, with robot and step.
     """
-    cell, faults = _read(Path(path))
+    return workcell_of(read_toml(Path(path)), Path(path))
+
+
+def workcell_of(document: Mapping[str, Any], path: Path) -> WorkCell:
+    """A cell from a document that was read; `path` names it in messages. Else as `load_workcell`."""
+    cell, faults = _read(document)
     if cell is None or faults:
         raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
     return cell
@@ -227,11 +233,10 @@ def load_workcell(path: Path) -> WorkCell:
 
 def check_workcell(path: Path) -> list[str]:
     """Every fault of a job file of format 2, one line each; empty where it is usable."""
-    return [f"{path}: {fault}" for fault in _read(Path(path))[1]]
+    return [f"{path}: {fault}" for fault in _read(read_toml(Path(path)))[1]]
 
 
-def _read(path: Path) -> tuple[WorkCell | None, list[str]]:
-    document: dict[str, Any] = read_toml(path)
+def _read(document: Mapping[str, Any]) -> tuple[WorkCell | None, list[str]]:
     if document.get("format") != FORMAT:
         return None, [f"format = {document.get('format')!r}; expected {FORMAT!r}"]
     cell, faults = faults_of(WorkCell, document)

@@ -130,6 +130,21 @@ def _supply(result: CellResult) -> dict[str, Any] | None:
     }
 
 
+def found_of(
+    result: CellResult, request: Mapping[str, Any], worth: PerYear | None = None, written: Sequence[RobotFile] = ()
+) -> dict[str, Any]:
+    """job.json.
+
+    Args:
+        worth: how often the cycle runs in a year, where what it saves against the cycle as it is is stated for one.
+        written: what `write_programs` wrote.
+    """
+    found = {**document(result), "written": [row.document() for row in written], "request": plain(request)}
+    if worth is not None:
+        found["per_year"] = worth.of(found["levers"][0]["energy_total"] - found["energy_total"])
+    return found
+
+
 def write(
     result: CellResult,
     request: Mapping[str, Any],
@@ -137,15 +152,8 @@ def write(
     worth: PerYear | None = None,
     written: Sequence[RobotFile] = (),
 ) -> dict[str, Any]:
-    """Write report.html and job.json, this last; returns the document.
-
-    Args:
-        worth: how often the cycle runs in a year, where what is saved against it as it is is to be stated for one.
-        written: what `write_programs` wrote.
-    """
-    found = {**document(result), "written": [row.document() for row in written], "request": plain(request)}
-    if worth is not None:
-        found["per_year"] = worth.of(found["levers"][0]["energy_total"] - found["energy_total"])
+    """Write report.html and job.json, this last; returns the document, that of `found_of`."""
+    found = found_of(result, request, worth, written)
     page(found).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

@@ -51,4 +51,5 @@ def limits_of(
     """
     pull = robot.body.gravity if gravity is None else gravity
     asked = (kind.asked(robot, settings, move, pull) for kind in ASKED)
-    return (*joint_limits(robot.limits), *(limit for limit in asked if limit is not None))
+    own = (limit.for_robot(robot) for limit in settings.own_limits)
+    return (*joint_limits(robot.limits), *(limit for limit in asked if limit is not None), *own)

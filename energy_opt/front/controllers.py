@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from energy_opt.cli.common import say
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.requests.groups import WriteGroup
+from energy_opt.requests.moves import OptimizeRequest
 
 if TYPE_CHECKING:
     from energy_opt.formats import Format
@@ -21,64 +21,43 @@ if TYPE_CHECKING:
 ROOM = 1.001  # of the shortest duration that standard moves were found for: what is shortest leaves nothing to choose
 
 
-def add_written(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Options of the files for controllers."""
-    group = parser.add_argument_group("for controllers")
-    group.add_argument(
-        "--write", action="append", default=[], metavar="FORMAT",
-        help="csv, yaml, json, mcap, follow-joint-trajectory, urscript or franka (repeatable)",
-    )  # fmt: skip
-    group.add_argument("--rate", type=float, metavar="HZ", help="samples per second of what --write writes")
-    return group
-
-
-def add_controllers(parser: argparse.ArgumentParser) -> None:
-    """The same, and standard moves."""
-    group = add_written(parser)
-    group.add_argument(
-        "--as", dest="as_", choices=("moves",), metavar="moves",
-        help="standard joint moves with a speed and an acceleration each, instead of a free trajectory",
-    )  # fmt: skip
-    group.add_argument("--vias", type=int, metavar="K", help="via points of --as moves, at most (0)")
-
-
-def check_written(args: argparse.Namespace, joints: int) -> list[Format]:
+def check_written(request: WriteGroup, joints: int) -> list[Format]:
     """The formats of --write, for an arm of so many joints; what cannot be meant is refused before the work."""
     from energy_opt.formats.output import wanted
 
-    check_rate_of(args)
-    return wanted(args.write, joints)
+    check_rate_of(request)
+    return wanted(request.write, joints)
 
 
-def check_rate_of(args: argparse.Namespace) -> None:
+def check_rate_of(request: WriteGroup) -> None:
     """Refuse a rate that no controller has, or one of no file."""
     from energy_opt.formats.resample import check_rate
 
-    if args.rate is not None:
-        if not args.write:
-            raise BadInput(f"--rate {args.rate:g}: of which files? Give --write too")
-        check_rate(args.rate)
+    if request.rate is not None:
+        if not request.write:
+            raise BadInput(f"--rate {request.rate:g}: of which files? Give --write too")
+        check_rate(request.rate)
 
 
-def check_controllers(args: argparse.Namespace, joints: int) -> None:
+def check_controllers(request: OptimizeRequest, joints: int) -> None:
     """Refuse what cannot be meant, before anything is solved."""
-    check_written(args, joints)
-    if args.vias is not None and args.as_ is None:
+    check_written(request, joints)
+    if request.vias is not None and request.standard is None:
         raise BadInput("--vias are those of --as moves; give it too")
 
 
 def moves_of(
-    args: argparse.Namespace, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
+    request: OptimizeRequest, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
 ) -> tuple[Result, StandardMoves | None]:
     """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none.
 
     `robust` plans them where several models are in force. Where the duration is free and standard moves need longer
     than the free trajectory, all is planned anew for that.
     """
-    if args.as_ is None or result.interrupted:
+    if request.standard is None or result.interrupted:
         return result, None
     try:
-        return _moves(args, planner, robust, move, result)
+        return _moves(request, planner, robust, move, result)
     except Infeasible as error:
         if move.duration is not None or error.shortest_duration is None:
             raise
@@ -86,20 +65,20 @@ def moves_of(
         if move.max_duration is not None and longer > move.max_duration:
             raise
     slower = replace(move, duration=longer, max_duration=None)
-    return _moves(args, planner, robust, slower, (planner if robust is None else robust).solve(slower))
+    return _moves(request, planner, robust, slower, (planner if robust is None else robust).solve(slower))
 
 
 def _moves(
-    args: argparse.Namespace, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
+    request: OptimizeRequest, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
 ) -> tuple[Result, StandardMoves | None]:
     """The result with the standard moves in its place, in the same time."""
     from energy_opt.profiles import standard_moves
 
-    return standard_moves(planner, robust, move, result, args.vias or 0)
+    return standard_moves(planner, robust, move, result, request.vias or 0)
 
 
 def with_room_of(
-    args: argparse.Namespace, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result,
+    request: OptimizeRequest, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result,
     moves: StandardMoves | None,
 ) -> tuple[Result, StandardMoves | None]:  # fmt: skip
     """The result and its standard moves, planned again where samples of --write break limits."""
@@ -109,14 +88,14 @@ def with_room_of(
     if result.interrupted or result.status != "solved":
         return result, moves
     judge = judge_of(planner, move)
-    formats = [form for form in wanted(args.write) if moves is None or form.name != "urscript"]
+    formats = [form for form in wanted(request.write) if moves is None or form.name != "urscript"]
 
     def again(shares: Shares) -> tuple[Result, StandardMoves | None]:
         narrow, several = planner.within(shares), None if robust is None else robust.within(shares)
         found = (narrow if several is None else several).solve(move)
-        return moves_of(args, narrow, several, move, found)
+        return moves_of(request, narrow, several, move, found)
 
-    files = Files(formats, args.rate)
+    files = Files(formats, request.rate)
     (found, chosen), shares = with_room(
         (result, moves), lambda answer: files.certificates(answer[0].trajectory, judge), again
     )
@@ -138,24 +117,25 @@ def judge_of(planner: Planner, move: Move) -> Judging:
 
 
 def write_controllers(
-    args: argparse.Namespace, planner: Planner, move: Move, result: Result, moves: StandardMoves | None, out: Path
+    request: OptimizeRequest, planner: Planner, move: Move, result: Result, moves: StandardMoves | None, out: Path
 ) -> list[Written]:
-    """Write the files that --write and --as ask for into `out`, read back and judged, and say what each is."""
+    """Write the files that --write and --as ask for into `out`, read back and judged."""
     from energy_opt.formats import FORMATS, output
     from energy_opt.formats.program import load_of
     from energy_opt.profiles import movej
 
     judge = judge_of(planner, move)
-    formats, rows = output.wanted(args.write), []
+    formats, rows = output.wanted(request.write), []
     if moves is not None:
         scripts = FORMATS["urscript"] in formats
         rows += movej.write(moves, planner.robot, judge, out, ["moves.yaml", *(["trajectory.script"] * scripts)])
         formats = [form for form in formats if form.name != "urscript"]
     payload = load_of(planner.robot, planner.model)
-    rows += output.write(result.trajectory, judge, formats, out, args.rate, args.joint_prefix, payload)
-    for row in rows:
-        say(args, f"{args.out / row.file}: {row}")
-    if moves is not None:
-        kept = "nothing to save" if moves.kept is None else f"{100 * moves.kept:.1f} % of the free trajectory's saving"
-        say(args, f"standard moves ({moves.kind}, {moves.vias} via points) keep {kept}")
+    rows += output.write(result.trajectory, judge, formats, out, request.rate, request.joint_prefix, payload)
     return rows
+
+
+def kept_words(moves: StandardMoves) -> str:
+    """How much of a free trajectory's saving standard moves keep, as a message."""
+    kept = "nothing to save" if moves.kept is None else f"{100 * moves.kept:.1f} % of the free trajectory's saving"
+    return f"standard moves ({moves.kind}, {moves.vias} via points) keep {kept}"

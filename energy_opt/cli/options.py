@@ -1,0 +1,140 @@
+"""A verb's options out of its request: parsers, `--help` and `--help-all`, and the request that words describe."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from dataclasses import MISSING
+from pathlib import Path
+from typing import Any, NoReturn
+
+from energy_opt.cli.usage import epilog
+from energy_opt.errors import BadInput
+from energy_opt.front.verbs import Verb
+from energy_opt.requests.option import Option, Request, flag_of, options_of
+
+ON_OFF = ("on", "off")
+
+
+class Help(argparse.HelpFormatter):
+    """Shows the options that matter, or all; lines of the epilog that are commands stay as they are."""
+
+    every = False
+
+    def add_usage(
+        self, usage: str | None, actions: Iterable[argparse.Action], groups: Any, prefix: str | None = None
+    ) -> None:
+        """Without the options that are not shown."""
+        super().add_usage(usage, [action for action in actions if self._shown(action)], (), prefix)
+
+    def add_argument(self, action: argparse.Action) -> None:
+        """Only where it is shown."""
+        if self._shown(action):
+            super().add_argument(action)
+
+    def _shown(self, action: argparse.Action) -> bool:
+        return self.every or getattr(action, "main", True)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        lines = text.splitlines()
+        return "\n".join(
+            line if line[:2] == "  " else super(Help, self)._fill_text(line, width, indent) for line in lines
+        )
+
+
+class HelpOfAll(Help):
+    """Shows all options."""
+
+    every = True
+
+
+class _HelpAll(argparse.Action):
+    """`--help-all`."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        parser.formatter_class = HelpOfAll
+        parser.print_help()
+        parser.exit()
+
+
+class Parser(argparse.ArgumentParser):
+    """Errors become one line with exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse words."""
+        raise BadInput(f"{message} (see {self.prog} --help)")
+
+
+def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
+    """The options of a verb: those of its request, and those that every verb has."""
+    parser.epilog = epilog(name)
+    groups: dict[str, argparse._ArgumentGroup] = {}
+    for field, (declared, spelled) in options_of(verb.request).items():
+        if spelled.internal:
+            continue
+        title = _title(verb.request, field)
+        if title and title not in groups:
+            groups[title] = parser.add_argument_group(title)
+        _add(groups[title] if title else parser, field, spelled, declared.default)
+    known = {field for field, (_, spelled) in options_of(verb.request).items() if not spelled.internal}
+    group = groups.get("output") or parser.add_argument_group("output")
+    if "out" not in known and (verb.out or name == "run"):
+        usual = verb.out or "that of its verb"
+        group.add_argument("--out", type=Path, metavar="DIR", help=f"folder of results ({usual})")
+    if "force" not in known and (verb.out or name == "run"):
+        group.add_argument("--force", action="store_true", help="overwrite what DIR holds of another request")
+    if verb.report:
+        group.add_argument("--view", action="store_true", help="open report.html in the browser when it is written")
+    group.add_argument("--json", action="store_true", help="the result as one JSON document on stdout")
+    group.add_argument("--quiet", action="store_true", help="no progress and no messages")
+    group.add_argument("--effects", action="append", default=[], metavar="FILE.py", help="effects of your own")
+    group.add_argument("-v", dest="verbose", action="store_true", help="what the solver does; where it fails, where")
+    parser.add_argument("--help-all", nargs=0, action=_HelpAll, help="show all options, and exit")
+
+
+def _title(request: type[Request], field: str) -> str:
+    """The title of the group that declares a field; empty for a verb's own."""
+    owner = next(kind for kind in reversed(request.__mro__) if field in vars(kind).get("__annotations__", {}))
+    own = [kind for kind in request.__mro__ if field in vars(kind).get("__annotations__", {})]
+    owner = own[0] if own else owner
+    return (owner.__doc__ or "") if owner.__name__.endswith("Group") else ""
+
+
+def _add(group: Any, field: str, spelled: Option, default: Any) -> None:
+    known: dict[str, Any] = {"help": spelled.help.replace("%", "%%"), "default": None}
+    if spelled.place:
+        known |= {"metavar": spelled.metavar, **({} if spelled.place == "1" else {"nargs": spelled.place})}
+        known |= {"type": Path} if spelled.kind is Path else {}
+        group.add_argument(field, **known)
+        return
+    if spelled.kind is bool:
+        known |= {"action": "store_true"} if default is False else {"choices": ON_OFF}
+    else:
+        known |= {"metavar": tuple(spelled.metavar.split()) if isinstance(spelled.nargs, int) else spelled.metavar}
+        known |= {"type": spelled.kind} if spelled.kind is not str else {}
+        known |= {"choices": spelled.choices} if spelled.choices else {}
+        known |= {"nargs": spelled.nargs} if spelled.nargs is not None else {}
+        repeats = (spelled.many or spelled.several) and spelled.nargs is None
+        known |= {"action": "append"} if repeats else {}
+        known |= {"required": True} if default is MISSING else {}
+    action = group.add_argument(flag_of(field, spelled), *spelled.aliases, dest=field, **known)
+    action.main = spelled.main
+
+
+def request_of(args: argparse.Namespace, verb: Verb) -> Request:
+    """The request that parsed words describe.
+
+    Raises:
+        BadInput: a value that its field cannot have.
+    """
+    given = {}
+    for field, (_, spelled) in options_of(verb.request).items():
+        value = None if spelled.internal else getattr(args, field)
+        if value is None or (value is False and spelled.kind is bool):
+            continue
+        if spelled.kind is bool and value in ON_OFF:
+            value = value == "on"
+        if spelled.several and len(value) == 1:
+            value = value[0]
+        given[field] = value
+    return verb.request(**given)

@@ -1,0 +1,165 @@
+"""Conditions on a move, as objects: `eo.optimize(..., conditions=[eo.conditions.MaxPower(400), MyLimit()])`.
+
+Those below say what options of the command line say. A limit of one's own is a subclass of `Limit`: a name, a unit,
+what it binds and one formula (docs/extending.md).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterable
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from energy_opt.errors import BadInput
+from energy_opt.motion.limits.base import State as State
+from energy_opt.motion.limits.own import OwnLimit as Limit
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Base of conditions that are options, too."""
+
+    def options(self) -> dict[str, Any]:
+        """The options that say the same, by their names in a request."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class MaxPower(Condition):
+    """The arm's electrical power stays at or below `watts` [W]; power that flows back is not bounded."""
+
+    watts: float
+
+    def options(self) -> dict[str, Any]:
+        """`--max-power`."""
+        return {"max_power": self.watts}
+
+
+@dataclass(frozen=True)
+class ToolSpeed(Condition):
+    """The tool's origin moves at most this fast [m/s]."""
+
+    metres_per_second: float
+
+    def options(self) -> dict[str, Any]:
+        """`--tool-speed`."""
+        return {"tool_speed": self.metres_per_second}
+
+
+@dataclass(frozen=True)
+class ToolAcceleration(Condition):
+    """The tool's origin accelerates at most this much [m/s^2]."""
+
+    metres_per_second2: float
+
+    def options(self) -> dict[str, Any]:
+        """`--tool-acceleration`."""
+        return {"tool_acceleration": self.metres_per_second2}
+
+
+@dataclass(frozen=True)
+class KeepUpright(Condition):
+    """The tool's axis that points up at the start stays within `degrees` of up."""
+
+    degrees: float = 5.0
+
+    def options(self) -> dict[str, Any]:
+        """`--keep upright`."""
+        return {"keep": (f"upright:{self.degrees:g}",)}
+
+
+@dataclass(frozen=True)
+class KeepOrientation(Condition):
+    """The tool's rotation from that at the start stays within `degrees`."""
+
+    degrees: float = 2.0
+
+    def options(self) -> dict[str, Any]:
+        """`--keep orientation`."""
+        return {"keep": (f"orientation:{self.degrees:g}",)}
+
+
+@dataclass(frozen=True)
+class KeepLine(Condition):
+    """The tool's origin stays within `millimetres` of the straight line between its ends."""
+
+    millimetres: float = 1.0
+
+    def options(self) -> dict[str, Any]:
+        """`--keep line`."""
+        return {"keep": (f"line:{self.millimetres:g}",)}
+
+
+@dataclass(frozen=True)
+class Tube(Condition):
+    """Every joint stays within `radians`, or the tool's origin within `metres`, of the nearest point of the path."""
+
+    radians: float | None = None
+    metres: float | None = None
+
+    def options(self) -> dict[str, Any]:
+        """`--tube`.
+
+        Raises:
+            BadInput: neither, or both, are given.
+        """
+        if (self.radians is None) == (self.metres is None):
+            raise BadInput("Tube: expected radians (of every joint) or metres (of the tool)")
+        return {"tube": f"{self.radians:g}rad" if self.radians is not None else f"{self.metres:g}m"}
+
+
+def options_and_limits(given: Iterable[Any]) -> tuple[dict[str, Any], tuple[Limit, ...]]:
+    """What conditions come to: options of a request, and limits of one's own.
+
+    Args:
+        given: conditions, limits, and names of files that define them.
+
+    Raises:
+        BadInput: something else; one condition twice; a file that defines none.
+    """
+    options: dict[str, Any] = {}
+    limits: list[Limit] = []
+    for condition in given:
+        if isinstance(condition, (str, PathLike)):
+            more, own = options_and_limits(load_file(condition))
+        elif isinstance(condition, Condition):
+            more, own = condition.options(), ()
+        elif isinstance(condition, Limit):
+            more, own = {}, (condition,)
+        else:
+            raise BadInput(
+                f"--conditions {condition!r:.60}: expected a condition, a limit, or a file that defines them"
+            )
+        for name, value in more.items():
+            if name in options and name != "keep":
+                raise BadInput(f"{type(condition).__name__} is given twice")
+            options[name] = (*options.get("keep", ()), *value) if name == "keep" else value
+        limits += own
+    return options, tuple(limits)
+
+
+def load_file(file: str | PathLike[str]) -> list[Any]:
+    """The conditions that a Python file defines: its list `conditions`, else one of each of its limits.
+
+    Raises:
+        BadInput: there is no such file, it cannot be run, or it defines none.
+    """
+    path = Path(file)
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if not path.is_file() or spec is None or spec.loader is None:
+        raise BadInput(f"--conditions {path}: no such Python file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        found = getattr(module, "conditions", None)
+        if found is None:
+            kinds = [kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, Limit)]
+            found = [kind() for kind in kinds if kind.__module__ == module.__name__]
+    except Exception as fault:
+        raise BadInput(f"--conditions {path}: {type(fault).__name__}: {fault}") from None
+    if not found:
+        raise BadInput(f"--conditions {path}: defines no condition; expected a list `conditions`, or a class of Limit")
+    return list(found)

@@ -1,0 +1,130 @@
+"""The verb `bench`: a suite of moves, in parallel and resumable, or the comparison of two runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from energy_opt.bench import Batch, compare, comparison_text, load_suite, run_batch
+from energy_opt.bench.surroundings import KEYS
+from energy_opt.errors import BadInput
+from energy_opt.files import to_json
+from energy_opt.front.desk import Desk, verb
+from energy_opt.front.given import cell_of, payload_from
+from energy_opt.power import PowerModel
+from energy_opt.requests.verbs import BenchRequest
+from energy_opt.robot import Robot
+
+MOST_JOBS = 1024  # on one machine
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What got better or worse between two runs of a suite: the document of `energy_opt.bench.compare`."""
+
+    found: Mapping[str, Any]
+    exit_code: int = 0
+
+    def document(self) -> Mapping[str, Any]:
+        """The comparison."""
+        return self.found
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return to_json(self.found)
+
+    def text(self, out: Path) -> str:
+        """A table for a terminal."""
+        return comparison_text(dict(self.found))
+
+
+def run(request: BenchRequest, desk: Desk) -> Batch | Comparison:
+    """A suite of moves, in parallel, resumable, with a report in the folder `out`; or two results side by side.
+
+    Raises:
+        BadInput: a fault of the suite, or `out` holds another suite's results.
+    """
+    if request.compare:
+        if request.suite is not None:
+            raise BadInput("--compare takes two results and no suite")
+        if len(request.compare) != 2:
+            raise BadInput("--compare takes two results, OLD and NEW")
+        return Comparison(compare(*map(Path, request.compare)))
+    if request.suite is None:
+        raise BadInput("no suite: give SUITE.toml, or --compare OLD NEW")
+    jobs = _free_cores() if request.jobs is None else request.jobs
+    if not 1 <= jobs <= MOST_JOBS:
+        raise BadInput(f"--jobs {str(jobs)[:24]}: expected 1 to {MOST_JOBS} processes")
+    if request.seed is not None and request.seed < 0:
+        raise BadInput(f"--seed {request.seed}: expected a whole number, 0 or above")
+    worth = request.worth
+    suite = load_suite(
+        Path(request.suite), overrides=overrides_of(request), seed=request.seed, compile=request.compile,
+        allow_outside=request.allow_outside, allow_large=request.allow_large,
+    )  # fmt: skip
+    out = out_of(request, suite.name)
+    with desk.showing() if desk.verbose else nullcontext():
+        batch = run_batch(
+            suite, out, jobs=jobs, resume=request.resume, force=request.force, scheduler=request.scheduler,
+            quiet=request.quiet and desk.quiet, command=desk.stamped({})["command"], worth=worth,
+        )  # fmt: skip
+    if batch.left_out:
+        desk.say(f"{batch.left_out} earlier results belong to another version of the suite; left out")
+    if batch.interrupted:
+        desk.say(f"interrupted; what is done is in {out}, --resume does what is left")
+    return replace(batch, request=request)
+
+
+bench = verb(BenchRequest, run)
+
+
+def out_of(request: BenchRequest, suite: str) -> Path:
+    """The folder of a batch's results."""
+    return Path(request.out or f"bench_{suite}")
+
+
+def overrides_of(request: BenchRequest) -> dict[str, Any]:
+    """What a request says in place of every table of a suite, in a suite's words."""
+    out: dict[str, Any] = dict(request.overrides or {})
+    for name, given in (("robots", request.robot), ("models", request.model)):
+        if isinstance(given, (Robot, PowerModel)):
+            raise BadInput(f"{name[:-1]}: a batch takes names and files; save the model, or name the URDF")
+        if given is not None:
+            path = Path(str(given))
+            out[name] = [str(path.resolve()) if path.is_file() else str(given)]
+    if request.limits is not None:
+        out["limits"] = str(Path(request.limits).resolve())
+    if isinstance(request.payload, str):
+        out["payloads"] = [request.payload]
+    elif request.payload is not None:
+        held = payload_from(request.payload).values
+        out["payloads"] = [",".join(map(repr, [*held["mass"].tolist(), *held["com"].tolist()]))]
+    if request.deadline is not None:
+        out["settings"] = {"deadline": request.deadline}
+    if request.lock:
+        out["lock"] = request.locked
+    return out | _surroundings(request)
+
+
+def _surroundings(request: BenchRequest) -> dict[str, Any]:
+    """Body and cell in a suite's words, as far as options say them."""
+    around = cell_of(request)
+    out = {key: value for key, value in around.document().items() if key in KEYS}
+    if request.self_collision is not None:
+        out["self_collision"] = around.self_collision
+    if request.planner is not None:
+        out["planner"] = around.planner
+    for key, file in (("scene", around.scene), ("srdf", around.srdf)):
+        if file is not None:
+            out[key] = str(file.resolve())
+    if around.package_dirs:
+        out["package_dirs"] = [str(folder.resolve()) for folder in around.package_dirs]
+    return out
+
+
+def _free_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

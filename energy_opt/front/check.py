@@ -1,0 +1,255 @@
+"""The verb `check`: is this log, trajectory, model, limits file, suite or URDF usable; every fault is named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from energy_opt.errors import BadInput, EnergyOptError
+from energy_opt.files import to_json
+from energy_opt.front.desk import Desk, verb
+from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_from, robot_of
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.requests.verbs import CheckRequest
+from energy_opt.results import faults_of_results
+from energy_opt.robot import Robot
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What is wrong with files: faults of each, and what else its reader should know."""
+
+    faults: Mapping[str, list[str]]
+    remarks: Mapping[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def usable(self) -> bool:
+        """Whether nothing is wrong."""
+        return not any(self.faults.values())
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        return 0 if self.usable else BadInput.exit_code
+
+    def document(self) -> dict[str, Any]:
+        """Whether all are usable, and of each file its faults and remarks."""
+        rows = [
+            {"file": name, "usable": not found, "faults": found, "remarks": self.remarks.get(name, [])}
+            for name, found in self.faults.items()
+        ]
+        lines = [fault for found in self.faults.values() for fault in found]
+        failed = {"status": BadInput.status, "message": "\n".join(lines)} if lines else {}
+        return {"usable": self.usable, **failed, "files": rows}
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """A line for every file that is usable."""
+        return "\n".join(f"{name}: usable" for name, found in self.faults.items() if not found)
+
+
+def run(request: CheckRequest, desk: Desk) -> Checked:
+    """Whether files are usable; every fault is named with its place."""
+    faults: dict[str, list[str]] = {}
+    notes: dict[str, list[str]] = {}
+    for file in map(Path, request.files):
+        notes[str(file)] = []
+        try:
+            faults[str(file)] = _faults(file, request, notes[str(file)])
+        except EnergyOptError as error:
+            faults[str(file)] = str(error).splitlines()
+    for name, found in faults.items():
+        for fault in found:
+            desk.complain(fault)
+        for note in notes[name]:
+            desk.say(f"note: {note}")
+    return Checked(faults, notes)
+
+
+check = verb(CheckRequest, run)
+
+
+def _model(request: CheckRequest, robot: Robot) -> PowerModel:
+    """The model with the payload, on its base: gravity is the scene's -z."""
+    model = model_from(request.model, robot)
+    if request.payload is not None:
+        model = model.for_move(payload_from(request.payload))
+    model = model if request.base is None else model.standing(*cell_of(request).base[3:5])
+    model.check(robot.n)
+    return model
+
+
+def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
+    """Faults of a file or folder; what else its reader should know goes to `notes`."""
+    if file.is_dir() and (file / "metadata.yaml").is_file():
+        return _trajectory(file, request, notes)
+    held = faults_of_results(file) if file.is_dir() else None
+    if held is not None and not (file / "log.toml").is_file():
+        return held
+    if file.is_dir() or file.name == "log.toml":
+        return _set(file, request, notes)
+    if not file.is_file():
+        return [f"{file}: no such file or folder"]
+    if file.suffix == ".toml":
+        return _toml(file, request, notes)
+    if file.suffix in (".yaml", ".yml", ".json", ".scene"):
+        return _document(file, request, notes)
+    if file.suffix == ".srdf":
+        from energy_opt.robot.srdf import read_srdf
+
+        read_srdf(file)
+        return []
+    if file.suffix in (".urdf", ".xml", ".xacro"):
+        from energy_opt.cell.usable import RobotInspection, inspect_robot
+
+        notes += inspect_robot(
+            RobotInspection(
+                str(file),
+                None if request.limits is None else Path(request.limits),
+                request.locked,
+                request.joint_prefix,
+                cell_of(request),
+            )
+        ).remarks
+        return []
+    return _trajectory(file, request, notes)
+
+
+def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
+    """A scene, a message with a planned trajectory, or joint limits."""
+    from energy_opt.cell.scene_files import check_scene, is_scene
+    from energy_opt.files import read_json, read_yaml_documents
+    from energy_opt.formats.messages import trajectories
+
+    if file.suffix == ".scene":
+        return check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
+    documents = [read_json(file)] if file.suffix == ".json" else read_yaml_documents(file)
+    if any(True for document in documents for _ in trajectories(document)):
+        return _trajectory(file, request, notes)
+    if any(map(is_scene, documents)):
+        return check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
+    return _trajectory(file, request, notes) if file.suffix == ".json" else _limits(file, request)
+
+
+def _set(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
+    from energy_opt.measured import inspect_set
+
+    faults, remarks = inspect_set(file, request.allow_outside, request.locked)
+    notes += remarks
+    return faults
+
+
+def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
+    from energy_opt.files import read_toml
+
+    document = read_toml(file)
+    kind = str(document.get("format", ""))
+    if kind.startswith("energy-opt/model/"):
+        from energy_opt.power.model import model_from_document
+        from energy_opt.robot import known_robots
+
+        model = model_from_document(document, str(file))
+        name = request.robot or (model.robot if model.robot in known_robots() else None)
+        if name is not None:
+            try:
+                model.check(robot_from(name).n)
+            except BadInput as error:
+                return [f"{file}: {error}"]
+        return []
+    if kind.startswith("energy-opt/log/"):
+        return _set(file, request, notes)
+    if kind == "energy-opt/job/2":
+        from energy_opt.workcell import check_workcell
+
+        return check_workcell(file)
+    if kind.startswith("energy-opt/job/"):
+        from energy_opt.job import check_job
+
+        def load(name: str) -> Robot:
+            return robot_of(request, name)
+
+        return check_job(file, load, allow_outside=request.allow_outside)
+    from energy_opt.bench.suite import check_suite
+
+    return check_suite(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
+
+
+def _limits(file: Path, request: CheckRequest) -> list[str]:
+    from energy_opt.robot import known_robots, load_robot
+    from energy_opt.robot.limits_file import names_in
+
+    names = names_in(file)
+    candidates = [str(request.robot)] if request.robot else list(known_robots())
+    for name in candidates:
+        if {request.joint_prefix + joint for joint in load_robot(name).joints} & set(names):
+            load_robot(name, limits=file, prefix=request.joint_prefix)
+            return []
+    return [f"{file}: names {', '.join(names)}, which are joints of none of {', '.join(candidates)} (say --robot)"]
+
+
+def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
+    """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
+    import numpy as np
+
+    from energy_opt.formats import read
+    from energy_opt.motion.judge.certificate import ALLOWED, certify
+    from energy_opt.motion.judge.energy import Scorer
+    from energy_opt.motion.limits.registry import joint_limits
+    from energy_opt.robot import known_robots, load_robot
+
+    rows = read(file)
+    for note in rows.notes:
+        notes.append(note)
+    if request.robot is None:
+        joints = {name.removeprefix(request.joint_prefix) for name in rows.joints}
+        matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
+        if not matching:
+            return [f"{file}: joints {', '.join(rows.joints)} are those of no robot by name; say which with --robot"]
+        robot = robot_of(request, matching[0])
+        notes.append(f"{file}: taken for a {robot.name} (say --robot to change it)")
+    else:
+        robot = robot_of(request)
+    rows = rows.of(robot.joints, request.joint_prefix)
+    refuse_degrees(robot, rows.position, rows.where)
+    if rows.time is None:
+        return []
+    trajectory = rows.trajectory()
+    model = _model(request, robot)
+    certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
+    return [
+        *_touches(file, request, robot, trajectory, notes),
+        *(
+            f"{file}: {found.limit} of {found.where} is {found.value:.6g} at {found.time:.4g} s (row "
+            f"{_row(trajectory, found.time)}), beyond its bound {found.bound:.6g} by {excess:.2e} of it"
+            for found in certificate.found
+            if (excess := np.inf if found.excess is None else found.excess) > ALLOWED
+        ),
+    ]
+
+
+def _row(trajectory: Trajectory, time: float) -> int:
+    """The row of data, counted from 1, that is last before `time` [s]."""
+    import numpy as np
+
+    return int(np.searchsorted(trajectory.time, time, side="right"))
+
+
+def _touches(file: Path, request: CheckRequest, robot: Robot, trajectory: Trajectory, notes: list[str]) -> list[str]:
+    """Where a trajectory touches the arm's own body or its cell, or comes too near."""
+    from energy_opt.cell.load import load_cell
+    from energy_opt.motion.judge.clearance import clearance_of
+
+    cell = load_cell(robot, cell_of(request))
+    for warning in [] if cell is None else cell.warnings:
+        notes.append(f"{file}: {warning}")
+    if cell is None or not cell.checks:
+        return []
+    t = trajectory
+    found = clearance_of(cell.beside(t.time, t.position, t.velocity, t.acceleration), t)
+    return [] if found.proven else [f"{file}: {found}"]

@@ -1,0 +1,130 @@
+"""Where a verb works: what it may say and show, where it writes, and when it stops.
+
+From Python a desk is silent and writes nothing; the command line has one that talks to the terminal.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import shlex
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ParamSpec, Protocol, TypeVar, cast
+
+from energy_opt import __version__
+from energy_opt.errors import BadInput, Infeasible, near
+from energy_opt.files import write_json
+from energy_opt.folders import written_whole
+from energy_opt.front.guard import guard
+from energy_opt.requests.option import Request, options_of
+
+P = ParamSpec("P")
+Asked = TypeVar("Asked", bound=Request)
+Found = TypeVar("Found")
+Written = TypeVar("Written", bound="Saved")
+
+
+class Saved(Protocol):
+    """What can be written into a folder."""
+
+    def kept(self: Written, out: Path) -> Written:
+        """Write it; returns the same with what is known of its files."""
+        ...
+
+
+class Show:
+    """Progress that nobody sees."""
+
+    def __call__(self, text: str, share: float | None = None) -> None:
+        """The verb begins to do `text`; `share` of all its work is done."""
+
+    def stage(self, text: str, low: float, high: float) -> None:
+        """The verb begins to do `text`, which takes all its work from the share `low` to `high`."""
+
+
+@dataclass(frozen=True)
+class Desk:
+    """A silent one.
+
+    Attributes:
+        out: the folder that the verb writes into; None where its answer is only returned.
+        force: overwrite what the folder holds of another request.
+        command: the words of the command line; None for a call from Python.
+        ends: True ends the work with the best known so far.
+        quiet: no messages and no progress; verbose: each step of the work is said.
+    """
+
+    out: Path | None = None
+    force: bool = False
+    command: tuple[str, ...] | None = None
+    ends: Callable[[], bool] = lambda: False
+    quiet: bool = True
+    verbose: bool = False
+
+    def say(self, text: str) -> None:
+        """A message for a person."""
+
+    def complain(self, text: str) -> None:
+        """A fault that does not end the work."""
+
+    @contextmanager
+    def showing(self) -> Iterator[Show]:
+        """A block with progress in which a request to stop ends everything: nothing is known yet."""
+        yield Show()
+
+    @contextmanager
+    def working(self) -> Iterator[tuple[Callable[[], bool], Show]]:
+        """A block in which a request to stop is heeded: whether there was one, and where to show progress."""
+        yield self.ends, Show()
+
+    def stamped(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """A request's document with the version and the command line."""
+        command = None if self.command is None else shlex.join(["energy-opt", *self.command])
+        return {**request, "version": __version__, "command": command}
+
+    def take(self, answer: str, request: Mapping[str, Any]) -> None:
+        """Make sure, before the work begins, that `answer` can be written; see `guard`."""
+        if self.out is not None:
+            guard(self.out / answer, request, self.force)
+
+    def keep(self, found: Written) -> Written:
+        """Write what was found; returns the same with what is known of its files."""
+        return found if self.out is None else found.kept(self.out)
+
+    def failed(self, answer: str, error: Infeasible, **about: Any) -> None:
+        """Write why there is no answer; `about` goes into the error's document."""
+        error.about = about
+        if self.out is not None:
+            with written_whole(self.out, answer) as aside:
+                write_json(aside / answer, error.document())
+
+
+def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Found]) -> Callable[P, Found]:
+    """The verb as Python calls it: arguments are the fields of its request, and are explained as these are.
+
+    Args:
+        request: the class of its request; run: does what a request asks for.
+    """
+    kind = cast(type[Request], request)
+    spelled = {name: found for name, (_, found) in options_of(kind).items()}
+
+    @functools.wraps(run)
+    def called(*args: P.args, **given: P.kwargs) -> Found:
+        for name in given:
+            if name not in spelled:
+                raise BadInput(f"no argument {name!r}{near(name, spelled)}")
+        try:
+            asked = request(*args, **given)
+        except TypeError as fault:
+            raise BadInput(f"{kind.verb}: {str(fault).partition('() ')[2] or fault}") from None
+        stopped = asked.stopped or (lambda: False)
+        return run(asked, Desk(force=getattr(asked, "force", False), ends=stopped))
+
+    called.__name__ = called.__qualname__ = kind.verb
+    called.__signature__ = inspect.signature(request)  # type: ignore[attr-defined]
+    lines = [f"    {name}: {found.help}." for name, found in spelled.items()]
+    called.__doc__ = "\n".join([inspect.cleandoc(run.__doc__ or ""), "", "Args:", *lines])
+    return called

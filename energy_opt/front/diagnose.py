@@ -1,0 +1,184 @@
+"""The verb `diagnose`: what the declared model lacks, from measured data."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, fields, replace
+from html import escape
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from energy_opt.cell.load import load_cell
+from energy_opt.diagnose import Diagnosis
+from energy_opt.diagnose import diagnose as diagnosed
+from energy_opt.diagnose.words import next_step
+from energy_opt.effects import CopperLoss, Standby
+from energy_opt.errors import BadInput
+from energy_opt.files import to_json
+from energy_opt.folders import written_whole
+from energy_opt.formats import table
+from energy_opt.front.desk import Desk, verb
+from energy_opt.front.given import cell_of, model_from, payload_from, robot_of
+from energy_opt.front.moves import documents
+from energy_opt.front.sets import request_of_set, robot_of_set
+from energy_opt.measured import MeasuredSet, read_set
+from energy_opt.motion.plan.robust import Rival
+from energy_opt.next_motion import propose, rivals_of
+from energy_opt.next_motion.worth import add_worth, worth_words
+from energy_opt.passport import changes_since
+from energy_opt.power import PowerModel, load_model, source_method_2
+from energy_opt.power.locked import of_joints
+from energy_opt.requests.verbs import DiagnoseRequest
+
+if TYPE_CHECKING:
+    from energy_opt.cell.request import CellRequest
+    from energy_opt.motion.trajectory import Trajectory
+
+ANSWER = "diagnosis.json"
+NEXT = "next_motion.csv"
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosed(Diagnosis):
+    """A diagnosis with what was asked for.
+
+    Attributes:
+        request: what was asked; `run` repeats it.
+        next_motion: the motion to record next, where one would help.
+        interrupted: stopped early.
+    """
+
+    request: DiagnoseRequest | None = None
+    next_motion: Trajectory | None = None
+    interrupted: bool = False
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        return 130 if self.interrupted else 0
+
+    def to_json(self) -> str:
+        """diagnosis.json as text."""
+        return to_json(self.document)
+
+    def text(self, out: Path) -> str:
+        """Nothing: what there is to say was said."""
+        return ""
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write diagnosis.json, model.toml, report.html and the motion to record next into the folder `out`."""
+        with written_whole(Path(out), ANSWER) as aside:
+            if self.next_motion is not None:
+                table.write(self.next_motion, aside / NEXT)
+            super().save(aside)
+        return Path(out)
+
+    def kept(self, out: Path) -> Diagnosed:
+        """The same; returns the diagnosis."""
+        self.save(out)
+        return self
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
+
+
+def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
+    """What the declared model lacks, from measured data, and what that is worth.
+
+    Raises:
+        BadInput: a fault of the set or of the model.
+    """
+    folder = Path(request.set)
+    robot = robot_of_set(request, folder) if request.robot is None else robot_of(request)
+    with desk.showing() as show:
+        show.stage("reading", 0.0, 1.0)
+        measured = read_set(folder, robot, allow_outside=request.allow_outside, meter=False)
+    declared, given, words = _declared(request, measured)
+    if request.payload is not None:
+        declared = declared.replaced(payload_from(request.payload))
+    asked = request_of_set(request, robot, model=documents([Rival("declared", declared)])[0])
+    surroundings = cell_of(request)  # of the motion to record next
+    if not 0 < request.tolerance <= 100:
+        raise BadInput(f"--tolerance {request.tolerance:g}: expected per cent of the energy, above 0 and at most 100")
+    document = desk.stamped(asked.document())
+    desk.take(ANSWER, document)
+    with desk.working() as (stopped, show):
+        show.stage("searching", 0.0, 1.0)
+        found = diagnosed(measured, declared, request.seed, request.tolerance, given, stopped)
+    result = Diagnosed(**{f.name: getattr(found, f.name) for f in fields(Diagnosis)}, request=asked)
+    result.document["request"] = document
+    since = changes_since(declared, result.model, measured.robot) if declared.doubt is not None else []
+    result.document["changes"] = [change.document() for change in since]
+    if words:
+        result.document["remarks"].insert(0, words)
+    motion = None
+    with desk.working() as (pressed, _):
+        result = desk.keep(result)
+    if result.samples is not None and not result.document["interrupted"] and not pressed():
+        motion = _next_motion(result, request.seed, surroundings)
+        with desk.working() as (pressed, show):
+            show("what it is worth: two plans of the set's longest move")
+            add_worth(result, surroundings, seed=request.seed, stopped=pressed)
+            result = desk.keep(replace(result, next_motion=motion))
+    worth = [worth_words(result.document["worth"])] if result.document.get("worth") else []
+    where = [] if desk.out is None else [f"written: {desk.out / ANSWER}, model.toml, report.html"]
+    desk.say("\n".join([str(result), *worth, *where]))
+    for change in (x for x in since if x.real):
+        desk.say(f"changed since {request.model}: {change}")
+    return replace(result, interrupted=bool(result.document.get("interrupted") or pressed()))
+
+
+diagnose = verb(DiagnoseRequest, run)
+
+
+def _declared(request: DiagnoseRequest, measured: MeasuredSet) -> tuple[PowerModel, tuple[str, ...], str]:
+    """The model to start from, its effects that are free without being news, and what to say of it."""
+    if request.model is not None:
+        return model_from(request.model, measured.robot), (), ""
+    own = measured.path / "declared.toml"
+    if own.is_file():
+        return of_joints(load_model(own), measured.robot), (), f"No --model: starting from the set's own {own.name}."
+    if not _has_meter(measured):
+        return source_method_2(measured.robot), (), "No --model: standby and copper loss are source-method-2's."
+    level = float(np.quantile(np.concatenate([run.power for run in measured.runs]), 0.2))
+    start = PowerModel(measured.robot.name, (Standby(power=max(level, 0.0)), CopperLoss(r_over_kt2=_heat(measured))))
+    said = "No --model: starting from mechanical power; standby and copper loss are fitted and not called causes."
+    return start, ("standby", "copper_loss"), said
+
+
+def _has_meter(measured: MeasuredSet) -> bool:
+    return any(len(run.power) for run in measured.runs)
+
+
+def _heat(measured: MeasuredSet) -> list[float]:
+    """A usual copper loss of each joint, W/(N m)^2: two watts at three tenths of its effort limit, to start from."""
+    return [2.0 / (0.3 * effort) ** 2 for effort in measured.robot.limits.effort]
+
+
+def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Trajectory | None:
+    """The motion to record next, where one would help; a diagnosis does not fail where none is found."""
+    if result.verdict not in ("ambiguous", "insufficient") or result.inference is None:
+        return None
+    robot, remarks = result.measured.robot, result.document["remarks"]
+    try:
+        cell = load_cell(robot, surroundings)
+        motion = propose(rivals_of(result.inference, robot.n), robot, seed, cell)
+    except KeyboardInterrupt:  # what was known before is written
+        result.document["interrupted"] = True
+        remarks.append("No motion to record next is proposed: the search for one was interrupted.")
+        return None
+    except Exception as error:  # the results are there already, whatever is wrong with bodies, meshes or limits
+        logging.getLogger(__name__).debug("the search for the next motion failed", exc_info=True)
+        remarks.append(f"No motion to record next is proposed: {error}.")
+        return None
+    if motion is None:
+        remarks.append("No motion tells the alternatives apart: they are the same at the meter.")
+        return None
+    result.document["next_motion"] = NEXT
+    result.document["next_step"] = next_step(result.document)
+    more = "beyond what links, level and their own numbers can take up"
+    remarks.append(f"Record {NEXT} next: over it the alternatives differ by {motion.difference:.3g} W rms {more}.")
+    return motion.trajectory

@@ -1,0 +1,102 @@
+"""Where a move that is asked for begins, passes and ends: positions, poses of the tool, or any of several."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.request import CellRequest
+from energy_opt.errors import BadInput
+from energy_opt.front.given import positions, refuse_degrees
+from energy_opt.poses.ends import Ends
+from energy_opt.poses.given import Given, poses_of_request
+from energy_opt.poses.pose import AnyOf, Freedom, Pose
+from energy_opt.requests.moves import MoveRequest
+from energy_opt.robot import Robot
+
+
+def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | None:
+    """The ends that a request describes; None where start and goal are one position each.
+
+    Args:
+        around: in whose scene's frames poses may be given.
+
+    Raises:
+        BadInput: ends that are missing, given twice, or given beside a path.
+    """
+    start, goals = request.start, _goals(request.goal)
+    posed = request.start_pose if request.start_pose is not None else start if _is_pose(start) else None
+    passed = [*request.via_pose, *(each for each in request.via if _is_pose(each))]
+    if posed is None and request.goal_pose is None and not passed and len(goals) < 2 and not any(map(_is_pose, goals)):
+        for option in ("free", "pose_tolerance"):
+            if getattr(request, option):
+                raise BadInput(f"--{option.replace('_', '-')} belongs to --goal-pose")
+        return None
+    if request.path is not None:
+        raise BadInput("--path says where the move begins and ends; give it, or poses")
+    if request.start_pose is not None and start is not None:
+        raise BadInput("--start and --start-pose are both given; give one")
+    if request.free and request.goal_pose is None and not request.via_pose:
+        raise BadInput("--free belongs to --goal-pose")
+    if passed and len(passed) < len(request.via) + len(request.via_pose):
+        raise BadInput("--via and --via-pose are both given; give one")
+    reader, tolerance = Given(None, poses_of_request(around)), request.pose_tolerance
+    allowed: Any = tolerance if tolerance is None or isinstance(tolerance, str) else tuple(tolerance)
+
+    def pose(given: Any, name: str, free: Any = ()) -> Pose:
+        if isinstance(given, Pose):
+            return given
+        return written(given, name) if _is_pose(given) else reader.pose(given, name, free, allowed)
+
+    ends: list[Any] = []
+    for goal in goals:
+        if _is_pose(goal):
+            ends.append(pose(goal, "--goal-pose"))
+            continue
+        q = positions(goal, robot, "goal", None if request.srdf is None else Path(request.srdf))
+        refuse_degrees(robot, q, "--goal")
+        ends.append(q)
+    if request.goal_pose is not None:
+        ends.append(pose(request.goal_pose, "--goal-pose", request.free))
+    if not ends:
+        raise BadInput("--goal is missing; give --goal or --goal-pose")
+    if posed is None and start is None:
+        raise BadInput("--start is missing; give --start or --start-pose")
+    via = tuple(pose(each, "--via-pose", request.free) for each in passed)
+    begin = None if posed is None else pose(posed, "--start-pose")
+    return Ends(begin, tuple(ends), via).in_base(robot, around)
+
+
+def _is_pose(given: Any) -> bool:
+    return isinstance(given, Pose) or (isinstance(given, Mapping) and "matrix" in given)
+
+
+def _goals(given: Any) -> list[Any]:
+    """What was given as goals, one by one."""
+    if given is None:
+        return []
+    if isinstance(given, Mapping) and "any_of" in given:
+        return list(given["any_of"])
+    many = isinstance(given, AnyOf) or (isinstance(given, (list, tuple)) and given and isinstance(given[0], str))
+    return [each for each in given if each is not None] if many else [given]
+
+
+def written(given: Mapping[str, Any], name: str) -> Pose:
+    """A pose from its document, see `Pose.document`.
+
+    Raises:
+        BadInput: it lacks something.
+    """
+    try:
+        ranges = [
+            Freedom(axis, -np.inf if low is None else float(low), np.inf if high is None else float(high))
+            for axis, low, high in given.get("free", ())
+        ]
+        distance, angle = (float(x) for x in given.get("tolerance", (1e-6, 1e-6)))
+        matrix = np.asarray(given["matrix"], dtype=float)
+    except (KeyError, TypeError, ValueError) as fault:
+        raise BadInput(f"{name}: {fault}; a pose has matrix, free and tolerance") from None
+    return Pose(matrix, tuple(ranges), (distance, angle), name, str(given.get("frame", "")))

@@ -1,0 +1,136 @@
+"""The verb `identify`: overhead and copper loss from static poses, by the two methods of the source paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.load import load_cell
+from energy_opt.errors import BadInput
+from energy_opt.files import plain, read_table, to_json, write_table
+from energy_opt.front.desk import Desk, verb
+from energy_opt.front.given import cell_of, payload_from, robot_of
+from energy_opt.front.sets import request_of_set, robot_of_set
+from energy_opt.identify import Identification, Suggestion, poses_of, suggest
+from energy_opt.identify import identify as of_poses
+from energy_opt.measured import read_set
+from energy_opt.requests.verbs import IdentifyRequest
+from energy_opt.robot import PointMass, Robot
+
+ANSWER = "identify.json"
+
+
+@dataclass(frozen=True, repr=False)
+class Suggested:
+    """Static poses that tell most of an arm's copper loss.
+
+    Attributes:
+        robot: the arm. found: the poses (K, n) [rad], their |gravity torque|^2 (K,) [(N m)^2], and how well they tell.
+    """
+
+    robot: Robot
+    found: Suggestion
+    exit_code: int = 0
+
+    def document(self) -> dict[str, Any]:
+        """Robot, joints, poses and their loads, as JSON has them."""
+        joints = list(self.robot.joints)
+        return dict(
+            plain({"robot": self.robot.name, "joints": joints, "poses": self.found.poses, "load": self.found.load})
+        )
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """Nothing: what there is to say was said."""
+        return ""
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write suggested_poses.csv into the folder `out`."""
+        write_table(Path(out) / "suggested_poses.csv", *self._table)
+        return Path(out)
+
+    def kept(self, out: Path) -> Suggested:
+        """The same; returns the poses."""
+        self.save(out)
+        return self
+
+    @property
+    def _table(self) -> tuple[list[str], list[np.ndarray]]:
+        header = [*(f"{joint}.position" for joint in self.robot.joints), "gravity_torque_squared"]
+        return header, [*self.found.poses.T, self.found.load]
+
+    def refuse_others(self, path: Path) -> None:
+        """Refuse to overwrite other poses.
+
+        Raises:
+            BadInput: `path` holds them.
+        """
+        if not path.is_file():
+            return
+        header, columns = self._table
+        held = read_table(path)
+        if list(held) != header or any(list(held[name]) != list(x) for name, x in zip(header, columns, strict=True)):
+            raise BadInput(f"{path} holds other poses; choose another --out, or overwrite it with --force")
+
+    def __repr__(self) -> str:
+        return f"Suggested({self.robot.name!r}, {len(self.found.poses)} poses)"
+
+
+def run(request: IdentifyRequest, desk: Desk) -> Identification | Suggested:
+    """The source paper's two methods from the static poses of a measured set; or poses that would tell most.
+
+    Raises:
+        BadInput: neither a set nor `suggest`, or a fault of the set.
+    """
+    if request.set is None and request.suggest is None:
+        raise BadInput("identify needs a measured set (DIR), or --suggest N with --robot")
+    robot, mass = None if request.robot is None else robot_of(request), None
+    if request.payload is not None:
+        values = payload_from(request.payload).values
+        mass = PointMass(float(values["mass"][0]), values["com"])
+    if request.suggest is not None:
+        return _suggest(request, request.suggest, robot, mass, desk)
+    folder = Path(request.set or "")
+    arm = robot or robot_of_set(request, folder)
+    with desk.showing() as show:
+        show.stage("reading", 0.0, 1.0)
+        measured = read_set(folder, arm, allow_outside=request.allow_outside)
+    for remark in measured.remarks:
+        desk.say(f"note: {remark}")
+    asked = request_of_set(request, measured.robot)
+    document = desk.stamped(asked.document())
+    desk.take(ANSWER, document)
+    result = replace(of_poses(measured.robot.name, poses_of(measured, mass)), request=document)
+    result = desk.keep(result)
+    desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))
+    return result
+
+
+def _suggest(
+    request: IdentifyRequest, count: int, robot: Robot | None, mass: PointMass | None, desk: Desk
+) -> Suggested:
+    if robot is None:
+        if request.set is None:
+            raise BadInput("identify --suggest needs --robot, or a set whose log.toml names one")
+        robot = robot_of_set(request, Path(request.set))
+    cell = load_cell(robot, cell_of(request))
+    found = suggest(robot, count, request.seed, mass, None if cell is None else cell.free)
+    answer, path = Suggested(robot, found), (desk.out or Path()) / "suggested_poses.csv"
+    if desk.out is not None and not desk.force:
+        answer.refuse_others(path)
+    desk.keep(answer)
+    desk.say(
+        f"{path}: {count} poses, |gravity torque|^2 from {found.load.min():.4g} to {found.load.max():.4g} "
+        f"(N m)^2; r_over_kt2 to +-{found.width:.3g} W/(N m)^2 per watt of spread about the line"
+    )
+    return answer
+
+
+identify = verb(IdentifyRequest, run)

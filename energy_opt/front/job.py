@@ -1,0 +1,192 @@
+"""The verb `job`: a cycle of moves and waits, of one robot or of several."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from energy_opt.errors import Infeasible
+from energy_opt.files import to_json
+from energy_opt.folders import written_whole
+from energy_opt.formats import Format
+from energy_opt.formats.output import Written
+from energy_opt.formats.room import Files
+from energy_opt.front.controllers import check_written
+from energy_opt.front.desk import Desk, verb
+from energy_opt.front.given import cell_of
+from energy_opt.front.jobs import content_of, job_from, job_settings, resolved_job
+from energy_opt.front.rivals import rivals_of, said, with_careful
+from energy_opt.front.workcell import WORKCELL, CellAnswer, run_workcell_job
+from energy_opt.job import JobResult, run_job, run_posed
+from energy_opt.job.models import compared, mean_of, stated
+from energy_opt.job.program import with_room, write_programs
+from energy_opt.power.assumptions import assumptions
+from energy_opt.power.assumptions import said as assumed
+from energy_opt.power.per_year import per_year_words
+from energy_opt.requests.moves import JobRequest
+
+ANSWER = "job.json"
+
+
+@dataclass(frozen=True, repr=False)
+class JobAnswer:
+    """A solved job with what it was asked for.
+
+    Attributes:
+        result: the cycle: its pieces, baselines, what was kept clear of.
+        request: what was asked; `run` repeats it. stamp: version, and the command line where there was one.
+        formats: of the programs that are written beside it. files: those that were written, read back and judged.
+        saved: job.json as it was written.
+    """
+
+    result: JobResult
+    request: JobRequest
+    stamp: Mapping[str, Any]
+    formats: tuple[Format, ...] = ()
+    files: tuple[Written, ...] = ()
+    saved: Mapping[str, Any] | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        if self.result.interrupted:
+            return 130
+        written = [] if self.saved is None else self.saved["written"]
+        return 0 if self.result.solved and all(row["valid"] for row in written) else 4
+
+    def document(self) -> dict[str, Any]:
+        """job.json, less its files."""
+        from energy_opt.job.output import document
+
+        found = {**document(self.result), "request": {**self.request.document(), **self.stamp}}
+        worth, slowed = self.request.worth, self.slowed
+        if worth is not None:
+            found["per_year"] = worth.of(None if slowed is None else slowed - self.result.energy)
+        return found
+
+    @property
+    def slowed(self) -> float | None:
+        """Energy of the cycle slowed evenly [J], or where that is not possible, done fastest; None where neither is."""
+        return next((b.energy for b in self.result.baselines[::-1] if b.energy is not None), None)
+
+    def to_json(self) -> str:
+        """job.json as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """A short table for a terminal, of a job that was saved into `out`."""
+        return table(self.document(), self.request.cycles_per_year, out)
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write job.json, step_01.csv ..., cycle.csv, report.html and the programs asked for into the folder `out`."""
+        self.kept(Path(out))
+        return Path(out)
+
+    def kept(self, out: Path) -> JobAnswer:
+        """The same; returns the answer with what is known of its programs."""
+        from energy_opt.job.output import write
+
+        with written_whole(out, ANSWER) as aside:
+            rows = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
+            request = {**self.request.document(), **self.stamp}
+            found = write(self.result, request, aside, self.request.worth, rows)
+        return replace(self, files=tuple(rows), saved=found)
+
+    def __repr__(self) -> str:
+        return (
+            f"JobAnswer({self.result.job.robot.name!r}, {self.result.job.cycle_time:g} s, {self.result.energy:.5g} J)"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{self.text(Path('.')).rpartition(chr(10))[0]}</pre>"
+
+
+def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
+    """A cycle of moves and waits, its time spent where it saves most.
+
+    Raises:
+        BadInput: a fault of the job; names the step. Infeasible: no motion keeps the limits in the time there is.
+    """
+    from energy_opt.job.resume import Answers
+
+    if content_of(request)[0].get("format") == WORKCELL:
+        return run_workcell_job(request, desk)
+    job, _ = job_from(request), request.worth
+    rivals, kind = rivals_of(request, job.robot, desk)
+    model = rivals[0].model
+    held = model.get("payload")
+    if held is not None and (request.payload is not None or "payload" not in content_of(request)[0]):
+        mass, (x, y, z) = float(held.values["mass"][0]), held.values["com"].tolist()
+        job = job_from(request, (mass, x, y, z), job.robot)
+    formats = check_written(request, job.robot.n)
+    settings = job_settings(request)
+    cell, limits = cell_of(request), vars(job.robot.limits)
+    asked = resolved_job(request, job.robot, rivals, kind)
+    document = desk.stamped(asked.document())
+    desk.take(ANSWER, document)
+    about = [*(rival.model.to_document() for rival in rivals), job.robot.name, limits, vars(settings), cell.document()]
+    known: dict[str, Any] = {}
+    answers = None if desk.out is None else Answers(desk.out, job.robot.joints, about, request.resume)
+    if answers is not None:
+        known = {"known": answers.known, "answered": answers.keep}
+    with desk.working() as (stopped, show):
+        usual: dict[str, Any] = {"cell": cell, "stopped": stopped, "progress": show}
+        try:
+            result = first = run_posed(job, mean_of(rivals), settings, **known, **usual)
+            again = partial(run_job, first.job, mean_of(rivals), settings, **usual)
+            result = with_room(
+                result, Files(formats, request.rate), lambda shares: replace(again(room=shares), choice=first.choice),
+            )  # fmt: skip
+        except Infeasible as error:
+            desk.failed(ANSWER, error, robot=job.robot.name, cycle_time=job.cycle_time, request=document)
+            raise
+        if kind is None:
+            result = compared(result, with_careful(rivals, job.robot))
+            result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
+        else:
+            result = stated(result, rivals)
+        result = replace(result, assumptions=assumptions(job.robot, [rival.model for rival in rivals]))
+        answer = desk.keep(JobAnswer(result, asked, desk.stamped({}), tuple(formats)))
+    for row in answer.files:
+        desk.say(f"{row.file if desk.out is None else desk.out / row.file}: {row}")
+    if result.solved and answers is not None:
+        answers.forget()
+    if line := assumed(result.assumptions):
+        desk.say(line)
+    for warning in result.warnings if answer.saved is None else answer.saved["warnings"]:
+        desk.say(f"warning: {warning}")
+    return answer
+
+
+job = verb(JobRequest, run)
+
+
+def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
+    """The steps and what they save, for a terminal; `cycles` in a year, where that was asked for."""
+    lines = [f"{'step':<24} {'begins [s]':>10} {'takes [s]':>10} {'energy [J]':>11} {'kg':>5}"]
+    for row in found["steps"]:
+        lines.append(
+            f"{row['name'][:24]:<24} {row['start']:>10.3f} {row['duration']:>10.3f} {row['energy_total']:>11.3f} "
+            f"{row['payload']:>5.2g}"
+        )
+    lines.append(f"in a {found['cycle_time']:g} s cycle: this plan {found['energy_total']:.3f} J")
+    for row in found["baselines"]:
+        name = row["name"].replace("_", " ")
+        if row["energy_total"] is None:
+            lines.append(f"  {name}: not possible within the limits")
+        else:
+            saved = 100 * (1 - found["energy_total"] / row["energy_total"])
+            lines.append(f"  {name} {row['energy_total']:.3f} J (this plan saves {saved:.2f} %)")
+    if "per_year" in found:
+        lines.append(per_year_words(found["per_year"], cycles or 0.0))
+    if found["optimality"]["lower_bound"] is not None:
+        lines.append(
+            f"no timing of these paths takes less than {found['optimality']['lower_bound']:.3f} J "
+            f"(gap {found['optimality']['gap_percent']:.2g} %)"
+        )
+    lines.append(f"files in {out}")
+    return "\n".join(lines)

@@ -1,0 +1,111 @@
+"""The verb `tradeoff` for a job: its energy over its cycle time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from energy_opt.errors import BadInput
+from energy_opt.files import plain, to_json
+from energy_opt.front.desk import Desk
+from energy_opt.front.given import cell_of
+from energy_opt.front.jobs import job_from, resolved_job
+from energy_opt.front.moves import settings_of
+from energy_opt.front.rivals import rivals_of
+from energy_opt.job.models import mean_of, stated
+from energy_opt.job.over_time import document, over_time
+from energy_opt.power.per_year import per_year_words
+from energy_opt.requests.moves import TradeoffRequest
+
+ANSWER = "tradeoff.json"
+OF_A_MOVE = (
+    "start", "goal", "start_pose", "goal_pose", "path", "duration", "max_duration", "cycle", "idle_power", "payload",
+)  # fmt: skip
+EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
+
+
+@dataclass(frozen=True, repr=False)
+class JobFront:
+    """Energy of a job over its cycle time.
+
+    Attributes:
+        document: tradeoff.json. request: what was asked.
+    """
+
+    document: Mapping[str, Any]
+    request: TradeoffRequest
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        return EXITS[self.document["status"]]
+
+    def to_json(self) -> str:
+        """tradeoff.json as text."""
+        return to_json(self.document)
+
+    def text(self, out: Path) -> str:
+        """A short table for a terminal, of a front that was saved into `out`."""
+        found = self.document
+        lines = [f"{'cycle [s]':>10} {'energy [J]':>14} {'evenly slowed':>14} {'fastest, wait':>14}  status"]
+        for row in found["points"]:
+            joules = (row["energy_total"], row.get("evenly_slowed"), row.get("fastest_then_wait"))
+            cells = [f"{'-' if value is None else format(value, '.2f'):>14}" for value in joules]
+            lines.append(f"{row['duration']:>10.3f} {' '.join(cells)}  {row['status']}")
+        lines.append(f"shortest cycle: {found['fastest']:.4g} s")
+        if found["knee"] is not None:
+            knee = found["knee"]
+            lines.append(f"knee: {knee['duration']:.4g} s, {knee['energy_total']:.5g} J")
+        if "per_year" in found:
+            lines.append(per_year_words(found["per_year"], self.request.cycles_per_year or 0.0))
+        return "\n".join([*lines, f"files in {out}"])
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write tradeoff.csv, tradeoff.json and report.html into the folder `out`."""
+        self.kept(Path(out))
+        return Path(out)
+
+    def kept(self, out: Path) -> JobFront:
+        """The same; returns the front."""
+        from energy_opt.job.over_time_output import write
+
+        write(out, self.document)
+        return self
+
+    def __repr__(self) -> str:
+        return f"JobFront({self.document['status']!r}, {len(self.document['points'])} cycle times)"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{self.text(Path('.')).rpartition(chr(10))[0]}</pre>"
+
+
+def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> JobFront:
+    """Energy of a job at cycle times [s], chosen by the program where None."""
+    given = next((name for name in OF_A_MOVE if getattr(request, name) is not None), None)
+    if given is not None or request.via or request.via_pose or request.free:
+        file = "the job" if isinstance(request.job, Mapping) else request.job
+        raise BadInput(f"--{(given or 'via').replace('_', '-')} is of one move; {file} has its own")
+    worth = request.worth
+    job = job_from(request)
+    (rivals, kind), settings, cell = rivals_of(request, job.robot, desk), settings_of(request), cell_of(request)
+    asked = resolved_job(request, job.robot, rivals, kind, durations=times)
+    stamped = desk.stamped(asked.document())
+    desk.take(ANSWER, stamped)
+    with desk.working() as (stopped, show):
+        points, shortest = over_time(
+            job, mean_of(rivals), settings, cell=cell, times=times, stopped=stopped, progress=show,
+            restated=lambda result: result if kind is None else stated(result, rivals),
+        )  # fmt: skip
+        found = {**document(job, points, shortest, stopped()), "request": plain(stamped)}
+        if worth is not None:
+            bend = found["knee"] or found["minimum"] or {}
+            row: dict[str, Any] = next((row for row in found["points"] if row["duration"] == bend.get("duration")), {})
+            slowed = row.get("evenly_slowed")
+            found["per_year"] = worth.of(None if slowed is None else slowed - row["energy_total"])
+        front = desk.keep(JobFront(found, asked))
+    if found["status"] == "infeasible":
+        desk.say(f"no cycle time asked for can be done; the shortest that can is {shortest:.6g} s")
+    return front

@@ -1,0 +1,83 @@
+"""The verb `robots`: the robots known by name, with joints and limits."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.files import to_json
+from energy_opt.front.desk import Desk, verb
+from energy_opt.power.assumptions import grouped, rests_on
+from energy_opt.requests.verbs import RobotsRequest
+from energy_opt.robot import Robot, known_robots, load_robot
+
+KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+
+
+@dataclass(frozen=True)
+class Robots:
+    """Robots, with their joints and limits."""
+
+    robots: tuple[Robot, ...]
+    exit_code: int = 0
+
+    def document(self) -> dict[str, Any]:
+        """Name, URDF, joints with units and limits, joints that do not move or follow, warnings and assumptions."""
+        return {"robots": [_row(robot) for robot in self.robots]}
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """A table for each, for a terminal."""
+        return "\n".join(_text(robot) for robot in self.robots)
+
+
+def run(request: RobotsRequest, desk: Desk) -> Robots:
+    """The robots known by name, or those of names and URDFs, with joints and limits."""
+    found = Robots(tuple(load_robot(name) for name in (request.names or known_robots())))
+    for robot in found.robots:
+        for warning in robot.warnings:
+            desk.say(f"  warning: {robot.name}: {warning}")
+    return found
+
+
+robots = verb(RobotsRequest, run)
+
+
+def _row(r: Robot) -> dict[str, Any]:
+    return {
+        "name": r.name,
+        "urdf": r.urdf.name,
+        "locked": r.locked,
+        "followers": {
+            name: {"joint": leader, "multiplier": ratio, "offset": offset}
+            for name, (leader, ratio, offset) in r.followers.items()
+        },
+        "warnings": r.warnings,
+        "assumptions": [asdict(row) for row in rests_on(r)],
+        "joints": [
+            {"name": joint, "unit": r.units[j], **{kind: getattr(r.limits, kind)[j] for kind in KINDS}}
+            for j, joint in enumerate(r.joints)
+        ],
+    }
+
+
+def _text(r: Robot) -> str:
+    lines = [f"{r.name}  ({r.n} joints, {r.urdf.name})"]
+    lines.append(f"  {'joint':<24}{'position':>24}{'velocity':>10}{'accel.':>9}{'jerk':>9}{'effort':>9}")
+    for j, joint in enumerate(r.joints):
+        m = r.limits
+        bounded = np.isfinite([m.lower[j], m.upper[j]]).all()
+        span = f"{m.lower[j]:.4g} … {m.upper[j]:.4g} {r.units[j]}" if bounded else "continuous"
+        rates = f"{m.velocity[j]:>10.4g}{m.acceleration[j]:>9.4g}{m.jerk[j]:>9.4g}"
+        lines.append(f"  {joint:<24}{span:>24}{rates}{m.effort[j]:>9.4g}")
+    for name, (leader, ratio, offset) in r.followers.items():
+        lines.append(f"  {name:<24} follows: {ratio:g} times {leader}" + (f" plus {offset:g}" if offset else ""))
+    for what, value, source, note in grouped(row for row in rests_on(r) if row.source in ("published", "assumed")):
+        lines.append(f"  {source}: {what} {value}" + (f" ({note})" if note else ""))
+    return "\n".join(lines)

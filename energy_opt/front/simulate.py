@@ -1,0 +1,201 @@
+"""The verb `simulate`: trajectories played on a virtual arm, and the measured set that comes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.load import load_cell
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.files import read_toml, to_json
+from energy_opt.folders import take_folder, written_whole
+from energy_opt.formats import read_trajectory
+from energy_opt.front.desk import Desk, verb
+from energy_opt.front.given import cell_of, model_from, payload_from, robot_of
+from energy_opt.front.moves import payload_document
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power.locked import of_joints
+from energy_opt.requests.verbs import SimulateRequest
+from energy_opt.robot import Robot, robot_named
+from energy_opt.virtual_arm import Instruments, Plant, Reference, Run, load_plant, pose, reference_of
+from energy_opt.virtual_arm import simulate as simulated
+
+MOST_REPEATS = 100_000
+BRIEFEST = 0.1  # [s] of a pose that is held: a meter has some readings of it
+MOST_SECONDS = 3600.0  # of motion: 4 million steps, some minutes and 2 GB
+
+
+@dataclass(frozen=True, repr=False)
+class Simulation:
+    """A measured set of a virtual arm, in a folder.
+
+    Attributes:
+        out: the folder. robot: the arm. plant: what it truly is.
+        runs: what was played and measured. sources: the file that each comes from. request: what was asked.
+    """
+
+    out: Path
+    robot: Robot
+    plant: Plant
+    runs: tuple[Run, ...]
+    sources: tuple[str, ...]
+    request: SimulateRequest
+    exit_code: int = 0
+
+    def document(self) -> dict[str, Any]:
+        """Folder, robot, effects of the plant, and the runs, with start and duration [s] and energy [J]."""
+        rows = [
+            {"file": r.file, "trajectory": s, "start": r.start, "duration": r.duration, "energy": r.energy}
+            for r, s in zip(self.runs, self.sources, strict=True)
+        ]
+        plant = [*(each.name for each in self.plant.model.effects), *(each.name for each in self.plant.specials)]
+        return {"out": str(self.out), "robot": self.robot.name, "plant": plant, "runs": rows}
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """Nothing: what there is to say was said."""
+        return ""
+
+    def __repr__(self) -> str:
+        return f"Simulation({str(self.out)!r}, {self.robot.name!r}, {len(self.runs)} runs)"
+
+
+def run(request: SimulateRequest, desk: Desk) -> Simulation:
+    """Play trajectories on a virtual arm with the effects of a plant, and write a measured set into the folder `out`.
+
+    Raises:
+        BadInput: a value that no arm or instrument has, or `out` holds other data.
+        Infeasible: a trajectory touches the arm's own body or its cell.
+    """
+    if not 1 <= request.repeat <= MOST_REPEATS:
+        raise BadInput(f"--repeat {request.repeat}: expected 1 to {MOST_REPEATS}")
+    if request.seed < 0:
+        raise BadInput(f"--seed {request.seed}: expected 0 or more")
+    file, out = Path(request.plant), Path(request.out)
+    plant = load_plant(file)
+    if request.payload is not None:
+        plant = replace(plant, model=plant.model.replaced(payload_from(request.payload)))
+    named = None if request.robot is not None else robot_named(plant.model.robot, file.parent, request.allow_outside)
+    robot = robot_of(request, named)
+    plant = replace(plant, model=of_joints(plant.model, robot))
+    declared = None if request.model is None else model_from(request.model, robot)
+    instruments = Instruments(
+        rate=request.rate,
+        meter_rate=request.meter_rate,
+        noise=request.noise,
+        power_resolution=request.resolution,
+        position_resolution=request.encoder,
+        jitter=request.jitter,
+        rest=request.rest,
+        extra=tuple(request.log),
+    )
+    references, sources = _references(request, robot, desk)
+    asked = replace(
+        request, robot=robot.name, payload=payload_document(request.payload),
+        model=None if declared is None else declared.to_document(),
+    )  # fmt: skip
+    truth = {"request": to_json({key: value for key, value in asked.document().items() if key != "out"})}
+    _guard(request, truth["request"], desk.force or request.force)
+    with desk.showing(), written_whole(out, "log.toml", simulated_files(out)) as aside:
+        runs = simulated(references, plant, robot, aside, seed=request.seed, instruments=instruments, truth=truth)
+        if declared is not None:
+            declared.save(aside / "declared.toml")
+    for line in _remarks(runs, robot):
+        desk.say(line)
+    used, duration = sum(r.energy for r in runs), sum(r.duration for r in runs)
+    desk.say(f"{out}: {len(runs)} runs, {duration:.1f} s, {used:.1f} J really used")
+    return Simulation(out, robot, plant, tuple(runs), tuple(sources), request)
+
+
+simulate = verb(SimulateRequest, run)
+
+
+def simulated_files(out: Path) -> list[str]:
+    """Files of the runs that lie in a folder already, where they were simulated and not measured."""
+    if not (out / "truth.toml").is_file() or not (out / "log.toml").is_file():
+        return []
+    try:
+        rows = read_toml(out / "log.toml").get("run", [])
+    except BadInput:
+        return []
+    names = [str(row[key]) for row in rows for key in ("file", "power_file") if key in row]
+    return ["declared.toml", *(name for name in names if Path(name).name == name and (out / name).is_file())]
+
+
+def _guard(request: SimulateRequest, asked: str, force: bool) -> None:
+    """Refuse to overwrite measured data, or what another request simulated, unless forced.
+
+    Args:
+        asked: the request as truth.toml has it.
+    """
+    out = Path(request.out)
+    take_folder(out)
+    if force or not (out / "log.toml").exists():
+        return
+    truth = out / "truth.toml"
+    if not truth.is_file() or read_toml(truth).get("request") != asked:
+        held = "what another request simulated" if truth.is_file() else "a measured set"
+        raise BadInput(f"{out} holds {held}; choose another --out, or overwrite it with --force")
+
+
+def _references(request: SimulateRequest, robot: Robot, desk: Desk) -> tuple[list[Reference], list[str]]:
+    """What to play, in order, named run01, run02, ..., and the file that each comes from."""
+    if request.static != 0 and not BRIEFEST <= request.static < np.inf:
+        raise BadInput(f"--static {request.static:g}: expected 0, or {BRIEFEST:g} s and more")
+    files = [
+        (read_trajectory(path, robot.joints, request.joint_prefix), path) for path in map(Path, request.trajectories)
+    ]
+    _check_clear(request, robot, files, desk)
+    read = [(reference_of(trajectory, path.stem), str(path)) for trajectory, path in files]
+    out: list[Reference] = []
+    sources: list[str] = []
+    seconds = request.repeat * sum(reference.duration + 2 * request.rest + request.static for reference, _ in read)
+    if not seconds <= MOST_SECONDS and not request.allow_large:
+        raise BadInput(
+            f"{seconds:.6g} s to simulate; at most {MOST_SECONDS:g} s without --allow-large (are the times seconds?)"
+        )
+    for reference, source in read * request.repeat:
+        if request.static > 0:
+            out.append(pose(f"run{len(out) + 1:02d}", reference.position[0], request.static))
+            sources.append(source)
+        out.append(replace(reference, name=f"run{len(out) + 1:02d}"))
+        sources.append(source)
+    return out, sources
+
+
+def _check_clear(request: SimulateRequest, robot: Robot, files: list[tuple[Trajectory, Path]], desk: Desk) -> None:
+    """Refuse what would break an arm.
+
+    Raises:
+        Infeasible: a trajectory touches the arm's own body or its cell; names pair, time and depth.
+    """
+    cell = load_cell(robot, cell_of(request))
+    if cell is None:
+        return
+    for trajectory, path in files:
+        t = trajectory
+        found = cell.prove(t.time, t.position, t.velocity, t.acceleration)
+        if found.verdict == "colliding":
+            raise Infeasible(
+                f"{path}: {found}; --self-collision off (and no --scene) plays it all the same",
+                limit="clearance", position=found.time, excess=found.depth,
+            )  # fmt: skip
+        if not found.proven:
+            desk.say(f"warning: {path}: {found}")
+
+
+def _remarks(runs: list[Run], robot: Robot) -> list[str]:
+    """A line for every joint whose motor had to give more than its effort limit."""
+    out = []
+    for j, joint in enumerate(robot.joints):
+        worst = max(float(abs(r.played.torque[:, j]).max()) for r in runs)
+        if worst > robot.limits.effort[j]:
+            unit = robot.unit("effort", joint)
+            out.append(f"warning: {joint}: needed {worst:.3g} {unit}, its limit is {robot.limits.effort[j]:.3g} {unit}")
+    return out

@@ -1,0 +1,140 @@
+"""The verb `job` for several robots in one cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from energy_opt.files import to_json
+from energy_opt.folders import written_whole
+from energy_opt.front.controllers import check_rate_of
+from energy_opt.front.desk import Desk
+from energy_opt.front.given import cell_of, several
+from energy_opt.front.jobs import content_of, job_settings
+from energy_opt.front.rivals import rivals_from
+from energy_opt.job.models import mean_of
+from energy_opt.power import PowerModel
+from energy_opt.power.per_year import per_year_words
+from energy_opt.requests.moves import JobRequest
+from energy_opt.robot import Robot, load_robot
+
+WORKCELL = "energy-opt/job/2"
+ANSWER = "job.json"
+
+
+@dataclass(frozen=True, repr=False)
+class CellAnswer:
+    """A solved cycle of several robots.
+
+    Attributes:
+        result: its schedule, levers and proofs (`energy_opt.workcell.run.CellResult`).
+        request: what was asked; `run` repeats it. stamp: version, and the command line where there was one.
+        formats: of the programs that are written beside it. files: those that were written, read back and judged.
+    """
+
+    result: Any
+    request: JobRequest
+    stamp: Mapping[str, Any]
+    formats: Any = ()
+    files: tuple[Any, ...] = ()
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        if self.result.interrupted:
+            return 130
+        return 0 if self.result.solved and all(row.written.valid for row in self.files) else 4
+
+    def document(self) -> dict[str, Any]:
+        """job.json, less its files."""
+        from energy_opt.workcell.output import found_of
+
+        request = {**self.request.document(), **self.stamp}
+        return found_of(self.result, request, self.request.worth, self.files)
+
+    def to_json(self) -> str:
+        """job.json as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """A short table for a terminal, of a cycle that was saved into `out`."""
+        return table(self.document(), self.request.cycles_per_year, out)
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write job.json, tables of all robots and report.html into the folder `out`."""
+        self.kept(Path(out))
+        return Path(out)
+
+    def kept(self, out: Path) -> CellAnswer:
+        """The same; returns the answer."""
+        from energy_opt.workcell.output import write
+        from energy_opt.workcell.program import write_programs
+
+        with written_whole(out, ANSWER) as aside:
+            rows = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
+            write(self.result, {**self.request.document(), **self.stamp}, aside, self.request.worth, rows)
+        return replace(self, files=tuple(rows))
+
+    def __repr__(self) -> str:
+        return f"CellAnswer({len(self.result.cell.robot)} robots, {self.result.energy:.5g} J)"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{self.text(Path('.')).rpartition(chr(10))[0]}</pre>"
+
+
+def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
+    """A cycle of several robots, scheduled and planned for least energy."""
+    from energy_opt.workcell.file import workcell_of
+    from energy_opt.workcell.program import formats_of
+    from energy_opt.workcell.run import run_workcell
+
+    content, path = content_of(request)
+    cell = workcell_of(content, path)
+    check_rate_of(request)
+    formats = formats_of(cell, list(request.write), path, load_robot, request.allow_outside)
+    given = next(iter(several(request.model)), None)
+
+    def model_of(name: str | None, robot: Robot) -> PowerModel:
+        beside = None if name is None else path.parent / name
+        named = given or (beside if beside is not None and beside.is_file() else name)
+        return mean_of(rivals_from([] if named is None else [named], None, robot)[0])
+
+    asked, _ = replace(request, job=content, folder=str(path.parent.resolve())), request.worth
+    desk.take(ANSWER, desk.stamped(asked.document()))
+    settings = job_settings(request)
+    with desk.working() as (stopped, show):
+        result = run_workcell(
+            cell, path, load=load_robot, model_of=model_of, settings=settings, request=cell_of(request),
+            stopped=stopped, progress=show,
+        )  # fmt: skip
+        answer = desk.keep(CellAnswer(result, asked, desk.stamped({}), formats))
+    for row in answer.files:
+        if row.written.format != "csv" or not row.written.valid:
+            file = row.written.file if desk.out is None else desk.out / row.written.file
+            desk.say(f"{file}: {row.written}; begins at {row.start:.3f} s of the cell's cycle")
+    for warning in answer.document()["warnings"]:
+        desk.say(f"warning: {warning}")
+    return answer
+
+
+def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
+    """The schedule and what each lever saves, for a terminal; `cycles` in a year, where that was asked for."""
+    lines = [f"{'robot':<14} {'step':<28} {'begins [s]':>10} {'takes [s]':>10} {'mode':<16} {'energy [J]':>12}"]
+    for robot in found["robots"]:
+        lines += [
+            f"{robot['name'][:14]:<14} {s['name'][:28]:<28} {s['start']:>10.3f} {s['duration']:>10.3f} "
+            f"{(s['mode'] or 'moves')[:16]:<16} {s['energy_total']:>12.1f}"
+            for s in robot["steps"]
+        ]
+    bound = "" if found["bound"] is None else f"; no schedule of these curves takes less than {found['bound']:.1f} J"
+    lines.append(f"the cycle of {found['cycle_time']:g} s takes {found['energy_total']:.1f} J{bound}")
+    first = found["levers"][0]["energy_total"]
+    for lever in found["levers"]:
+        saved = 100 * (1 - lever["energy_total"] / first)
+        lines.append(f"{lever['name'].replace('_', ' '):<8} {lever['energy_total']:>12.1f} J ({saved:.1f} % saved)")
+    if "per_year" in found:
+        lines.append(per_year_words(found["per_year"], cycles or 0.0))
+    return "\n".join([*lines, f"files in {out}"])

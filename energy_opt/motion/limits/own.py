@@ -1,0 +1,150 @@
+"""A limit of one's own: a name, a unit, what it binds, and one formula; all else is derived from that.
+
+    |value(x)| <= bound, or value(x) <= bound where it is `one_sided`
+
+`value` is an expression in the state (q, v, a, the motors' torque, the arm's power, time). The judge evaluates it over
+a dense grid, a reshaping compiles it with its nodes, and a retiming sees it along the path, where the state is a
+function of path acceleration and squared path speed.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Hashable, Sequence
+from functools import cached_property
+from typing import ClassVar, Self
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.motion.dense import Dense
+from energy_opt.motion.limits.base import Fixed, Limit, Linear, State, Violation, worst_of
+from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.numerics.batch import Batch
+from energy_opt.robot import Robot
+
+STEP = 1e-5  # relative, of differences
+ONE_SIDED = 20.0  # bounds: below minus so many of them a one-sided value is held too
+
+
+class OwnLimit(Limit):
+    """Base of limits that users write.
+
+    Attributes:
+        name, unit: as in messages and in `max_violation`.
+        binds: "joint" for a value of each joint (n, 1), or "arm" for one number.
+        bound: one number, or one for each joint, in the limit's unit.
+        one_sided: values below -bound are allowed.
+    """
+
+    binds: ClassVar[str] = "joint"
+    local = True
+    _joints = 0
+
+    def __init__(self, bound: float | Sequence[float] | np.ndarray | None = None) -> None:
+        if bound is not None:
+            self.bound = np.asarray(bound, dtype=float)
+
+    def value(self, x: State) -> ca.SX:
+        """The limited value at a state, (n, 1) or (1, 1)."""
+        raise NotImplementedError
+
+    def for_robot(self, robot: Robot) -> Self:
+        """The limit of a robot's joints.
+
+        Raises:
+            BadInput: it has no name, unit or bound, or a bound of another number of joints.
+        """
+        for attribute in ("name", "unit"):
+            if not isinstance(getattr(self, attribute, None), str):
+                raise BadInput(f"{type(self).__name__}: {attribute} is missing; expected text")
+        if self.binds not in ("joint", "arm"):
+            raise BadInput(f"{self.name}: binds {self.binds!r}; expected 'joint' or 'arm'")
+        count = robot.n if self.binds == "joint" else 1
+        bound = np.asarray(self.bound, dtype=float)
+        if bound.shape not in ((), (count,)) or not (bound > 0).all():
+            raise BadInput(f"{self.name}: bound {bound.tolist()}; expected one number above 0, or {count} of them")
+        out = copy.copy(self)
+        out.scale, out._joints = np.broadcast_to(bound, (count,)).copy(), robot.n
+        return out
+
+    @property
+    def structure(self) -> Hashable:
+        own = {key: value for key, value in vars(self).items() if key not in ("bound", "scale", "_law")}
+        return type(self).__module__, type(self).__qualname__, repr(sorted(own.items()))
+
+    def where(self, joints: Sequence[str], column: int) -> str:
+        return joints[column] if self.binds == "joint" else "the arm"
+
+    def expression(self, x: State, p: ca.SX) -> ca.SX:
+        return self.value(x)
+
+    @cached_property
+    def _law(self) -> ca.Function:
+        """(q, v, a, effort, power, t) -> value."""
+        n = self._joints
+        columns = [ca.SX.sym(name, size) for name, size in zip("qvaept", (n, n, n, n, 1, 1), strict=True)]
+        found = ca.SX(self.value(State(*columns)))
+        if found.shape != (len(self.scale), 1):
+            raise BadInput(f"{self.name}: its value has shape {found.shape}; expected ({len(self.scale)}, 1)")
+        return ca.Function(self.name, columns, [ca.densify(found)])
+
+    @cached_property
+    def _of_position(self) -> bool:
+        """Whether the value depends on the position alone."""
+        inputs = self._law.sx_in()
+        return not any(ca.which_depends(self._law(*inputs), ca.vertcat(*inputs[1:]), 1, True))
+
+    def _shares(self, *columns: np.ndarray) -> np.ndarray:
+        """The value over the bound (M, m), at states (M, …) in the order of `State`."""
+        found = Batch(self._law, len(columns[0]))(*columns)[0] / self.scale
+        return np.asarray(found if self.one_sided else np.abs(found))
+
+    def worst(self, x: Dense) -> Violation:
+        used = self._shares(x.q, x.v, x.a, x.effort, x.power[:, None], x.time[:, None])
+        return worst_of(self, x, used * self.scale, self.scale, used - 1)
+
+    def peaked(self, x: Dense) -> np.ndarray:
+        return self._shares(x.q, x.v, x.a, x.effort, x.power[:, None], x.time[:, None])
+
+    def scaled(self, share: float) -> Self:
+        out = copy.copy(self)
+        out.bound, out.scale = np.asarray(self.bound) * share, self.scale * share
+        return out
+
+    def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return self._along(d, a, b, self.one_sided)
+
+    def _along(self, d: PathDynamics, a: np.ndarray, b: np.ndarray, signed: bool) -> np.ndarray:
+        """The value over the bound (M, m) along a path; `signed`, or its magnitude."""
+        speed, power = np.sqrt(b)[:, None], d.power(a, b)[:, None]
+        motion = (d.q, d.q1 * speed, d.q1 * a[:, None] + d.q2 * b[:, None], d.motor_torque(a, b), power)
+        found = Batch(self._law, len(d.s))(*motion, np.zeros_like(power))[0] / self.scale
+        return np.asarray(found if signed else np.abs(found))
+
+    def fixed(self, d: PathDynamics) -> Fixed:
+        none = np.zeros(len(d.s))
+        held = self.use(d, none, none)
+        what = "is on the path" if self._of_position else "is taken by moving slowly"
+
+        def text(k: int, j: int) -> str:
+            value, most = held[k, j] * self.scale[j], self.scale[j]
+            return f"{self.name} of {value:.4g} {self.unit} {what}, the limit is {most:.4g}"
+
+        return Fixed(held - 1, text, holding=not self._of_position)
+
+    def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear:
+        step_a, step_b = STEP * (1.0 + np.abs(a)), STEP * np.maximum(b, 1e-3)
+        b = np.maximum(b, 2 * step_b)
+
+        def at(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            return self._along(d, a, b, signed=True)
+
+        by_a = (at(a + step_a, b) - at(a - step_a, b)) / (2 * step_a)[:, None]
+        by_b = (at(a, b + step_b) - at(a, b - step_b)) / (2 * step_b)[:, None]
+        rest = at(a, b) - by_a * a[:, None] - by_b * b[:, None]
+        if not self.one_sided:
+            return Linear(by_a, by_b, rest)
+        # f <= 1 as |f + r - 1| <= r: values far below are not held
+        return Linear(by_a / ONE_SIDED, by_b / ONE_SIDED, (rest + ONE_SIDED - 1) / ONE_SIDED)

@@ -1,0 +1,305 @@
+"""Options that several verbs share, each group defined once; a verb's request is made of them.
+
+Values may be given as the command line spells them (`"0,1,0"`, `"1.5,0,0,0.1"`) or as Python has them (lists, arrays).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from energy_opt.errors import BadInput
+from energy_opt.files import finite_number
+from energy_opt.requests.option import Request, option
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from energy_opt.cell.request import CellRequest
+    from energy_opt.conditions import Condition, Limit
+    from energy_opt.effects import Payload
+    from energy_opt.motion.path import Curve, JointPath
+    from energy_opt.motion.trajectory import Trajectory
+    from energy_opt.poses.pose import AnyOf, Pose
+    from energy_opt.power import PowerModel
+    from energy_opt.power.per_year import PerYear
+    from energy_opt.robot import Robot
+
+    AnyRobot = Robot | str | PathLike[str]
+    AnyModel = PowerModel | str | PathLike[str] | Mapping[str, Any]
+    Vector = Sequence[float] | np.ndarray
+    Positions = Vector | Mapping[str, float] | str
+    AnyPayload = float | Sequence[float] | Payload | Mapping[str, Any] | str
+    AnyPath = JointPath | Trajectory | Curve | Sequence[Vector] | np.ndarray | Mapping[str, Any] | str | PathLike[str]
+    AnyPose = Pose | Vector | Sequence[Vector] | Mapping[str, Any] | str
+
+ROBOT = "a name (`energy-opt robots`) or a URDF"
+MODEL = "power model: a file, or source-method-1, source-method-2, careful"
+
+
+def numbers_of(given: Any, count: int, flag: str, expected: str) -> tuple[float, ...]:
+    """`count` finite numbers from a comma-separated word or any sequence.
+
+    Raises:
+        BadInput: another count, or something that is no number.
+    """
+    words = given.split(",") if isinstance(given, str) else [f"{x}" for x in given]
+    shown = given if isinstance(given, str) else ",".join(words)
+    numbers = tuple(finite_number(word, f"{flag} {shown}", expected) for word in words)
+    if len(numbers) != count:
+        raise BadInput(f"{flag} {shown}: {len(numbers)} numbers; expected {expected}")
+    return numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotGroup(Request):
+    """robot and model"""
+
+    limits: str | PathLike[str] | None = option(
+        None, "MoveIt's joint_limits.yaml (published or the URDF's)", "FILE", kind=Path, main=True
+    )
+    lock: Mapping[str, float] | Sequence[str] = option(
+        (), "a joint that does not move, and its position [rad, m]", "JOINT=VALUE", many=True
+    )
+
+    def __post_init__(self) -> None:
+        if isinstance(self.lock, Mapping):
+            words = tuple(f"{joint}={float(value)!r}" for joint, value in self.lock.items())
+            object.__setattr__(self, "lock", words)
+        super().__post_init__()
+
+    def document(self) -> dict[str, Any]:
+        """As every request, with locked joints by name."""
+        return super().document() | ({"lock": self.locked} if self.lock else {})
+
+    @property
+    def locked(self) -> dict[str, float]:
+        """The joints that `lock` holds, and their positions [rad, m]."""
+        out = {}
+        for word in self.lock:
+            joint, _, value = str(word).partition("=")
+            out[joint] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
+        return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrefixGroup(Request):
+    """robot and model"""
+
+    joint_prefix: str = option("", "what joints' names in files begin with", "PREFIX")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PayloadGroup(Request):
+    """robot and model"""
+
+    payload: AnyPayload | None = option(
+        None, "point mass [kg] and its centre in the last joint's frame [m] (none)", "MASS[,CX,CY,CZ]", main=True
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobustGroup(Request):
+    """several models"""
+
+    robust: str | Mapping[str, Any] | None = option(
+        None, "mean or worst energy over several models, or over one's covariance and rivals (mean)", "KIND"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MoveGroup(Request):
+    """move"""
+
+    start: Positions | Pose | None = option(
+        None, "joint positions [rad, m]: comma-separated, name=value pairs, or a pose of the SRDF", "Q", main=True
+    )
+    goal: Positions | Pose | AnyOf | None = option(
+        None, "the same for the end; several: the cheapest of them", "Q", several=True, main=True
+    )
+    path: AnyPath | None = option(
+        None, "waypoints [rad, m] or a trajectory, in place of start and goal", "FILE", main=True
+    )
+    via: Sequence[Positions | Pose] = option((), "a point [rad, m] to pass (reshape; repeatable)", "Q", many=True)
+    mode: str = option("reshape", "reshape: path and timing; retime: timing alone (reshape)", "MODE", main=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseGroup(Request):
+    """poses of the tool (--tool) in the robot's base frame"""
+
+    start_pose: AnyPose | None = option(
+        None,
+        "in place of --start: X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW [m, rad]; OBJECT: before it, a name of the scene file, "
+        "or FILE.yaml",
+        "POSE",
+    )
+    goal_pose: AnyPose | None = option(
+        None, "in place of --goal; the cheapest joint positions are chosen", "POSE", main=True
+    )
+    via_pose: Sequence[AnyPose] = option((), "what the tool passes (reshape; repeatable)", "POSE", many=True)
+    free: Sequence[str] = option(
+        (), "x, y, z, rx, ry or rz of the tool's frame that goal and via poses leave free [mm, deg] (repeatable)",
+        "AXIS[:FROM:TO]", many=True,
+    )  # fmt: skip
+    pose_tolerance: str | Sequence[float] | None = option(
+        None, "by how much the poses may be missed (1e-6 m, rad)", "1mm,1deg"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConditionGroup(Request):
+    """conditions"""
+
+    max_power: float | None = option(None, "bound of the arm's electrical power [W] (none)", "W", kind=float)
+    tool_speed: float | None = option(None, "bound of the speed of the tool's origin [m/s] (none)", "V", kind=float)
+    tool_acceleration: float | None = option(
+        None, "bound of the acceleration of the tool's origin [m/s^2] (none)", "A", kind=float
+    )
+    keep: str | Sequence[str] = option(
+        (), "upright[:DEG] (5), orientation[:DEG] (2) or line[:MM] (1) of the tool (repeatable)", "WHAT", many=True
+    )
+    tube: str | None = option(None, "0.1rad (each joint) or 0.02m (tool): distance to the given path (none)", "WIDTH")
+    conditions: Sequence[Condition | Limit | str | PathLike[str]] = option(
+        (), "limits of your own (repeatable)", "FILE.py", many=True
+    )
+    own_limits: Sequence[Limit] = option((), "limits of one's own", internal=True, written=False, many=True)
+
+    def __post_init__(self) -> None:
+        words = [self.keep] if isinstance(self.keep, str) else self.keep
+        object.__setattr__(self, "keep", tuple(part for word in words for part in word.split(",")))
+        if self.conditions and not self.own_limits:
+            from energy_opt.conditions import options_and_limits
+
+            options, limits = options_and_limits(self.conditions)
+            for name, value in options.items():
+                held = getattr(self, name)
+                if held not in (None, (), value) and name != "keep":
+                    raise BadInput(f"--{name.replace('_', '-')} is given twice, as an option and as a condition")
+                merged = tuple(dict.fromkeys((*held, *value))) if name == "keep" else value
+                object.__setattr__(self, name, merged)
+            object.__setattr__(self, "own_limits", limits)
+            kept = (each for each in self.conditions if isinstance(each, (str, PathLike)) or each in limits)
+            object.__setattr__(self, "conditions", tuple(kept))
+        super().__post_init__()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolvingGroup(Request):
+    """solving"""
+
+    solver: str = option("ipopt", "ipopt, or sqp without the last polish (ipopt)", "NAME")
+    starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int)
+    initial_paths: int | None = option(
+        None, "collision-free paths to start from (1; 0 besides a free --path)", "N", kind=int, aliases=("--ways",)
+    )
+    controls: int | None = option(None, "control points per joint of a reshaped move (48)", "N", kind=int)
+    end_acceleration: str = option("zero", "zero or free acceleration at the ends (zero; free: reshape)", "KIND")
+    compile: str = option("auto", "compile functions: auto, always or never (auto)", "WHEN")
+    objective: str = option("energy", "energy, torque, power_squared, path_length or time (energy)", "NAME")
+    verify_samples: int | None = option(
+        None, "samples of the certificate (10 between two samples of the trajectory)", "N", kind=int
+    )
+    dynamics: str = option("auto", "source of the dynamics: auto, compact, templates or pinocchio (auto)", "SOURCE")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeedGroup(Request):
+    """output"""
+
+    seed: int = option(0, "seed of all random choices (0)", "N", kind=int)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeadlineGroup(Request):
+    """solving"""
+
+    deadline: float | None = option(
+        None, "end the search of each motion with its best proven answer after S seconds (never)", "S", kind=float
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellGroup(Request):
+    """body and cell"""
+
+    self_collision: bool | None = option(True, "the arm keeps clear of itself (on)", "on|off", kind=bool)
+    srdf: str | PathLike[str] | None = option(None, "links that may touch (known robots have one)", "FILE", kind=Path)
+    package_dir: Sequence[str | PathLike[str]] = option((), "where package:// is found", "DIR", kind=Path, many=True)
+    scene: str | PathLike[str] | None = option(
+        None, "MoveIt PlanningScene, .scene text, or short YAML (none)", "FILE", kind=Path, main=True
+    )
+    base: str | Sequence[float] | None = option(
+        None, "robot's base in the scene's frame [m, rad] (the same frame)", "X,Y,Z,R,P,Y"
+    )
+    floor: float | None = option(
+        None, "solid below this height of the scene's frame [m] (none)", "Z", kind=float, main=True
+    )
+    clearance: float | None = option(None, "distance kept from everything [m] (0.002)", "M", kind=float)
+    tool: str | None = option(None, "the tool's frame and origin [m] (the last joint's)", "FRAME[,X,Y,Z]")
+    payload_size: str | Sequence[float] | None = option(
+        None, "edges [m] of the payload's box about its centre of mass (a point)", "X,Y,Z"
+    )
+    allow_outside: bool = option(False, "files may name files outside of their folder", kind=bool)
+    allow_large: bool = option(False, "larger files and meshes are read too", kind=bool)
+    cell: CellRequest | None = option(None, "all of these as one object", internal=True, written=False)
+
+    def __post_init__(self) -> None:
+        if self.cell is not None:
+            for name, value in vars(self.cell).items():
+                mine = {"package_dirs": "package_dir"}.get(name, name)
+                if hasattr(self, mine) and value != getattr(type(self.cell), name, None):
+                    object.__setattr__(self, mine, value)
+            object.__setattr__(self, "cell", None)
+        super().__post_init__()
+        if self.base is not None:
+            base = numbers_of(self.base, 6, "--base", "X,Y,Z [m] and R,P,Y [rad]")
+            object.__setattr__(self, "base", base)
+        if self.payload_size is not None:
+            size = numbers_of(self.payload_size, 3, "--payload-size", "three edges X,Y,Z [m]")
+            object.__setattr__(self, "payload_size", size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedCellGroup(CellGroup):
+    """body and cell"""
+
+    planner: str | None = option("auto", "source of the first path: auto, none or ompl (auto)", "NAME")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WriteGroup(Request):
+    """for controllers"""
+
+    write: Sequence[str] = option(
+        (), "csv, yaml, json, mcap, follow-joint-trajectory, urscript or franka (repeatable)", "FORMAT", many=True,
+        main=True,
+    )  # fmt: skip
+    rate: float | None = option(None, "samples per second of what --write writes [Hz]", "HZ", kind=float)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorthGroup(Request):
+    """what it is worth"""
+
+    cycles_per_year: float | None = option(None, "also state the saving of a year", "N", kind=float)
+    price: float | None = option(None, "of a kWh, in any currency", "PER_KWH", kind=float)
+    co2: float | None = option(None, "carbon dioxide of a kWh [kg]", "KG_PER_KWH", kind=float)
+    per_year: PerYear | None = option(None, "all of these as one object", internal=True, written=False)
+
+    def __post_init__(self) -> None:
+        if self.per_year is not None:
+            for name, value in vars(self.per_year).items():
+                object.__setattr__(self, name, value)
+            object.__setattr__(self, "per_year", None)
+        super().__post_init__()
+
+    @property
+    def worth(self) -> PerYear | None:
+        """What is asked for; None where nothing is."""
+        from energy_opt.power.per_year import per_year_of
+
+        return per_year_of(self.cycles_per_year, self.price, self.co2)

@@ -1,0 +1,207 @@
+"""The requests of verbs that plan one move, or a cycle of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from os import PathLike
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from energy_opt.requests.groups import (
+    MODEL,
+    ROBOT,
+    ConditionGroup,
+    DeadlineGroup,
+    MoveGroup,
+    PayloadGroup,
+    PlannedCellGroup,
+    PoseGroup,
+    PrefixGroup,
+    RobotGroup,
+    RobustGroup,
+    SeedGroup,
+    SolvingGroup,
+    WorthGroup,
+    WriteGroup,
+)
+from energy_opt.requests.option import option
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from energy_opt.requests.groups import AnyModel, AnyRobot
+
+
+def with_models(document: dict[str, Any], models: Any) -> dict[str, Any]:
+    """A document with `model`, its name, and where several are planned under, all under `robust`.
+
+    Args:
+        models: models as documents with their names, the one that results are stated under first; others are left as
+            they are.
+    """
+    if not models or not all(isinstance(model, Mapping) for model in models):
+        return document
+    first = {key: value for key, value in models[0].items() if key != "name"}
+    kind = document.get("robust")
+    robust = None if kind is None else {"kind": kind, "models": [dict(model) for model in models]}
+    return document | {"model": first, "model_name": models[0].get("name"), "robust": robust}
+
+
+def without_models(given: dict[str, Any]) -> dict[str, Any]:
+    """The same read back: all models are `model`, and `robust` is the kind."""
+    name, robust = given.pop("model_name", None), given.get("robust")
+    if isinstance(robust, Mapping):
+        return given | {"model": robust.get("models"), "robust": robust.get("kind")}
+    if isinstance(model := given.get("model"), Mapping):
+        given["model"] = [{**model, **({} if name is None else {"name": name})}]
+    return given
+
+
+OF_A_MOVE = ("start", "goal", "path", "payload", "model", "limits", "scene", "seed")
+
+
+@dataclass(frozen=True)
+class MoveRequest(
+    WorthGroup, PlannedCellGroup, SeedGroup, DeadlineGroup, SolvingGroup, ConditionGroup, PoseGroup, MoveGroup,
+    RobustGroup, PayloadGroup, PrefixGroup, RobotGroup,
+):  # fmt: skip
+    """One move: what `optimize` and `tradeoff` have in common."""
+
+    always: ClassVar[tuple[str, ...]] = OF_A_MOVE
+
+    robot: AnyRobot | None = option(None, ROBOT, "NAME_OR_URDF", main=True)
+    model: AnyModel | Sequence[AnyModel] | None = option(
+        (), f"{MODEL} (source-method-2 and careful, in the mean)", "MODEL", many=True, main=True
+    )
+
+    def document(self) -> dict[str, Any]:
+        """As every request; several goals are `goals`."""
+        found = super().document()
+        if isinstance(self.goal, Mapping) and "any_of" in self.goal:
+            found |= {"goal": None, "goals": found["goal"]["any_of"]}
+        return with_models(found, self.model)
+
+    @classmethod
+    def read(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """The same read back."""
+        goals = given.pop("goals", None)
+        given = without_models(given)
+        if given.get("path") is not None:  # it says where the move begins and ends
+            given |= {"start": None, "goal": None}
+        return given if goals is None else {**given, "goal": {"any_of": goals}}
+
+
+@dataclass(frozen=True)
+class OptimizeRequest(WriteGroup, MoveRequest):
+    """One move to minimum energy."""
+
+    verb: ClassVar[str] = "optimize"
+    always: ClassVar[tuple[str, ...]] = (*OF_A_MOVE, "mode", "duration", "max_duration")
+
+    _: KW_ONLY
+    duration: float | None = option(None, "exactly this long [s] (free)", "T", kind=float, main=True)
+    max_duration: float | None = option(None, "at most this long [s] (free)", "T", kind=float, main=True)
+    standard: str | None = option(
+        None, "standard joint moves with a speed and an acceleration each, instead of a free trajectory", "moves",
+        flag="--as", choices=("moves",),
+    )  # fmt: skip
+    vias: int | None = option(None, "points between the ends that --as moves may add, at most (0)", "K", kind=int)
+
+
+@dataclass(frozen=True)
+class TradeoffRequest(MoveRequest):
+    """Energy against duration of one move, or of a job over its cycle time."""
+
+    verb: ClassVar[str] = "tradeoff"
+
+    _: KW_ONLY
+    job: str | PathLike[str] | Mapping[str, Any] | None = option(
+        None, "a job over its cycle time, in place of one move", "JOB.toml", place="?"
+    )
+    durations: str | Sequence[float] | np.ndarray | None = option(
+        None, "where [s] (20, chosen by the program)", "FIRST:LAST:COUNT", main=True
+    )
+    duration: float | None = option(None, "only this duration [s]", "T", kind=float)
+    max_duration: float | None = option(None, "the front ends here [s]", "T", kind=float, main=True)
+    cycle: float | None = option(
+        None, "also the energy over a cycle of T s, waiting included", "T", kind=float, main=True
+    )
+    idle_power: float | None = option(None, "overhead while waiting [W] (the model's standby)", "W", kind=float)
+    folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
+
+
+@dataclass(frozen=True)
+class JobRequest(
+    WorthGroup,
+    PlannedCellGroup,
+    SeedGroup,
+    DeadlineGroup,
+    WriteGroup,
+    RobustGroup,
+    PayloadGroup,
+    PrefixGroup,
+    RobotGroup,
+):
+    """A cycle of moves and waits."""
+
+    verb: ClassVar[str] = "job"
+
+    job: str | PathLike[str] | Mapping[str, Any] = option(
+        ..., "the cycle (`energy-opt --example job`)", "JOB.toml", place="1"
+    )
+    robot: AnyRobot | None = option(None, "in place of the job's own", "NAME_OR_URDF", main=True)
+    model: AnyModel | Sequence[AnyModel] | None = option(
+        (), f"{MODEL} (source-method-2 and careful, in the mean)", "MODEL", many=True, main=True
+    )
+    _: KW_ONLY
+    starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int, main=True)
+    compile: str = option("auto", "compile functions: auto, always or never (auto)", "WHEN")
+    resume: bool = option(
+        False, "take the answers that an earlier run into --out left", kind=bool, main=True, written=False
+    )
+    folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
+
+    def document(self) -> dict[str, Any]:
+        """As every request, with its models as those of a move."""
+        return with_models(super().document(), self.model)
+
+    @classmethod
+    def read(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """The same read back."""
+        return without_models(given)
+
+
+@dataclass(frozen=True)
+class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotGroup):
+    """The base pose that makes a job cheapest."""
+
+    verb: ClassVar[str] = "place"
+
+    job: str | PathLike[str] | Mapping[str, Any] = option(
+        ..., "a cycle with steps that end at poses of the tool", "JOB.toml", place="1"
+    )
+    base_box: str | Sequence[float] = option(
+        ...,
+        "where the base may stand in the scene's frame [m]; `yaw`: turned as it likes, YAW0,YAW1: within [rad]",
+        "X0,X1,Y0,Y1,Z0,Z1[,yaw]", main=True,
+    )  # fmt: skip
+    model: AnyModel | Sequence[AnyModel] | None = option(
+        (), f"{MODEL} (source-method-2 and careful, in the mean)", "MODEL", many=True, main=True
+    )
+    _: KW_ONLY
+    robot: AnyRobot | None = option(None, "in place of the job's own", "NAME_OR_URDF", main=True)
+    looked_at: int = option(120, "placements that are estimated (120)", "N", kind=int)
+    seeds: int = option(3, "the best of them that are solved (3)", "N", kind=int)
+    steps: int = option(4, "solves on the way from the best (4)", "N", kind=int)
+    starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int)
+    compile: str = option("auto", "compile functions: auto, always or never (auto)", "WHEN")
+    folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
+
+    def document(self) -> dict[str, Any]:
+        """As every request, with its models as those of a move."""
+        return with_models(super().document(), self.model)
+
+    @classmethod
+    def read(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """The same read back."""
+        return without_models(given)

@@ -1,0 +1,203 @@
+"""A field of a request, and the request itself: checked when it is built, written down as a document, read back.
+
+A request is a frozen dataclass. Each field is declared once with `option(...)`: default, one sentence, unit. From these
+the command line derives its options, `document` and `from_document` the JSON that repeats a request, and `schema` its
+JSON schema.
+"""
+
+from __future__ import annotations
+
+import operator
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from numbers import Real
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from energy_opt.errors import BadInput, near
+from energy_opt.files import plain as of_json
+
+KINDS = {float: "number", int: "integer", bool: "boolean"}  # of values with a type that JSON schema knows
+NESTED = ("settings", "cell", "per_year")  # tables in requests of earlier versions, whose keys are options now
+STAMP = ("verb", "version", "command")  # beside a request's own fields in its document
+RENAMED = {"locked": "lock", "ways": "initial_paths"}  # of earlier versions
+
+
+@dataclass(frozen=True)
+class Option:
+    """How a field is explained, spelled on the command line and checked.
+
+    Attributes:
+        help: one sentence, with the unit and the default.
+        metavar: what the value is called; for a positional argument, its name.
+        kind: float, int, bool, Path, or str for what is parsed later (numbers, names, poses).
+        many: it may be given several times, and is a tuple; several: it may, and is a tuple if it is.
+        place: how many of a positional argument there are: "1", "?", "*" or "+"; empty where it has a flag.
+        nargs: how many words an option takes where that is not one.
+        flag: the option's name where it is not the field's; aliases: others that mean the same.
+        choices: the values there are.
+        main: it is one of the few that `--help` shows.
+        internal: the command line has no option for it; written: it is in the request's document.
+    """
+
+    help: str
+    metavar: str = ""
+    kind: type = str
+    many: bool = False
+    several: bool = False
+    place: str = ""
+    nargs: str | int | None = None
+    flag: str = ""
+    aliases: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()
+    main: bool = False
+    internal: bool = False
+    written: bool = True
+
+
+def option(default: Any, help: str, metavar: str = "", **more: Any) -> Any:
+    """A dataclass field with its `Option`; `more` are further attributes of that."""
+    if default is ...:
+        return field(metadata={"option": Option(help, metavar, **more)})
+    return field(default=default, metadata={"option": Option(help, metavar, **more)})
+
+
+def options_of(request: type[Request]) -> dict[str, tuple[Field[Any], Option]]:
+    """The fields of a request and how each is spelled, by name."""
+    return {f.name: (f, f.metadata["option"]) for f in fields(request) if "option" in f.metadata}
+
+
+def flag_of(name: str, spelled: Option) -> str:
+    """The option's name on the command line, such as `--max-duration`."""
+    return spelled.flag or f"--{name.replace('_', '-')}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What is asked of a verb; a value, checked field by field.
+
+    Attributes:
+        stopped: asked now and then while the verb works; True ends the work with the best known so far.
+    """
+
+    verb: ClassVar[str] = ""
+    always: ClassVar[tuple[str, ...]] = ()  # fields that the document names even where they are not given
+
+    stopped: Callable[[], bool] | None = option(None, "ends the work early", internal=True, written=False)
+
+    def __post_init__(self) -> None:
+        for name, (_, spelled) in options_of(type(self)).items():
+            value = getattr(self, name)
+            if value is not None and spelled.written:
+                object.__setattr__(self, name, _checked(flag_of(name, spelled), spelled, value))
+
+    def document(self) -> dict[str, Any]:
+        """The request written down: fields that are not as usual, and those in `always`; values of JSON."""
+        out: dict[str, Any] = {"verb": self.verb}
+        for name, (declared, spelled) in options_of(type(self)).items():
+            if not spelled.written:
+                continue
+            value = plain(getattr(self, name))
+            usual = None if declared.default is MISSING else plain(declared.default)
+            if name in self.always or value != usual:
+                out[name] = value
+        return out
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> Self:
+        """The request that a document describes.
+
+        Raises:
+            BadInput: an unknown key, or a value of another kind; says which.
+        """
+        given = {key: value for key, value in document.items() if key not in (*STAMP, *NESTED)}
+        for table in NESTED:
+            given |= document.get(table) or {}
+        given = {RENAMED.get(key, key): value for key, value in given.items()}
+        known = {name for name, (_, spelled) in options_of(cls).items() if spelled.written}
+        given = cls.read(given)
+        for key in given:
+            if key not in known:
+                raise BadInput(f"a request of {cls.verb} has no {key!r}{near(key, known)}")
+        try:
+            return cls(**{key: value for key, value in given.items() if value is not None})
+        except TypeError as fault:
+            raise BadInput(f"a request of {cls.verb}: {str(fault).partition('() ')[2]}") from None
+
+    @classmethod
+    def read(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """The keys of a document as fields; verbs whose documents say more than their fields change this."""
+        return given
+
+    @classmethod
+    def schema(cls) -> dict[str, Any]:
+        """The JSON schema of the request's document."""
+        properties: dict[str, Any] = {"verb": {"const": cls.verb}}
+        for name, (_, spelled) in options_of(cls).items():
+            if not spelled.written:
+                continue
+            row: dict[str, Any] = {"type": KINDS[spelled.kind]} if spelled.kind in KINDS else {}
+            row |= {"enum": list(spelled.choices)} if spelled.choices else {}
+            row = {"type": "array", "items": row} if spelled.many else row
+            properties[name] = {**row, "description": spelled.help}
+        required = [f.name for f, s in options_of(cls).values() if f.default is MISSING and s.written]
+        return {
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": cls.__name__,
+            "type": "object",
+            "properties": properties,
+            "required": required,
+        }
+
+    def __getitem__(self, key: str) -> Any:
+        """A value as it is in the document."""
+        return self.document()[key]
+
+
+def _checked(flag: str, spelled: Option, value: Any) -> Any:
+    """A value of the kind that its option has.
+
+    Raises:
+        BadInput: it is of another kind, or none of the choices.
+    """
+    if spelled.many or spelled.place in ("*", "+"):
+        several = list(value) if isinstance(value, (list, tuple)) or hasattr(value, "tolist") else [value]
+        return tuple(_one(flag, spelled, each) for each in several)
+    return _one(flag, spelled, value)
+
+
+def _one(flag: str, spelled: Option, value: Any) -> Any:
+    expected = ""
+    if spelled.kind is float:
+        if isinstance(value, bool) or not isinstance(value, Real):
+            expected = "a number"
+        else:
+            return float(value)
+    elif spelled.kind is int:
+        try:
+            return value if isinstance(value, bool) else operator.index(value)
+        except TypeError:
+            expected = "a whole number"
+    elif spelled.kind is bool and not isinstance(value, bool):
+        expected = "true or false"
+    elif spelled.kind is Path:
+        if isinstance(value, (str, os.PathLike)):
+            return Path(value)
+        expected = "the name of a file"
+    elif spelled.choices and value not in spelled.choices:
+        expected = f"one of {', '.join(spelled.choices)}"
+    if expected:
+        raise BadInput(f"{flag} {value!r:.60}: expected {expected}")
+    return value
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: names of files as text, arrays as lists, models as their documents."""
+    if hasattr(value, "to_document"):
+        return value.to_document()
+    if isinstance(value, (list, tuple)):
+        return [plain(each) for each in value]
+    if hasattr(value, "for_robot"):  # a limit of one's own has no words
+        return f"{type(value).__module__}.{type(value).__qualname__}"
+    return of_json(value)

@@ -373,6 +373,19 @@ def test_an_effort_that_cannot_hold_the_arm_is_a_placeholder_unless_a_limits_fil
     assert load_robot(path, limits=limits).limits.effort[0] == 0.2
 
 
+def test_one_effort_for_all_joints_that_is_too_little_for_some_is_a_placeholder(tmp_path: Path) -> None:
+    """A Denso as shipped has 1 N m on all joints: what turns about the vertical needs nothing to be held."""
+    text = Path(two_joints(tmp_path)).read_text().replace('axis xyz="0 0 1"', 'axis xyz="0 1 0"')
+    assert "0 1 0" in text
+    path = tmp_path / "same.urdf"
+    path.write_text(re.sub(r'effort="[0-9.]+"', 'effort="1"', text))
+    found = load_robot(path)
+    gravity = found.body.torque(*(np.zeros((1, 2)) + k for k in (0.7, 0, 0)))[0]
+    assert (np.abs(gravity) > 1).tolist() == [True, False], "one joint is held, one is not"
+    assert np.isinf(found.limits.effort).all()
+    assert any(w.startswith("second:") and "too little for some" in w for w in found.warnings)
+
+
 def test_an_arm_that_is_too_heavy_for_its_size_or_drives_is_named(tmp_path: Path) -> None:
     heavy = load_robot(two_joints(tmp_path, effort="50", mass="3300", inertia="100"))
     assert any("more than every effort limit" in w for w in heavy.warnings)

@@ -66,9 +66,10 @@ def test_an_arm_without_mass_is_refused_with_its_links(tmp_path: Path, capsys: p
     ("before", "after", "refused"),
     [
         ('izz="0.02"', 'izz="0.041"', False),  # by 2.5 %
+        ('izz="0.02"', 'izz="0.0465"', False),  # by 16 %, as on an xArm6
         ('izz="0.02"', 'izz="0.05"', True),
         ('izz="0.02"', 'izz="-0.02"', True),
-        ('<mass value="1.5"/><inertia ixx="0.02"', '<mass value="0.05"/><inertia ixx="0.2"', False),  # it weighs grams
+        ('<mass value="1.5"/><inertia ixx="0.02"', '<mass value="0.16"/><inertia ixx="0.2"', False),  # it weighs grams
     ],
 )
 def test_inertias_of_no_body_are_refused_where_they_matter(

@@ -36,7 +36,8 @@ def arm_bodies(robot: Robot, package_dirs: Sequence[Path] = (), allow_large: boo
                 try:
                     known[key] = _solid(body, files, allow_large)
                 except BadInput as error:
-                    raise BadInput(f"{description.path}: link {link.name}: {error}") from None
+                    remedy = "; --self-collision off plans without the arm's body"
+                    raise BadInput(f"{description.path}: link {link.name}: {error}{remedy}") from None
             out.append(Body(link.name, joint, at @ placed(body.pose), known[key]))
     return out
 

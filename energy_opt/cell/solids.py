@@ -142,6 +142,7 @@ def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
         model = coal.MeshLoader(coal.NODE_TYPE.BV_OBBRSS).load(str(path), np.array(scale, dtype=float))
     except (ValueError, RuntimeError) as error:
         words = " ".join(str(error).rpartition("message:")[2].split())[:200]
+        words = "it holds no triangles" if "No meshes" in words else words
         raise BadInput(f"{path}: not a mesh that can be read: {words}") from None
     vertices = vertices_of(model)
     if not model.num_tris or not np.isfinite(vertices).all():

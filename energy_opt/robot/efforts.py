@@ -34,12 +34,14 @@ def believed_efforts(
     most = float(np.abs(gravity).max()) or holding
     turning = ~np.asarray(slides, dtype=bool) & ~given
     same = turning.sum() > 1 and bool((effort[turning] == effort[turning][0]).all())
+    short = np.mean(np.abs(gravity) > effort, axis=0)  # share of postures that each joint does not hold
+    one_for_all = same and bool((short[turning] > MOST).any())
     for j, joint in enumerate(joints):
         unit = unit_of("effort", slides[j])
         stated, times = f"{joint}: effort limit {effort[j]:g} {unit}", effort[j] / max(holding, SMALLEST)
         large = f"{stated}, {times:.0f} times what holds the arm out straight"
         alike = same and bool(turning[j]) and effort[j] >= EQUAL * most
-        weak = float(np.mean(np.abs(gravity[:, j]) > effort[j]))
+        weak = float(short[j])
         if not np.isfinite(effort[j]) or effort[j] < SMALLEST:
             said.append(f"{stated}; assumed: none")
         elif given[j]:
@@ -56,6 +58,10 @@ def believed_efforts(
                 f"{stated} does not hold the arm in {100 * weak:.0f} % of its postures (up to "
                 f"{np.abs(gravity[:, j]).max():.3g} {unit}): a placeholder, or masses that are wrong; assumed: none; "
                 f"{REMEDY}"
+            )
+        elif one_for_all and turning[j]:
+            said.append(
+                f"{stated}, the same on all joints and too little for some: a placeholder; assumed: none; {REMEDY}"
             )
         else:
             if holding > 0 and times >= DOUBTFUL:

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from energy_opt.effects import CoulombFriction
+from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions, grouped, said
+from energy_opt.power.break_even import break_even
 from energy_opt.power.known import friction_range
 from energy_opt.power.named import careful, source_method_1, source_method_2
 from energy_opt.robot import Robot, known_robots, load_robot
@@ -89,6 +91,20 @@ def test_a_user_who_slows_the_arm_changes_no_motor(tmp_path: Path) -> None:
     slowed = arm(tmp_path, limits="  j1: {max_velocity: 0.2, max_effort: 100}\n  j2: {max_velocity: 0.2}\n")
     assert careful(slowed) == plain
     assert slowed.limits.velocity[0] == 0.2 and slowed.limits.effort[0] == 100
+
+
+def test_a_saving_that_falls_with_friction_ends_where_it_is_nothing(tmp_path: Path) -> None:
+    """3 J less 100 J times the share that is added to the 1 % of the effort limits that the model has."""
+    robot = arm(tmp_path, effort=200.0)
+    model = source_method_2(robot).replaced(CoulombFriction(tau_c=2.0))
+
+    def saved(other: PowerModel, joules: float = 3.0) -> float:
+        share = other.get("coulomb_friction").values["tau_c"][0] / 200.0
+        return joules - 100 * (share - 0.01)
+
+    assert break_even(saved, model, robot) == pytest.approx(0.03, abs=1e-5)
+    assert break_even(lambda other: saved(other, 30.0), model, robot) is None  # no share below 20 %
+    assert break_even(lambda other: saved(other, -1.0), model, robot) is None  # nothing is saved
 
 
 def test_an_arm_without_effort_limits_has_a_rating_of_its_own_weight(tmp_path: Path) -> None:

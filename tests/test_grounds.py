@@ -11,10 +11,11 @@ import pytest
 import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.front.answer import Answer
-from energy_opt.front.grounds import detours, grounded
+from energy_opt.front.grounds import grounded
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Rival
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.travel import detours
 from energy_opt.power.named import careful, source_method_2
 
 START, GOAL = [0.78, -2.42, 0.6, -0.4, -2.4, 1.1], [-0.5, -1.2, 1.9, -1.9, -1.2, -0.9]

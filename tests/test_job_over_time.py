@@ -45,7 +45,9 @@ def test_a_job_over_its_cycle_time(tmp_path, capsys):
             assert row["energy_total"] <= min(row["evenly_slowed"], row["fastest_then_wait"]) * (1 + 1e-9)
             assert row["energy_total"] == pytest.approx(row["energy_standby"] + row["energy_loss"])
     assert (tmp_path / "front/tradeoff.csv").read_text().splitlines()[0].startswith("duration,energy_total")
-    assert (tmp_path / "front/plot.png").is_file() and "cycle time" in (tmp_path / "front/report.html").read_text()
+    report = (tmp_path / "front/report.html").read_text()
+    assert (tmp_path / "front/plot.png").is_file() and "cycle time" in report
+    assert found["assumptions"] and "What was not given" in report
 
     text = JOB.replace("cycle_time = 6.0", "cycle_time = 4.0")  # a point is what `job` makes of that cycle time
     (tmp_path / "four.toml").write_text(text)

@@ -7,22 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from energy_opt.effects import CoulombFriction
 from energy_opt.motion import Result
-from energy_opt.motion.judge.energy import Energy, Scorer
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import SAME, Rival
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.travel import detours
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions
+from energy_opt.power.break_even import break_even, until
 from energy_opt.power.known import has_friction
 from energy_opt.robot import Robot
 
-MOST_FRICTION = 0.2  # share of the effort limits up to which a break-even is looked for; arms have 0.01 to 0.06
-TRIALS = 8  # shares that are tried before the first one that breaks even is narrowed down
-CLOSE = 1e-5  # of the effort limits: how closely
 COARSER = 2  # places between two rows: what friction adds is smooth but for the joints' turning points
-DETOUR = 1.5  # times what start to goal needs, from which a joint's travel is named
-SMALLEST = 1e-3  # [rad, m] less than this further is no detour
 FAST = 50.0  # [rad/s^2, m/s^2] accelerations beyond are those of no arm of a robot's size
 
 
@@ -32,7 +28,9 @@ def grounded(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     Args:
         rivals: the models that it was planned with, the one that it is stated under first.
     """
-    share = break_even_friction(result, rivals[0].model, robot)
+    scaled = result.baseline("scaled")
+    slowed = None if scaled is None or not scaled.valid or result.chosen == "scaled" else scaled.trajectory
+    share = break_even_friction(result.trajectory, slowed, rivals[0].model, robot)
     return replace(
         result,
         assumptions=assumptions(robot, [rival.model for rival in rivals]),
@@ -42,52 +40,21 @@ def grounded(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     )
 
 
-def break_even_friction(result: Result, model: PowerModel, robot: Robot) -> float | None:
-    """The share of the effort limits at which dry friction, added to `model`, ends the saving beside "scaled".
+def break_even_friction(ours: Trajectory, slowed: Trajectory | None, model: PowerModel, robot: Robot) -> float | None:
+    """The share of the effort limits at which dry friction, added to `model`, ends the saving beside `slowed`.
 
-    None where no share below 0.2 does, or where there is no valid "scaled" or nothing is saved to begin with.
+    None where no share below 0.2 does, or where there is no `slowed` or nothing is saved to begin with.
     """
-    slowed = result.baseline("scaled")
-    if slowed is None or not slowed.valid or result.chosen == "scaled":
+    if slowed is None:
         return None
-    own = model.get("coulomb_friction")
-    held = np.zeros(robot.n) if own is None else np.broadcast_to(own.values["tau_c"], robot.n)
-    ours, theirs = result.trajectory, slowed.trajectory
+    both = slowed, ours
 
-    def saved(share: float) -> float:
-        scorer = Scorer(robot, model.replaced(CoulombFriction(tau_c=held + share * robot.rated.effort)))
-        energies = [_energy(scorer, trajectory) for trajectory in (theirs, ours)]
-        return energies[0].total - energies[1].total - SAME * abs(energies[0].total)
+    def saved(model: PowerModel) -> float:
+        scorer = Scorer(robot, model)
+        theirs, own = (scorer.energy_of(scorer.dense(trajectory, COARSER)).total for trajectory in both)
+        return theirs - own - SAME * abs(theirs)
 
-    if saved(0.0) <= 0:
-        return None
-    low = 0.0
-    for high in np.linspace(0, MOST_FRICTION, TRIALS + 1)[1:].tolist():
-        if saved(high) <= 0:
-            while high - low > CLOSE:
-                middle = (low + high) / 2
-                low, high = (middle, high) if saved(middle) > 0 else (low, middle)
-            return float(low)
-        low = high
-    return None
-
-
-def _energy(scorer: Scorer, trajectory: Trajectory) -> Energy:
-    return scorer.energy_of(scorer.dense(trajectory, COARSER))
-
-
-def detours(trajectory: Trajectory) -> list[dict[str, object]]:
-    """The joints that go more than 1.5 times as far as from their start to their goal: joint, path, straight [rad, m].
-
-    The way of a joint is that of its quintic between rows, read at ten places of each.
-    """
-    q = trajectory.sample_denser(10)[0]
-    path, straight = np.abs(np.diff(q, axis=0)).sum(axis=0), np.abs(q[-1] - q[0])
-    return [
-        {"joint": joint, "path": float(path[j]), "straight": float(straight[j])}
-        for j, joint in enumerate(trajectory.joints)
-        if path[j] > DETOUR * straight[j] + SMALLEST
-    ]
+    return break_even(saved, model, robot)
 
 
 def _beyond_belief(result: Result, robot: Robot) -> list[str]:
@@ -116,10 +83,3 @@ def _frictionless(result: Result, rivals: Sequence[Rival], share: float | None) 
         return []
     name = rivals[0].name
     return [f"the model {name!r} has no friction: {until(share)}; give a model with friction, or plan under several"]
-
-
-def until(share: float | None) -> str:
-    """Up to what dry friction a plan saves, in words."""
-    if share is None:
-        return f"the plan saves at any dry friction up to {100 * MOST_FRICTION:g} % of the effort limits"
-    return f"the plan saves as long as dry friction is below {100 * share:.2g} % of the effort limits"

@@ -22,9 +22,8 @@ from energy_opt.front.jobs import content_of, job_from, job_settings, resolved_j
 from energy_opt.front.rivals import rivals_of, said, with_careful
 from energy_opt.front.workcell import WORKCELL, CellAnswer, run_workcell_job
 from energy_opt.job import JobResult, run_job, run_posed
-from energy_opt.job.models import compared, mean_of, stated
+from energy_opt.job.models import compared, grounded, mean_of, stated
 from energy_opt.job.program import with_room, write_programs
-from energy_opt.power.assumptions import assumptions
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import JobRequest
@@ -149,7 +148,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
             result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
         else:
             result = stated(result, rivals)
-        result = replace(result, assumptions=assumptions(job.robot, [rival.model for rival in rivals]))
+        result = grounded(result, rivals)
         answer = desk.keep(JobAnswer(result, asked, desk.stamped({}), tuple(formats)))
     for row in answer.files:
         desk.say(f"{row.file if desk.out is None else desk.out / row.file}: {row}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from energy_opt.front.moves import settings_of
 from energy_opt.front.rivals import rivals_of
 from energy_opt.job.models import mean_of, stated
 from energy_opt.job.over_time import document, over_time
+from energy_opt.power.assumptions import assumptions, said
 from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import TradeoffRequest
 
@@ -99,13 +100,17 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
             job, mean_of(rivals), settings, cell=cell, times=times, stopped=stopped, progress=show,
             restated=lambda result: result if kind is None else stated(result, rivals),
         )  # fmt: skip
-        found = {**document(job, points, shortest, stopped()), "request": plain(stamped)}
+        rows = assumptions(job.robot, [rival.model for rival in rivals])
+        used = {"assumptions": [asdict(row) for row in rows]}
+        found = {**document(job, points, shortest, stopped()), **used, "request": plain(stamped)}
         if worth is not None:
             bend = found["knee"] or found["minimum"] or {}
             row: dict[str, Any] = next((row for row in found["points"] if row["duration"] == bend.get("duration")), {})
             slowed = row.get("evenly_slowed")
             found["per_year"] = worth.of(None if slowed is None else slowed - row["energy_total"])
         front = desk.keep(JobFront(found, asked))
+    if line := said(rows):
+        desk.say(line)
     if found["status"] == "infeasible":
         desk.say(f"no cycle time asked for can be done; the shortest that can is {shortest:.6g} s")
     return front

@@ -13,11 +13,11 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import own_body
 from energy_opt.files import replacing, write_json
 from energy_opt.formats.output import unchanged
-from energy_opt.front.grounds import until
 from energy_opt.motion import Result
 from energy_opt.motion.judge.by_joint import loss_by_joint
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.timing.toppra import INTERVALS
+from energy_opt.power.break_even import until
 from energy_opt.power.model import model_from_document
 from energy_opt.reports import plots
 from energy_opt.reports.optimize import page

@@ -17,11 +17,13 @@ from energy_opt.files import to_json
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.ends import ends_of
 from energy_opt.front.given import cell_of, robot_of
+from energy_opt.front.grounds import break_even_friction
 from energy_opt.front.job_over_time import JobFront, run_job
 from energy_opt.front.moves import move_of, resolved, settings_of
 from energy_opt.front.rivals import members, rivals_of, said, with_careful
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.robust import Kind, Rival, RobustPlanner
+from energy_opt.motion.travel import detours
 from energy_opt.poses.ends import Ends
 from energy_opt.poses.solve import solve_to
 from energy_opt.power import PowerModel
@@ -255,6 +257,13 @@ def document_of(
     robot = planner.robot
     found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
     found["assumptions"] = [asdict(row) for row in assumptions(robot, [rival.model for rival in rivals])]
+    best = None if front.minimum is None else front.minimum.trajectory
+    if best is not None:
+        base = planner.planner if isinstance(planner, RobustPlanner) else planner
+        found["break_even_friction"] = break_even_friction(
+            best, base.slowed(move, best.duration), rivals[0].model, robot
+        )
+        found["travel"] = detours(best)
     if isinstance(planner, RobustPlanner):
         models, warnings = models_of_front(planner, move, front), []
     else:
@@ -262,10 +271,10 @@ def document_of(
         warnings = said(models, "the front's minimum")
     if worth is not None:
         over = found.get("cycle") or {}
-        best, fastest = over.get("minimum"), over.get("fastest_then_wait")
+        least, fastest = over.get("minimum"), over.get("fastest_then_wait")
         saved = None if cycle is not None or not models else models[0]["saving_joules"]
-        if best and fastest:
-            saved = fastest["energy_total"] - best["energy_total"]
+        if least and fastest:
+            saved = fastest["energy_total"] - least["energy_total"]
         found["per_year"] = worth.of(saved)
     return {**found, "models": models, "warnings": warnings, "request": request}
 

@@ -9,8 +9,11 @@ from typing import Any
 from energy_opt.job.cycle import Plan, Scorers, assembled, energy_of
 from energy_opt.job.run import JobResult, Plain
 from energy_opt.job.work import unloaded
-from energy_opt.motion.plan.robust import Rival, exceeds
+from energy_opt.motion.plan.robust import SAME, Rival, exceeds
+from energy_opt.motion.travel import detours
 from energy_opt.power import Mixture, PowerModel
+from energy_opt.power.assumptions import assumptions
+from energy_opt.power.break_even import break_even
 from energy_opt.power.known import friction_range
 
 BESIDE = "evenly_slowed"  # the baseline that savings are stated against
@@ -33,6 +36,31 @@ def compared(result: JobResult, judges: Sequence[Rival]) -> JobResult:
         share = None if joules is None else 100 * joules / (energy + joules)
         rows.append({"name": judge.name, "total": energy, "saving_joules": joules, "saving_total_percent": share})
     return replace(result, models=tuple(rows))
+
+
+def grounded(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
+    """The result with what it rests on, up to which dry friction it saves, and joints that take detours.
+
+    Args:
+        rivals: the models that it was planned with, the one that it is stated under first.
+    """
+    job = result.job
+    slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
+
+    def saved(model: PowerModel) -> float:
+        assert slowed is not None
+        scorers = Scorers(job.robot, unloaded(model))
+        theirs, ours = (energy_of(assembled(job, scorers, p.under(job, scorers))) for p in (slowed, result.plan))
+        return theirs - ours - SAME * abs(theirs)
+
+    share = None if slowed is None else break_even(saved, rivals[0].model, job.robot)
+    rows = [
+        {"step": leg.name, **row}
+        for leg, answer in zip(result.plan.legs, result.plan.answers, strict=True)
+        for row in detours(answer.trajectory)
+    ]
+    used = assumptions(job.robot, [rival.model for rival in rivals])
+    return replace(result, assumptions=used, break_even_friction=share, travel=tuple(rows))
 
 
 def mean_of(rivals: Sequence[Rival]) -> PowerModel:

@@ -50,6 +50,8 @@ def document(result: JobResult) -> dict[str, Any]:
         },
         "models": list(result.models),
         "assumptions": [asdict(row) for row in result.assumptions],
+        "break_even_friction": result.break_even_friction,
+        "travel": [dict(row) for row in result.travel],
         "warnings": list(result.warnings),
         "interrupted": result.interrupted,
     }

@@ -11,6 +11,7 @@ import numpy as np
 from energy_opt.files import write_json, write_text
 from energy_opt.folders import written_whole
 from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
 
 COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
@@ -67,4 +68,5 @@ def page(found: Mapping[str, Any], shown: list[dict[str, Any]]) -> Report:
         ],
         digits=6,
     )
+    assumed(report, found)
     return report.command(found.get("request"))

@@ -64,6 +64,9 @@ class JobResult:
         models: what other models make of the cycle: name, total [J], and beside the evenly slowed one saving_joules and
             saving_total_percent.
         assumptions: what was not given, with its source.
+        break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving
+            beside the evenly slowed cycle; None where no share below 0.2 does.
+        travel: joints that go more than 1.5 times as far as a step needs: step, joint, path and straight [rad, m].
         choice: where steps end at poses of the tool, how their positions were chosen.
     """
 
@@ -77,6 +80,8 @@ class JobResult:
     models: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
     assumptions: tuple[Assumption, ...] = ()
+    break_even_friction: float | None = None
+    travel: tuple[Mapping[str, object], ...] = ()
     choice: Choice | None = None
 
     @cached_property

@@ -10,6 +10,7 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.assumptions import Assumption
+from energy_opt.reports.words import limits_words
 
 
 @dataclass(frozen=True)
@@ -192,18 +193,17 @@ class Result:
         )
 
     def __str__(self) -> str:
-        e, worst, known = self.energy, self.certificate.worst, self.optimality
+        e, known = self.energy, self.optimality
         proof = "a local optimum; no bound"
         if self.bound:
             proof = f"lower bound {self.bound}, gap {known.gap_percent:.2g} %"
-        doubt = f"; {self.message}" if self.message else ""
+        reason = f"; {self.message}" if self.message else ""
         return "\n".join(
             [
-                f"{self.robot}, {self.mode}, {self.trajectory.duration:.4g} s: {self.status}{doubt}",
+                f"{self.robot}, {self.mode}, {self.trajectory.duration:.4g} s: {self.status}{reason}",
                 f"energy {e.total:.5g} J = standby {e.standby:.5g} + stored {e.stored:.5g} + loss {e.loss:.5g}",
                 self.saved,
-                f"closest limit: {worst['limit']} of {worst['joint'] or 'the arm'} at {worst['time']:.4g} s, "
-                f"{worst['value']:.5g} of {worst['bound']:.5g}",
+                limits_words(self.certificate.document(), lambda *_: "(SI units)"),
                 f"{proof}; {self.solver.iterations} iterations, {self.solver.solve_seconds:.3g} s",
             ]
         )

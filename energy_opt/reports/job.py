@@ -9,7 +9,7 @@ import numpy as np
 
 from energy_opt.reports.charts import Chart
 from energy_opt.reports.motion import Motion, Played, Solid, player
-from energy_opt.reports.optimize import motion_charts
+from energy_opt.reports.optimize import assumed, motion_charts
 from energy_opt.reports.page import Report
 from energy_opt.reports.timeline import timeline
 from energy_opt.robot import Robot
@@ -72,6 +72,7 @@ def page(
             ["model", "energy of the cycle [J]", "saved against evenly slowed [J]", "saved [%]"],
             [[m["name"], m["total"], m["saving_joules"], m["saving_total_percent"]] for m in models],
         )
+    assumed(report, document)
     charts = [chart for chart in motion_charts(cycle, {}, robot) if not chart.empty]
     report.section("Motion").charts(*charts)
     return report.command(document.get("request"))

@@ -232,7 +232,10 @@ def assumed(report: Report, document: Mapping[str, Any]) -> None:
     if share is not None:
         report.text(f"The move saves as long as dry friction is below {100 * share:.2g} % of the effort limits.")
     for row in document.get("travel", ()):
-        report.text(f"{row['joint']} travels {row['path']:.3g}; its goal is {row['straight']:.3g} away [rad, m].")
+        where = f"{row['step']}: " if "step" in row else ""
+        report.text(
+            f"{where}{row['joint']} travels {row['path']:.3g}; its goal is {row['straight']:.3g} away [rad, m]."
+        )
 
 
 def _certificate(report: Report, document: Mapping[str, Any], robot: Robot) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Motion, Played, Solid, player
+from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
 from energy_opt.robot import Robot
 
@@ -67,6 +68,7 @@ def page(
             ["model", "total [J]", "loss [J]", "saved against evenly slowed [J]"],
             [[m["name"], m["total"], m["loss"], m["saving_joules"]] for m in models],
         )
+    assumed(report, document)
     names = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
     report.section("Points").table(
         ["duration [s]", "total [J]", "standby [J]", "loss [J]", "status", "reason"],

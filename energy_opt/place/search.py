@@ -29,6 +29,7 @@ APART = 0.15  # of the box: distance of seeds
 FARTHEST = 0.2  # of the box: the farthest a step goes
 WORTH = 1e-3  # of the losses: a step that promises less ends the search
 POOL = 48  # positions from which inverse kinematics starts at a placement
+RELAXED, MOST_RELAXED = 1.6, 3.0  # steps go on by so much: bent motions bound the optimum from above, and bend more
 EVALUATIONS = 60  # of bent motions in a step
 UNREACHED = 1e9  # J that a placement is taken to cost from which a pose is out of reach
 
@@ -215,6 +216,20 @@ class Search:
         moved, more = there.bent(result, moved)
         return at, moved, before - value + more
 
+    def beyond(self, point: np.ndarray, at: np.ndarray, ends: Ends, relax: float) -> tuple[np.ndarray, str, Ends]:
+        """A step to a placement `at`, gone on by a factor, within the box; what `solve` takes."""
+        further = np.clip(point + relax * (at - point), self.bounds[:, 0], self.bounds[:, 1])
+        try:
+            there = self.posed(further, {k: q[None] for k, q in ends.items()})
+        except Infeasible:
+            return at, "step", ends
+        return further, "step", {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
+
+    @staticmethod
+    def point(base: tuple[float, ...]) -> np.ndarray:
+        """x, y, z, yaw (4,) of a base (6,)."""
+        return np.array([*base[:3], base[5]])
+
 
 def _in_scene(job: Job, cell: CellRequest) -> Job:
     """The job with its poses where they stand in the scene while the base is where it was given."""
@@ -278,6 +293,7 @@ def place(
     if not done:
         raise _nowhere(search, looked)
     best = min(done, key=lambda item: item[0])
+    relax = RELAXED
     for k in range(request.steps):
         if stopped():
             break
@@ -286,10 +302,14 @@ def place(
         losses = sum(answer.energy.loss for answer in search.solved[search.at(best[1]).base][1].plan.answers)
         if gain < WORTH * losses:
             break
-        found = search.solve(at, "step", ends)
+        found = search.solve(*search.beyond(best[1], at, ends, relax))
         if found is None or not found.solved or found.energy >= best[0]:
-            break
-        best = found.energy, at
+            if relax == 1.0:
+                break
+            relax = 1.0  # the bound itself is kept
+            continue
+        relax = float(np.clip(relax * (best[0] - found.energy) / gain, 1.0, MOST_RELAXED)) if relax > 1 else 1.0
+        best = found.energy, search.point(search.path[-1].base)
     base = search.at(best[1]).base
     fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
     warnings = [f"joint positions do not change with the base: {', '.join(fixed)}"] if fixed else []

@@ -33,6 +33,7 @@ FLAT = 1e-6  # singular values of the pose's Jacobian below this share leave a d
 WIDE = 1e-5  # [m, rad] a tolerance that is worth using
 MARGIN = 5e-9  # [m, rad] of a tolerance that is left, for what inverse kinematics misses
 SAMPLES = 81
+PRICE = 3.0  # times the loss that a duration's share is worth: losses of a motion go with T^-3
 BINDING = 0.98  # of a limit: a motion that comes as near was held back by it
 
 
@@ -153,7 +154,7 @@ class Bent:
         self._speed = 30 * x**2 * (1 - x) ** 2 / trajectory.duration
         self._bend = 60 * x * (1 - x) * (1 - 2 * x) / trajectory.duration**2
         self._share = float(self._needed(v[None], a[None])[0])
-        self._own = float(self._energy(q[None], v[None], a[None], np.ones(1))[0])
+        self._loss = float(np.mean([scorer.energy(trajectory).loss for scorer in scorers]))
 
     def __call__(self, start: np.ndarray | None, goal: np.ndarray | None) -> np.ndarray:
         """Energy (M,) [J] with other ends (M, n); None for its own."""
@@ -169,7 +170,7 @@ class Bent:
         if not self._fixed:
             return self._energy(q, v, a, longer)
         energy = self._energy(q, v, a, np.ones(len(q)))
-        return np.asarray(energy + 4 * np.maximum(longer - 1, 0) * abs(self._own))
+        return np.asarray(energy + PRICE * np.maximum(longer - 1, 0) * self._loss)
 
     def _needed(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """The share of the duration (M,) that velocity and acceleration limits need."""

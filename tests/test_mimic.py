@@ -239,7 +239,7 @@ def test_the_page_plays_all_joints(cell: Cell) -> None:
     first, last = shown["motions"][0]["position"][0], shown["motions"][0]["position"][-1]
     assert first == [0.0] * 9 and last == [1.2, 0.5, -0.5, 0.4, -0.4, 1.0, 0.03, -0.03, 0.5]
     placed = cell.bodies.kinematics(GOAL[None]).origin[0, list(PALLETIZER_ALL).index("tip_b")]
-    assert np.allclose(shown["motions"][0]["tool"][-1], placed, atol=1e-4)
+    assert np.allclose(shown["motions"][0]["tools"][0][-1], placed, atol=1e-4)
 
 
 def test_followers_limits_are_kept_by_their_leaders(files: Path, tmp_path: Path) -> None:

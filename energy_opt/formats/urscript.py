@@ -32,8 +32,8 @@ _SERVO = f"servoj(q, 0, 0, dt, {LOOKAHEAD}, {GAIN})"
 
 
 def vector(values: np.ndarray) -> str:
-    """Numbers as a list of URScript, with twelve decimals."""
-    return "[" + ",".join(f"{x:.12f}" for x in values.tolist()) + "]"
+    """Numbers as a list of URScript, with fifteen decimals: accelerations come out of differences over 10 us."""
+    return "[" + ",".join(f"{x:.15f}" for x in values.tolist()) + "]"
 
 
 def check_start(start: np.ndarray) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from energy_opt.reports.charts import rounded
-from energy_opt.robot import Robot
+from energy_opt.robot import Link, Robot
 from energy_opt.robot.kinematics import Kinematics
 
 FRAMES = 150  # of one motion; between them the player interpolates
@@ -91,21 +91,65 @@ def player(
     if not bodies:
         return None
     return {
-        "tree": [
-            {
-                "parent": link.parent,
-                "placement": _numbers(link.placement),
-                "axis": _numbers(link.axis),
-                "prismatic": link.prismatic,
-            }
-            for link in robot.body.tree()
-        ],
+        "tree": _tree(robot.body.tree()),
         "bodies": [{"joint": body.joint, **_solid(body)} for body in bodies],
         "scene": [_solid(body) for body in scene],
         "motions": [_motion(robot, played) for played in motions],
         "closest": closest and {"label": closest.label, "time": rounded(closest.time), "pair": list(closest.pair)},
         "phases": [{"time": rounded(time), "name": name} for time, name in phases],
     }
+
+
+def cell_player(
+    links: Sequence[Link],
+    motion: tuple[np.ndarray, np.ndarray],
+    tools: Sequence[int],
+    bodies: Sequence[tuple[Solid, str]],
+    scene: Sequence[Solid] = (),
+    phases: Sequence[tuple[float, str]] = (),
+) -> dict[str, Any] | None:
+    """What the page's player takes for several arms in one scene; None where there are no bodies to draw.
+
+    Args:
+        links: of all arms in one tree.
+        motion: time (N,) [s] and positions (N, n) of all arms' joints.
+        tools: the last link of each arm, whose way is drawn.
+        bodies: with their colours; phases: as in `player`.
+    """
+    if not bodies:
+        return None
+    time, q = motion
+    kinematics = Kinematics(links)
+    origin = kinematics(q).origin
+    shown = {
+        "name": "result",
+        "colour": COLOURS["result"],
+        "ghost": False,
+        "shown": True,
+        "time": _numbers(time),
+        "position": _numbers(kinematics.coupling.positions(q), 5),
+        "tools": [_numbers(origin[:, tool], 4) for tool in tools],
+    }
+    return {
+        "tree": _tree(links),
+        "bodies": [{"joint": body.joint, "colour": colour, **_solid(body)} for body, colour in bodies],
+        "scene": [_solid(body) for body in scene],
+        "motions": [shown],
+        "closest": None,
+        "phases": [{"time": rounded(time), "name": name} for time, name in phases],
+    }
+
+
+def _tree(links: Sequence[Link]) -> list[dict[str, Any]]:
+    return [
+        {
+            "parent": link.parent,
+            "placement": _numbers(link.placement),
+            "axis": _numbers(link.axis),
+            "prismatic": link.prismatic,
+        }
+        for link in links
+    ]
 
 
 def _solid(body: Solid) -> dict[str, Any]:
@@ -124,7 +168,7 @@ def _motion(robot: Robot, played: Played) -> dict[str, Any]:
         "shown": played.shown,
         "time": _numbers(time - time[0]),
         "position": _numbers(robot.body.coupling.positions(q), 5),  # of all joints of the tree
-        "tool": _numbers(Kinematics(robot.body.tree())(q).origin[:, robot.body.last], 4),
+        "tools": [_numbers(Kinematics(robot.body.tree())(q).origin[:, robot.body.last], 4)],
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,25 +35,26 @@ def timeline(
     kinds = ["move", "wait", *(["standby"] if any(s["kind"] == "standby" for s in steps) else [])]
     parts, y = [], 0.0
     for kind in kinds:
-        parts.append(_text(LEFT - 6, y + LANE / 2, kind + "s" * (kind != "standby"), "end"))
+        parts.append(text(LEFT - 6, y + LANE / 2, kind + "s" * (kind != "standby"), "end"))
         for step in steps:
             if step["kind"] == kind:
-                parts.append(_block(at(step["start"]), y, scale * step["duration"], str(step["name"]), FILLS[kind]))
+                width = scale * step["duration"]
+                parts.append(block(at(step["start"]), y, width, str(step["name"]), FILLS[kind], kind == "move"))
         y += LANE + GAP
     loads = _joined(steps)
     if any(mass for _, _, mass in loads):
-        parts.append(_text(LEFT - 6, y + LANE / 2, "payload", "end"))
+        parts.append(text(LEFT - 6, y + LANE / 2, "payload", "end"))
         for begin, end, mass in loads:
             if mass:
-                parts.append(_block(at(begin), y, scale * (end - begin), f"{mass:.3g} kg", FILLS["payload"]))
+                parts.append(block(at(begin), y, scale * (end - begin), f"{mass:.3g} kg", FILLS["payload"]))
         y += LANE + GAP
     if power is not None and len(power[0]) > 1:
-        parts += _power(*power, at, y)
+        parts += power_line(*power, at, y)
         y += POWER + GAP
-    marks = [_text(at(tick), y + 10, f"{tick:.3g} s") for tick in _ticks(length)]
+    marks = [text(at(tick), y + 10, f"{tick:.3g} s") for tick in ticks(length)]
     lines = [
         f'<line x1="{at(tick):.1f}" x2="{at(tick):.1f}" y1="0" y2="{y:.0f}" stroke="var(--rule)"/>'
-        for tick in _ticks(length)
+        for tick in ticks(length)
     ]
     drawing = "".join([*lines, *parts, *marks])
     return (
@@ -74,7 +75,8 @@ def _joined(steps: Sequence[Mapping[str, Any]]) -> list[tuple[float, float, floa
     return out
 
 
-def _power(time: np.ndarray, power: np.ndarray, at: Any, y: float) -> list[str]:
+def power_line(time: np.ndarray, power: np.ndarray, at: Callable[[float], float], y: float) -> list[str]:
+    """A line of power (N,) [W] over time (N,) [s], `POWER` high from y on; `at` gives the place of a time."""
     low, high = min(0.0, float(power.min())), max(float(power.max()), 1e-9)
 
     def up(watts: float) -> float:
@@ -84,16 +86,15 @@ def _power(time: np.ndarray, power: np.ndarray, at: Any, y: float) -> list[str]:
     points = " ".join(f"{at(t):.1f},{up(p):.1f}" for t, p in zip(time[keep], power[keep], strict=True))
     lines = [f'<polyline points="{points}" fill="none" stroke="#d1691c" stroke-width="1.5"/>']
     for watts in (0.0, high):
-        lines.append(_text(LEFT - 6, up(watts) + (5 if watts else -5), f"{watts:.3g} W", "end"))
+        lines.append(text(LEFT - 6, up(watts) + (5 if watts else -5), f"{watts:.3g} W", "end"))
     return lines
 
 
-def _block(x: float, y: float, width: float, name: str, fill: str) -> str:
+def block(x: float, y: float, width: float, name: str, fill: str, dark: bool = True) -> str:
+    """A bar with its name, as much of it as there is room for; white letters on a dark one."""
     letters = int(width / LETTER)
     shown = name if len(name) <= letters else name[: max(letters - 1, 0)] + "…" if letters > 2 else ""
-    label = _text(
-        x + width / 2, y + LANE / 2, shown, ink="#000" if fill in (FILLS["wait"], FILLS["standby"]) else "#fff"
-    )
+    label = text(x + width / 2, y + LANE / 2, shown, ink="#fff" if dark else "#000")
     title = f"<title>{html.escape(name)}</title>"
     return (
         f'<g>{title}<rect x="{x:.1f}" y="{y:.1f}" width="{max(width, 1.0):.1f}" height="{LANE:.0f}" rx="3" '
@@ -101,12 +102,13 @@ def _block(x: float, y: float, width: float, name: str, fill: str) -> str:
     )
 
 
-def _text(x: float, y: float, text: str, anchor: str = "middle", ink: str = "var(--dim)") -> str:
+def text(x: float, y: float, text: str, anchor: str = "middle", ink: str = "var(--dim)") -> str:
+    """A line of text, escaped; nothing for an empty one."""
     place = f'x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" dominant-baseline="middle" fill="{ink}"'
     return f"<text {place}>{html.escape(text)}</text>" if text else ""
 
 
-def _ticks(length: float) -> list[float]:
+def ticks(length: float) -> list[float]:
     """Round times, some six of them, [s]."""
     rough = max(length, 1e-9) / 6
     step = 10.0 ** np.floor(np.log10(rough))

@@ -1,48 +1,67 @@
-"""The page of a cell: what each lever saves, and a Gantt chart of all robots."""
+"""The page of a cell: all arms moving, a Gantt chart of all robots with their power, and what each lever saves."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from energy_opt.reports.charts import Chart
+import numpy as np
+
+from energy_opt.power.per_year import PerYear
+from energy_opt.reports.gantt import gantt, waterfall
 from energy_opt.reports.page import Report
 
 
-def page(document: Mapping[str, Any]) -> Report:
-    """The report of a job.json of several robots."""
+def page(
+    document: Mapping[str, Any],
+    power: tuple[np.ndarray, np.ndarray] | None = None,
+    scene: Mapping[str, Any] | None = None,
+    worth: PerYear | None = None,
+) -> Report:
+    """The report of a job.json of several robots.
+
+    Args:
+        power: of all robots over the cycle: time (N,) [s] and power (N,) [W].
+        scene: all arms in one scene, as `cell_player` gives it.
+        worth: how often the cycle runs in a year.
+    """
     report = Report(f"A cell of {len(document['robots'])} robots: a cycle of {document['cycle_time']:.5g} s")
     report.headline(headline(document))
     for warning in document["warnings"]:
         report.warning(warning)
+    report.player(scene)
+    report.section("The cycle of all robots").drawing(gantt(document["robots"], document["cycle_time"], power))
+    if power is not None:
+        where = float(power[0][int(np.argmax(power[1]))])
+        report.text(f"At the bottom the power of all robots: {power[1].max():.4g} W at most, at {where:.4g} s.")
     levers = document["levers"]
+    report.section("What each lever saves").drawing(waterfall([(_said(x), x["energy_total"]) for x in levers]))
     first = levers[0]["energy_total"]
-    report.section("What each lever saves").charts(
-        Chart("Energy of the cycle", "energy [J]", "", bars={"energy": {_said(x): x["energy_total"] for x in levers}})
-    )
-    report.table(
-        ["with", "energy of the cycle [J]", "saved [J]", "saved [%]"],
-        [
-            [_said(x), x["energy_total"], first - x["energy_total"], 100 * (1 - x["energy_total"] / first)]
-            for x in levers
-        ]
-        + [
-            [f"{_said(x)} alone", x["energy_total"], first - x["energy_total"], 100 * (1 - x["energy_total"] / first)]
-            for x in document["levers_alone"]
-        ]
-        + (
-            []
-            if document["bound"] is None
-            else [["lower bound of these curves", document["bound"], first - document["bound"], None]]
-        ),
-        digits=7,
-    )
+
+    def row(name: str, energy: float) -> list[Any]:
+        year = {} if worth is None else worth.of(first - energy)
+        return [name, energy, first - energy, 100 * (1 - energy / first), year.get("kwh"), year.get("money")]
+
+    rows = [row(_said(x), x["energy_total"]) for x in levers]
+    rows += [row(f"{_said(x)} alone", x["energy_total"]) for x in document["levers_alone"]]
+    if document["bound"] is not None:
+        rows.append(["lower bound of these curves", document["bound"], *[None] * 4])
+    header = ["with", "energy of the cycle [J]", "saved [J]", "saved [%]", "saved [kWh a year]", "saved [money a year]"]
+    report.table(header, rows, digits=6)
     for robot in document["robots"]:
         report.section(str(robot["name"])).table(
-            ["step", "begins [s]", "takes [s]", "mode", "energy [J]"],
-            [[s["name"], s["start"], s["duration"], s["mode"] or "moves", s["energy_total"]] for s in robot["steps"]],
+            ["step", "begins [s]", "takes [s]", "mode", "zone", "energy [J]"],
+            [
+                [s["name"], s["start"], s["duration"], s["mode"] or "moves", s["zone"], s["energy_total"]]
+                for s in robot["steps"]
+                if s["duration"] > 0
+            ],
             digits=6,
         )
+    report.section("Files for controllers").table(
+        ["file", "robot", "begins [s]", "within all limits"],
+        [[w["file"], w["robot"], w["starts_at"], w["valid"]] for w in document["written"]],
+    )
     return report.command(document.get("request"))
 
 

@@ -32,7 +32,7 @@ from energy_opt.schedule import Hull, Mode, Move, Ring, Wait
 from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of
 from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
-from energy_opt.workcell.motion import Part
+from energy_opt.workcell.motion import Part, at_rest
 
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
 SOLVED = (1.0, 1.35, 2.0, 3.2)  # and those at which a move is optimized before the first schedule
@@ -199,14 +199,15 @@ class Arm:
             return True
         known = move.answers.get(duration)
         if answer.status == "solved" and (known is None or answer.energy.total < known.energy.total):
-            move.answers[duration] = answer
+            move.answers[duration] = replace(answer, trajectory=at_rest(answer.trajectory))
         return True
 
-    def ring(self, optimized: bool, hold: dict[int, float] | None = None) -> Ring:
+    def ring(self, optimized: bool, hold: dict[int, float] | None = None, lossless: bool = False) -> Ring:
         """The arm's steps for the schedule.
 
         Args:
             optimized: curves of optimized moves, else of evenly slowed ones.
+            lossless: all that is braked is used again; no supply takes less.
             hold: durations [s] that moves keep, by the index of their step.
         """
         moves = {move.place: move for move in self.moves}
@@ -219,7 +220,8 @@ class Arm:
             elif k in moves:
                 move = moves[k]
                 known = move.answers if optimized else move.slowed
-                curve = Hull.of([(d, answer.energy.total) for d, answer in known.items()])
+                taken = partial(self._lossless, step) if lossless else _taken
+                curve = Hull.of([(d, taken(answer)) for d, answer in known.items()])
                 least, most = float(curve.durations[0]), float(curve.durations[-1])
                 if hold is not None:
                     least = most = hold[k]
@@ -257,16 +259,23 @@ class Arm:
         Args:
             at: seconds (M,) after the step's start.
         """
-        k = [step_name(k, table) for k, table in enumerate(self.table.step)].index(part.name)
-        scorer = self.worker.scorers.of(self.job.steps[k])
-        load = self.job.steps[k].payload
-        if load not in self._feeding:  # counts all that is fed back: what a link makes of it is decided outside
-            self._feeding[load] = Scorer(self.job.robot, scorer.model.replaced(Regeneration(efficiency=1.0)))
+        step = self.step_of(part.name)
+        scorer = self.worker.scorers.of(step)
         t = part.trajectory
         q, v, a, _ = t.sample(t.time[0] + at * t.duration / part.duration)
-        power = self._feeding[load].drive(q, v, a, at)[1]
+        power = self._feeding_of(step).drive(q, v, a, at)[1]
         rest = np.full(len(at), scorer.model.constant_power(scorer.robot.n))
         return power - rest, rest
+
+    def _feeding_of(self, step: Step) -> Scorer:
+        """Counts all that is fed back: what a link makes of it is decided outside."""
+        if step.payload not in self._feeding:
+            model = self.worker.scorers.of(step).model.replaced(Regeneration(efficiency=1.0))
+            self._feeding[step.payload] = Scorer(self.job.robot, model)
+        return self._feeding[step.payload]
+
+    def _lossless(self, step: Step, answer: Answer) -> float:
+        return self._feeding_of(step).energy(answer.trajectory).total
 
     def step_of(self, name: str) -> Step:
         """The step that a ring calls `name`; of a wait that was added, the one before it."""
@@ -285,6 +294,10 @@ class Arm:
                 trajectory = _standing(self.job.robot, self.step_of(step.name).goal, max(duration, 1e-9))
             out.append(Part(step.name, start, duration, trajectory))
         return out
+
+
+def _taken(answer: Answer) -> float:
+    return answer.energy.total
 
 
 def nearest(known: dict[float, Any], duration: float) -> float:

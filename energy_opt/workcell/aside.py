@@ -26,7 +26,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits
 from energy_opt.workcell.arm import Arm, ArmMove
 from energy_opt.workcell.between import TwoArms, side_by_side
-from energy_opt.workcell.motion import Part, PeriodicMotion
+from energy_opt.workcell.motion import Part, PeriodicMotion, at_rest
 
 PLACES = 48  # of a first curve that are looked at
 TRIED, DRAWN = 500, 200  # bends and delays of a move; so many of them from nothing, the others from the best
@@ -77,7 +77,7 @@ def aside(
         return None
     if made.trajectory is None:
         return None
-    return Answer(made.trajectory, planner.score(made.trajectory), "around another arm")
+    return Answer(at_rest(made.trajectory), planner.score(made.trajectory), "around another arm")
 
 
 def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: Limits, seed: int) -> list[Line]:

@@ -50,7 +50,7 @@ class TwoArms:
 
     def __init__(self, one: Cell, two: Cell) -> None:
         self.count = one.bodies.kinematics.coupling.matrix.shape[1]
-        links = [*_placed(one, 0), *_placed(two, one.bodies.kinematics.count)]
+        links = [*placed_links(one, 0), *placed_links(two, one.bodies.kinematics.count)]
         bodies, sides = [], []
         for side, (cell, shift) in enumerate(((one, 0), (two, one.bodies.kinematics.count))):
             for body in _own(cell):
@@ -81,7 +81,7 @@ def _own(cell: Cell) -> list[Body]:
     return [body for k, body in enumerate(cell.bodies.all) if k < cell.links or body.joint >= 0]
 
 
-def _placed(cell: Cell, shift: int) -> list[Link]:
+def placed_links(cell: Cell, shift: int) -> list[Link]:
     """The links of an arm that stands at its base's pose, numbered from `shift` on."""
     out = []
     for link in cell.robot.body.tree():

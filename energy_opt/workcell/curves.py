@@ -85,7 +85,7 @@ def _exclusions(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Exclusion]:
     zoned: dict[str, list[Run]] = {}
     for r, robot in enumerate(cell.robot):
         ring = rings[robot.name]
-        zones = _zones_of(robot, ring)
+        zones = zones_of(robot, ring)
         cuts = {k for group in ring.groups for first, last in group.blocks for k in (first, (last + 1) % len(zones))}
         for k, zone in enumerate(zones):
             if zone is None or (zones[k - 1] == zone and len(set(zones)) > 1 and k not in cuts):
@@ -100,7 +100,7 @@ def _exclusions(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Exclusion]:
     return [Exclusion(one, two, 2 * cell.jitter) for one, two in pairs if one.ring != two.ring]
 
 
-def _zones_of(robot: RobotTable, ring: Ring) -> list[str | None]:
+def zones_of(robot: RobotTable, ring: Ring) -> list[str | None]:
     """The zone that every step of a ring is in. A wait that was added stays in the zone of the step before it; what
     was added to wait elsewhere leaves that zone, unless the step after it is in the same."""
     own = {step_name(k, step): step.zone for k, step in enumerate(robot.step)}

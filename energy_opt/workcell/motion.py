@@ -23,6 +23,13 @@ class Part:
     trajectory: Trajectory
 
 
+def at_rest(trajectory: Trajectory) -> Trajectory:
+    """A motion from rest to rest whose velocity and acceleration are 0 at its ends, to the last bit."""
+    velocity, acceleration = trajectory.velocity.copy(), trajectory.acceleration.copy()
+    velocity[[0, -1]] = acceleration[[0, -1]] = 0.0
+    return Trajectory(trajectory.joints, trajectory.time, trajectory.position, velocity, acceleration)
+
+
 class PeriodicMotion:
     """All parts of a robot's cycle, in order; the last ends where the first begins, one cycle later."""
 

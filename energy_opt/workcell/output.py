@@ -9,6 +9,8 @@ from typing import Any
 from energy_opt.files import plain, write_json
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.workcell import page
+from energy_opt.workcell.curves import zones_of
+from energy_opt.workcell.picture import power_of, scene_of
 from energy_opt.workcell.program import RobotFile
 from energy_opt.workcell.run import CellResult
 
@@ -28,18 +30,18 @@ def document(result: CellResult) -> dict[str, Any]:
                     "start": schedule.starts[r][k],
                     "duration": schedule.durations[r][k],
                     "mode": schedule.modes[r][k] or None,
+                    "zone": zones[k],
                     "energy_total": schedule.energies[r][k],
                 }
                 for k, step in enumerate(ring.steps)
             ],
         }
         for r, ring in enumerate(schedule.problem.rings)
+        for zones in [zones_of(cell.robot[r], ring)]
     ]
     levers = [{"name": name, "energy_total": found.energy} for name, found in result.levers.steps]
     if cell.supply is not None and result.supply is not None:
         levers.append({"name": "supply", "energy_total": result.supply.energy})
-    # a shared supply takes less than the robots do apart, which the bound is of
-    bound = schedule.bound if result.supply is None or cell.supply is None else None
     warnings = []
     arms = [robot.name for robot, arm in zip(cell.robot, result.arms, strict=True) if arm is not None]
     if len(arms) > 1 and len(result.clearance) < len(arms) * (len(arms) - 1) // 2:
@@ -58,18 +60,18 @@ def document(result: CellResult) -> dict[str, Any]:
         )
     if result.levers.relaxed:
         warnings.append("at full speed no schedule keeps the bounds of the waits: as_is lets waits last longer")
-    if schedule.gap > SETTLED:
+    if cell.supply is None and schedule.gap > SETTLED:
         warnings.append(f"a gap of {100 * schedule.gap:.2g} % to the bound is left; more seconds may close it")
     return {
         "format": FORMAT,
         "status": "solved" if result.solved else "not_converged",
         "cycle_time": cell.cycle_time,
         "energy_total": result.energy,
-        "bound": bound,
+        "bound": result.bound,
         "optimality": {
-            "kind": "global" if bound is not None and schedule.gap < 1e-3 else "local",
-            "lower_bound": bound,
-            "gap_percent": None if bound is None else 100 * schedule.gap,
+            "kind": "global" if result.gap < 1e-3 else "local",
+            "lower_bound": result.bound,
+            "gap_percent": 100 * result.gap,
         },
         "robots": robots,
         "levers": levers,
@@ -154,6 +156,6 @@ def write(
 ) -> dict[str, Any]:
     """Write report.html and job.json, this last; returns the document, that of `found_of`."""
     found = found_of(result, request, worth, written)
-    page(found).write(Path(out) / "report.html")
+    page(found, power_of(result), scene_of(result), worth).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

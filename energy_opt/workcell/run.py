@@ -16,7 +16,7 @@ from energy_opt.workcell.between import Between
 from energy_opt.workcell.file import WorkCell
 from energy_opt.workcell.levers import Levers
 from energy_opt.workcell.plan import Planned, Planning
-from energy_opt.workcell.supply import Supplied, Supply
+from energy_opt.workcell.supply import FINE, Supplied, Supply
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class CellResult:
         arms: by robot; None for one that is known by its curves alone.
         own: what the robots draw from supplies of their own; supply: from the one that the file describes.
             None where no arm is known.
+        bound: J that no schedule of these curves goes below.
         interrupted: stopped early.
     """
 
@@ -39,6 +40,7 @@ class CellResult:
     arms: tuple[Arm | None, ...]
     own: Supplied | None
     supply: Supplied | None
+    bound: float
     interrupted: bool = False
 
     @property
@@ -56,6 +58,11 @@ class CellResult:
         """J of the whole cycle, from the shared supply where there is one."""
         shared = self.cell.supply is not None and self.supply is not None
         return self.supply.energy if shared and self.supply is not None else self.schedule.energy
+
+    @property
+    def gap(self) -> float:
+        """(energy - bound) / energy."""
+        return max(0.0, self.energy - self.bound) / max(abs(self.energy), 1e-12)
 
     @property
     def solved(self) -> bool:
@@ -105,12 +112,13 @@ def run_workcell(
         planned = planning.proved(levers.best)
     arms = planning.arms
     if all(arm is None for arm in arms):
-        return CellResult(cell, planned, levers, arms, None, None, stopped())
-    supply = Supply(cell, arms)
+        return CellResult(cell, planned, levers, arms, None, None, planned.schedule.bound, stopped())
+    supply = Supply(cell, arms, FINE)
     own = supply.drawn(planned.schedule, shared=False)
     if cell.supply is not None:
-        moved = planning.proved(supply.shifted(planned.schedule))
+        moved = planning.proved(Supply(cell, arms).shifted(planned.schedule))
         if all(between.verdict == "proven" for between in moved.clearance):
             planned = moved
     drawn = supply.drawn(planned.schedule, supply.table.shared)
-    return CellResult(cell, planned, levers, arms, own, drawn, stopped())
+    bound = planned.schedule.bound if cell.supply is None else min(planning.bound(), drawn.energy)
+    return CellResult(cell, planned, levers, arms, own, drawn, bound, stopped())

@@ -95,10 +95,15 @@ class Stage:
         optimized: bool,
         hold: Sequence[dict[int, float] | None] | None = None,
         arms: Sequence[Arm | None] | None = None,
+        lossless: bool = False,
     ) -> Problem:
         """The scheduling problem with all that is known now."""
         rings: dict[str, Ring] = {}
         for k, (robot, arm) in enumerate(zip(self.cell.robot, self.arms if arms is None else arms, strict=True)):
             held = None if hold is None else hold[k]
-            rings[robot.name] = ring_of(self.cell, robot) if arm is None else arm.ring(optimized, held)
+            rings[robot.name] = ring_of(self.cell, robot) if arm is None else arm.ring(optimized, held, lossless)
         return problem_of(self.cell, rings, tuple(self.exclusions.values()))
+
+    def bound(self) -> float:
+        """J that no schedule of these curves goes below, whatever supply the robots share: one that loses nothing."""
+        return solve(self.problem(True, lossless=True), seconds=self.seconds).bound

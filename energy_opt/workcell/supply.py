@@ -18,13 +18,14 @@ import numpy as np
 
 from energy_opt.schedule import Schedule, Wait
 from energy_opt.schedule.check import keeps
-from energy_opt.workcell.arm import Arm
+from energy_opt.workcell.arm import MOTORS, Arm
 from energy_opt.workcell.file import SupplyTable, WorkCell
 
-STEP = 5e-3  # [s] of the grid on which powers are added
+STEP, FINE = 5e-3, 1e-3  # [s] of the grid on which powers are added, while starts are shifted and in the result
 CYCLES = 3  # after which the state of the store repeats
 SHIFTS = (0.4, -0.4, 0.1, -0.1, 0.025, -0.025)  # [s] that a start is moved by
 ROUNDS = 4  # over all moves
+ROOM = 0.99  # share of the bound of power that shifting aims at: the finer grid sees higher peaks
 DEAR = 1e3  # [J/W] price of a watt above the bound: no joule is worth it
 
 
@@ -35,7 +36,7 @@ class Supplied:
     Attributes:
         time: (N,) [s]; power: (N,) all that is drawn [W].
         energy: [J]; lost: what resistors take [J].
-        peak: the largest power [W], of means over `STEP`; bound: what was asked for.
+        peak: the largest power [W], of means over a step of the grid; bound: what was asked for.
     """
 
     time: np.ndarray
@@ -57,7 +58,7 @@ class Supplied:
     @property
     def price(self) -> float:
         """What shifting minimises [J]."""
-        return self.energy + DEAR * max(0.0, 0.0 if self.bound is None else self.peak - self.bound)
+        return self.energy + DEAR * max(0.0, 0.0 if self.bound is None else self.peak - ROOM * self.bound)
 
 
 class Supply:
@@ -65,12 +66,13 @@ class Supply:
 
     Args:
         arms: by robot; None for one of which only energies are known: it draws their mean.
+        step: of the grid [s].
     """
 
-    def __init__(self, cell: WorkCell, arms: Sequence[Arm | None]) -> None:
+    def __init__(self, cell: WorkCell, arms: Sequence[Arm | None], step: float = STEP) -> None:
         self.cell, self.arms = cell, tuple(arms)
         self.table = cell.supply or SupplyTable(shared=False)
-        count = max(int(np.ceil(cell.cycle_time / STEP)), 2)
+        count = max(int(np.ceil(cell.cycle_time / step)), 2)
         self._step = cell.cycle_time / count
         self.time = (np.arange(count) + 0.5) * self._step
         self._moves: dict[tuple[int, str, float], tuple[np.ndarray, np.ndarray]] = {}
@@ -96,7 +98,7 @@ class Supply:
             if length > 0:
                 rest[int((start % cycle) / self._step) % len(rest)] += energy / self._step
             return
-        if arm is None or schedule.modes[r][k]:
+        if arm is None or schedule.modes[r][k] not in ("", MOTORS):
             rest[inside] += energy / (len(inside) * self._step)
             return
         key = (r, ring.steps[k].name, round(length, 6))

@@ -61,12 +61,14 @@ class Player {
       turning.push(free);
     }
     for (const body of this.data.bodies) {
-      (body.joint < 0 ? root : turning[body.joint]).add(this.mesh(body, motion.colour, opacity, motion.ghost));
+      (body.joint < 0 ? root : turning[body.joint]).add(this.mesh(body, body.colour ?? motion.colour, opacity, motion.ghost));
     }
-    const points = motion.tool.map((p) => new THREE.Vector3(...p));
-    const path = new THREE.Line(new THREE.BufferGeometry().setFromPoints(points), new THREE.LineBasicMaterial({ color: motion.colour }));
     const group = new THREE.Group();
-    group.add(root, path);
+    group.add(root);
+    for (const tool of motion.tools) {
+      const points = tool.map((p) => new THREE.Vector3(...p));
+      group.add(new THREE.Line(new THREE.BufferGeometry().setFromPoints(points), new THREE.LineBasicMaterial({ color: motion.colour })));
+    }
     group.visible = motion.shown;
     this.world.add(group);
     return { group, turning, motion };
@@ -74,7 +76,7 @@ class Player {
 
   aim() {
     const box = new THREE.Box3();
-    for (const arm of this.arms) for (const p of arm.motion.tool) box.expandByPoint(new THREE.Vector3(...p));
+    for (const arm of this.arms) for (const p of arm.motion.tools.flat()) box.expandByPoint(new THREE.Vector3(...p));
     box.expandByPoint(new THREE.Vector3(0, 0, 0));
     this.centre = box.getCenter(new THREE.Vector3());
     this.view = { azimuth: -0.9, elevation: 0.35, distance: Math.max(1.1, 1.7 * box.getSize(new THREE.Vector3()).length()) };

@@ -9,6 +9,9 @@ import pytest
 from energy_opt.effects import CoulombFriction, Payload
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.limits.base import Violation
+from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.reshape.search import COARSE_PACKING
 from energy_opt.power import source_method_1, source_method_2
@@ -261,3 +264,12 @@ def test_a_duration_that_is_named_is_asked_for(panda, model, monkeypatch, works,
             assert min(abs(wanted - duration) for duration in asked) < 1e-9
     else:
         assert "more time is needed" in str(short.value)
+
+
+def test_a_search_that_stops_names_the_limit_that_it_uses_most() -> None:
+    """Not the solver's word alone."""
+    found = Outcome(None, 1.0, 0.0, False, "sqp", 3, np.zeros((0, 3)), None)  # type: ignore[arg-type]
+    assert "kink of dry friction" in found.why and replace(found, status="Odd").why.endswith("Odd")
+    worst = Violation("jerk", -0.01, "panda_joint2", 0.5, 99.0, 100.0)
+    certificate = Certificate(9, (replace(worst, limit="velocity", excess=-0.5), worst), 1.0)
+    assert certificate.tightest == "the tightest limit is the jerk of panda_joint2 at 0.5 s"

@@ -47,6 +47,12 @@ class Certificate:
         return _told(max(self.found, key=_size))
 
     @property
+    def tightest(self) -> str:
+        """The same in words."""
+        worst = self.worst
+        return f"the tightest limit is the {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s"
+
+    @property
     def binding(self) -> dict[str, object]:
         """The same among the limits that more time would ease: all but the position's, if there are others."""
         return _told(max(self.found, key=lambda found: (found.limit != "position", _size(found))))

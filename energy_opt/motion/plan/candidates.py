@@ -21,6 +21,7 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 MENDS = 10  # times that limits are tightened where the judge finds them broken; peaks lose three quarters each time
+STUCK = 2  # times in a row that limits so tightened cannot be held, after which no tighter ones will be
 LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path
 SHORTEST = 0.2  # and begins at this one
 ROWS = 200  # of a first guess
@@ -268,7 +269,7 @@ def reshaped(
         certificate = context.judge(trajectory).within
     if not certificate.valid:
         return Made(None, spent, False, broken("reshaped", certificate), starts)
-    message = "" if best.converged else f"the solver stopped with {best.status}"
+    message = "" if best.converged else f"{best.why}; {certificate.tightest}"
     return Made(trajectory, spent, best.converged, message, starts, best, answer.optima)
 
 
@@ -276,14 +277,15 @@ def mended(
     context: Context, reshaper: Reshaper, best: Outcome, task: Task
 ) -> tuple[Outcome, Trajectory, Certificate, int]:
     """Tighten the limits that the judge finds broken, and solve again from where we are; and the iterations spent."""
-    limits, spent = task.limits, 0
+    limits, spent, stuck = task.limits, 0, 0
     for mend in range(MENDS + 1):
         trajectory = trajectory_of(best.curve, context.robot.joints)
         certificate = context.judge(trajectory).within
-        if certificate.valid or mend == MENDS or context.stopped():
+        if certificate.valid or mend == MENDS or stuck == STUCK or context.stopped():
             break
         limits = certificate.tightened(limits)
         best = reshaper.polish(best, replace(task, limits=limits))
+        stuck = 0 if best.converged or best.broken <= FEASIBLE else stuck + 1
         spent += best.iterations
     return best, trajectory, certificate, spent
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache
+from time import process_time
 
 import numpy as np
 
@@ -37,6 +38,7 @@ log = logging.getLogger(__name__)
 REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
 OTHER = 1000  # seeds that another way is away from the first
 LONGER = 1.0, 1.05, 1.2  # times a shortest duration that is named, until what is named works
+CONFIRMING = 10.0  # [s] of CPU after which only the longest is tried: an answer takes a minute at most
 BEYOND = 1.0, 1.01, 1.05  # times that which have to work too
 
 Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
@@ -208,7 +210,10 @@ class Planner:
         named = error.shortest_duration
         if named is None or progress.ended():
             return error.named(None) if progress.late() else error
+        begin = process_time()
         for longer in LONGER:
+            if process_time() - begin > CONFIRMING and longer < LONGER[-1]:
+                continue
             digits = 5 - int(np.floor(np.log10(longer * named)))
             tried = float(np.ceil(longer * named * 10**digits) / 10**digits)
             if all(self._works(replace(move, duration=share * tried, max_duration=None)) for share in BEYOND):

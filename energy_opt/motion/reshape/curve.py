@@ -41,6 +41,13 @@ class Multipliers:
         return self.bounds, np.array([known.get(tuple(key), 0.0) for key in keys.tolist()])
 
 
+STOPPED = {
+    "sqp": "the search stopped where no further step lowers the energy, as at a kink of dry friction",
+    "Maximum_Iterations_Exceeded": "the search stopped when all its iterations were spent",
+    "Infeasible_Problem_Detected": "the search stopped where the limits leave no room for a further step",
+}
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess at a node.
@@ -56,6 +63,11 @@ class Outcome:
     iterations: int
     rows: np.ndarray
     multipliers: Multipliers
+
+    @property
+    def why(self) -> str:
+        """Why it did not converge, in words."""
+        return STOPPED.get(self.status, f"the solver stopped with {self.status}")
 
 
 def fitted(

@@ -7,6 +7,7 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.job.over_time import knee
+from energy_opt.motion import Planner
 
 JOB = """format = "energy-opt/job/1"
 robot = "z1"
@@ -55,11 +56,44 @@ def test_a_job_over_its_cycle_time(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["energy_total"] == pytest.approx(found["points"][3]["energy_total"])
 
 
+def test_a_front_of_a_job_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
+    """Legs that were answered are not solved again, and nothing is kept of a front that is done."""
+    (tmp_path / "job.toml").write_text(JOB)
+    words = ["tradeoff", str(tmp_path / "job.toml"), "--model", "source-method-2", "--compile", "never", "--quiet"]
+    words += ["--durations", "3:4:2", "--out", str(tmp_path / "front"), "--resume"]
+    solved, usual, most = [], Planner.solve, [1]
+
+    def counted(planner, move, warm=()):
+        if len(solved) == most[0]:
+            raise RuntimeError("the machine stops here")
+        solved.append(move)
+        return usual(planner, move, warm)
+
+    monkeypatch.setattr(Planner, "solve", counted)
+    assert main(words) != 0 and len(list((tmp_path / "front" / ".answers").glob("*.csv"))) == 1
+    most[0] = 2
+    assert main(words) == 0 and len(solved) == 2  # the legs take the same time in both cycles
+    assert not (tmp_path / "front" / ".answers").exists()
+
+
+def test_a_job_under_several_models_states_what_its_mean_is_held_against(tmp_path):
+    (tmp_path / "job.toml").write_text(JOB)
+    assert main(["job", str(tmp_path / "job.toml"), "--compile", "never", "--quiet", "--out", str(tmp_path / "o")]) == 0
+    found = json.loads((tmp_path / "o" / "job.json").read_text())
+    planned = [row["total"] for row in found["models"][:2]]
+    assert found["robust"]["total"] == pytest.approx(sum(planned) / 2)
+    bound, known = found["robust"]["lower_bound"], found["optimality"]
+    assert bound is None or bound <= found["robust"]["total"] * (1 + 1e-12)
+    assert known["lower_bound"] is None and (known["gap_percent"] is None) == (bound is None)
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
         (["job.toml", "--start", "0,1,-1,0,0,0"], "--start is of one move"),
         (["job.toml", "--cycle", "3"], "--cycle is of one move"),
+        (["job.toml", "--mode", "retime"], "--mode is of one move"),
+        (["--robot", "z1", "--resume"], "--resume is of a job"),
         ([], "--robot is missing"),
     ],
 )

@@ -182,10 +182,10 @@ def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
             lines.append(f"  {name} {row['energy_total']:.3f} J (this plan saves {saved:.2f} %)")
     if "per_year" in found:
         lines.append(per_year_words(found["per_year"], cycles or 0.0))
-    if found["optimality"]["lower_bound"] is not None:
-        lines.append(
-            f"no timing of these paths takes less than {found['optimality']['lower_bound']:.3f} J "
-            f"(gap {found['optimality']['gap_percent']:.2g} %)"
-        )
+    several = found.get("robust")
+    bound, of = (several or found["optimality"])["lower_bound"], " (mean of the models)" if several else ""
+    if bound is not None:
+        gap = found["optimality"]["gap_percent"]
+        lines.append(f"no timing of these paths takes less than {bound:.3f} J{of} (gap {gap:.2g} %)")
     lines.append(f"files in {out}")
     return "\n".join(lines)

@@ -17,6 +17,7 @@ from energy_opt.front.moves import settings_of
 from energy_opt.front.rivals import rivals_of
 from energy_opt.job.models import mean_of, stated
 from energy_opt.job.over_time import document, over_time
+from energy_opt.job.resume import Answers
 from energy_opt.power.assumptions import assumptions, said
 from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import TradeoffRequest
@@ -86,6 +87,8 @@ class JobFront:
 def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> JobFront:
     """Energy of a job at cycle times [s], chosen by the program where None."""
     given = next((name for name in OF_A_MOVE if getattr(request, name) is not None), None)
+    if request.mode != TradeoffRequest.mode:
+        given = "mode"
     if given is not None or request.via or request.via_pose or request.free:
         file = "the job" if isinstance(request.job, Mapping) else request.job
         raise BadInput(f"--{(given or 'via').replace('_', '-')} is of one move; {file} has its own")
@@ -95,10 +98,13 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
     asked = resolved_job(request, job.robot, rivals, kind, durations=times)
     stamped = desk.stamped(asked.document())
     desk.take(ANSWER, stamped)
+    about = [*(rival.model.to_document() for rival in rivals), job.robot.name, vars(job.robot.limits), vars(settings)]
+    answers = Answers(desk.out, job.robot.joints, [*about, cell.document()], request.resume) if desk.out else None
+    known: dict[str, Any] = {} if answers is None else {"known": answers.known, "answered": answers.keep}
     with desk.working() as (stopped, show):
         points, shortest = over_time(
             job, mean_of(rivals), settings, cell=cell, times=times, stopped=stopped, progress=show,
-            restated=lambda result: result if kind is None else stated(result, rivals),
+            **known, restated=lambda result: result if kind is None else stated(result, rivals),
         )  # fmt: skip
         rows = assumptions(job.robot, [rival.model for rival in rivals])
         used = {"assumptions": [asdict(row) for row in rows]}
@@ -109,6 +115,8 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
             slowed = row.get("evenly_slowed")
             found["per_year"] = worth.of(None if slowed is None else slowed - row["energy_total"])
         front = desk.keep(JobFront(found, asked))
+        if answers is not None and not stopped():
+            answers.forget()
     if line := said(rows):
         desk.say(line)
     if found["status"] == "infeasible":

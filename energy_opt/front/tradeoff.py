@@ -124,6 +124,8 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff | JobFront:
     durations, worth = durations_of(request), request.worth
     if request.job is not None:
         return run_job(request, durations, desk)
+    if request.resume:
+        raise BadInput("--resume is of a job over its cycle time: tradeoff JOB.toml")
     if request.robot is None:
         raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF; or give a JOB.toml")
     robot = robot_of(request)

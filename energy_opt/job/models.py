@@ -72,7 +72,7 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     """A job that was planned under the mean of `rivals`, stated under the first of them.
 
     Where the cycle costs more than the evenly slowed one under any of them, or at a corner of assumed friction, it is
-    the evenly slowed one. The bound is of the mean, not of the energy that is stated, and is left out.
+    the evenly slowed one. The bound is of the mean, not of the energy that is stated: it is in `robust`.
     """
     job = result.job
     corners = [Rival(f"{r.name}, {name}", m) for r in rivals for name, m in friction_range(r.model, job.robot)]
@@ -85,6 +85,8 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     if dear and slowed is not None:
         plan = slowed
         warnings = (*warnings, f"no cycle was found that costs less than the evenly slowed one under {dear[0]!r} too")
+    totals = [row["total"] for row in compared(replace(result, plan=plan), rivals).models]
+    robust = {"kind": "mean", "total": sum(totals) / len(totals), "lower_bound": result.bound}
     scorers = Scorers(job.robot, unloaded(rivals[0].model))
 
     def under(name: str, plan: Plan | None) -> Plain:
@@ -92,7 +94,7 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
         return Plain(name, None if first is None else energy_of(assembled(job, scorers, first)), first)
 
     stated = replace(
-        result, plan=plan.under(job, scorers), scorers=scorers, bound=None, warnings=warnings,
+        result, plan=plan.under(job, scorers), scorers=scorers, bound=None, robust=robust, warnings=warnings,
         baselines=tuple(under(b.name, b.plan) for b in result.baselines),
     )  # fmt: skip
     return compared(stated, [*rivals, *corners])

@@ -28,9 +28,10 @@ FORMAT = "energy-opt/job-result/1"
 
 def document(result: JobResult) -> dict[str, Any]:
     """job.json: energies in J, times in s from the cycle's begin."""
+    least = result.robust or {"total": result.energy, "lower_bound": result.bound}
     gap = None
-    if result.bound is not None:
-        gap = 100 * (result.energy - result.bound) / max(abs(result.energy), 1e-12)
+    if least["lower_bound"] is not None:
+        gap = 100 * (least["total"] - least["lower_bound"]) / max(abs(least["total"]), 1e-12)
     return {
         "format": FORMAT,
         "status": "solved" if result.solved else "not_converged",
@@ -48,6 +49,7 @@ def document(result: JobResult) -> dict[str, Any]:
             "lower_bound": result.bound,
             "gap_percent": gap,
         },
+        **({} if result.robust is None else {"robust": result.robust}),
         "models": list(result.models),
         "assumptions": [asdict(row) for row in result.assumptions],
         "break_even_friction": result.break_even_friction,

@@ -12,7 +12,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.job.file import Job
 from energy_opt.job.posed import Posed
-from energy_opt.job.run import JobResult, run_job
+from energy_opt.job.run import Answered, JobResult, Known, run_job
 from energy_opt.motion.move import Settings
 from energy_opt.power import PowerModel
 
@@ -61,6 +61,8 @@ def over_time(
     *,
     cell: CellRequest | None = None,
     times: Sequence[float] | None = None,
+    known: Known = lambda leg, duration: None,
+    answered: Answered = lambda leg, duration, trajectory: None,
     restated: Callable[[JobResult], JobResult] = lambda result: result,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
@@ -70,15 +72,15 @@ def over_time(
     Args:
         times: cycle times [s]; by default `COUNT` of them from the shortest on.
         restated: makes of an answer what is kept, as `job.models.stated` does for several models.
-        stopped, progress: as those of `run_job`.
+        known, answered, stopped, progress: as those of `run_job`.
 
     Raises:
         Infeasible: a leg cannot be done at all.
     """
-    known = cell or CellRequest()
+    around = cell or CellRequest()
     if job.open:  # the same positions at every cycle time
-        job = job.at(Posed(job, model, settings, known).estimated()[0])
-    shortest = shortest_cycle(job, model, settings, known)
+        job = job.at(Posed(job, model, settings, around).estimated()[0])
+    shortest = shortest_cycle(job, model, settings, around)
     if times is None:
         times = np.geomspace(ROOM * shortest, REACH * max(shortest, job.cycle_time), COUNT).tolist()
     points = []
@@ -87,7 +89,15 @@ def over_time(
         if stopped():
             break
         try:
-            found = run_job(replace(job, cycle_time=time), model, settings, cell=known)
+            found = run_job(
+                replace(job, cycle_time=time),
+                model,
+                settings,
+                cell=around,
+                stopped=stopped,
+                known=known,
+                answered=answered,
+            )
             points.append(JobPoint(time, restated(found)))
         except Infeasible as error:
             points.append(JobPoint(time, None, str(error)))

@@ -40,6 +40,7 @@ from energy_opt.power.assumptions import Assumption
 SHARING = 0.05  # of the work, about, and as much again for first paths
 AGAIN = 1e-2  # of a leg's duration: shares that change less are not worth solving again
 Known = Callable[[Leg, float], Trajectory | None]
+Answered = Callable[[Leg, float, Trajectory], None]
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ class JobResult:
         plan: its motions and where it waits.
         baselines: "fastest_then_wait" and "evenly_slowed".
         bound: J that no timing of the legs' first paths and no share of the time goes below; None where not proven.
+        robust: under several models what is minimised: kind, total [J], and lower_bound [J] of that, or None.
         cells: what was kept clear of, by step.
         interrupted: stopped early: legs that had not been solved run evenly slowed.
         models: what other models make of the cycle: name, total [J], and beside the evenly slowed one saving_joules and
@@ -83,6 +85,7 @@ class JobResult:
     break_even_friction: float | None = None
     travel: tuple[Mapping[str, object], ...] = ()
     choice: Choice | None = None
+    robust: dict[str, Any] | None = None
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:
@@ -118,7 +121,7 @@ def run_job(
     cell: CellRequest | None = None,
     stopped: Callable[[], bool] = lambda: False,
     known: Known = lambda leg, duration: None,
-    answered: Callable[[Leg, float, Trajectory], None] = lambda leg, duration, trajectory: None,
+    answered: Answered = lambda leg, duration, trajectory: None,
     progress: Callable[[str, float], None] = lambda text, share: None,
     room: Mapping[str, float] = MappingProxyType({}),
 ) -> JobResult:

@@ -127,6 +127,9 @@ class TradeoffRequest(MoveRequest):
         None, "also the energy over a cycle of T s, waiting included", "T", kind=float, main=True
     )
     idle_power: float | None = option(None, "overhead while waiting [W] (the model's standby)", "W", kind=float)
+    resume: bool = option(
+        False, "of a job: take the answers that an earlier run into --out left", kind=bool, written=False
+    )
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
 
 

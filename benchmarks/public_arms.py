@@ -1,6 +1,6 @@
 """Every arm that example-robot-data ships, as it is: loaded, a move solved, and the answer judged by others.
 
-    python benchmarks/public_arms.py [ARM ...] [--json FILE] [--limit SECONDS]
+    python benchmarks/public_arms.py [ARM ...] [--json FILE] [--limit SECONDS] [--options "WORDS"]
 
 For each arm: joints, moving mass, warnings; a move between two free postures that are held under gravity (seeded, the
 same for all); whether the file that is written holds the limits of the description (Pinocchio's torque of the original
@@ -120,13 +120,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Arm:
-    """A description, the joints that move (a pattern), folders of its packages, and an SRDF that fits."""
+    """A description, the joints that move (a pattern), folders of its packages, an SRDF that fits, further options."""
 
     name: str
     urdf: Path
     moving: str
     packages: tuple[Path, ...] = ()
     srdf: Path | None = None
+    options: tuple[str, ...] = ()
 
     @property
     def by_name(self) -> bool:
@@ -134,11 +135,11 @@ class Arm:
         return self.name in CATALOG and urdf_of(CATALOG[self.name]) == self.urdf
 
 
-def public_arm(name: str) -> Arm:
+def public_arm(name: str, options: Sequence[str] = ()) -> Arm:
     """One of `ARMS`."""
     file, moving = ARMS[name]
     srdf = SRDFS.get(name)
-    return Arm(name, ROOT / file, moving, (), None if srdf is None else ROOT / srdf)
+    return Arm(name, ROOT / file, moving, (), None if srdf is None else ROOT / srdf, tuple(options))
 
 
 def one(arm: Arm, seconds: float) -> Row:
@@ -199,7 +200,7 @@ def solved(
         *(word for folder in arm.packages for word in ("--package-dir", str(folder))),
         *(() if arm.srdf is None else ("--srdf", str(arm.srdf))),
         "--start=" + ",".join(map(repr, start.tolist())), "--goal=" + ",".join(map(repr, goal.tolist())),
-        "--out", str(out), "--json", "--quiet", *more,
+        "--out", str(out), "--json", "--quiet", *more, *arm.options,
     ]  # fmt: skip
     command = [sys.executable, "-m", "energy_opt", *words]
     try:
@@ -294,12 +295,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("arms", nargs="*", metavar="ARM", help=f"of {', '.join(ARMS)} (all)")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--limit", type=float, default=300.0, metavar="SECONDS")
+    parser.add_argument("--options", default="", metavar="WORDS", help="of optimize, such as '--starts 2'")
     args = parser.parse_args(arguments)
     print("| arm | joints | mass kg | warnings | status | loss saved % | largest acceleration rad/s² | worst limit | "
           "touching poses of 500 | assumed | right | reason |\n|" + "---|" * 12)  # fmt: skip
     rows = []
     for arm in args.arms or ARMS:
-        rows.append(one(public_arm(arm), args.limit))
+        rows.append(one(public_arm(arm, args.options.split()), args.limit))
         print(line(rows[-1]), flush=True)
     print(f"\n{sum(row.right for row in rows)} of {len(rows)} end right")
     if args.json is not None:

@@ -23,6 +23,66 @@ def test_a_free_duration_near_the_least_time_saves_against_the_fastest_timing() 
     assert answer.saving["loss_percent"] > 3
 
 
+# An arm of 0.8 m with the masses of a public description, several times those of the arm itself: mass [kg], its centre
+# [m], moments [kg m^2]; origin [m], turn about x [rad] and effort limit [N m] of the joint before it.
+HEAVY = [
+    (15.1, "0 0.003 -0.002", "0.044 0.043 0.031", "0 0 0.12", 0.0, 2000),
+    (42.9, "0.18 0 -0.143", "0.10 1.11 1.08", "0 0 0", 1.5708, 1500),
+    (16.6, "0.155 0 -0.013", "0.021 0.28 0.28", "0.36 0 0", 0.0, 1500),
+    (5.6, "0 -0.006 0.003", "0.009 0.005 0.009", "0.304 0 -0.115", 0.0, 1000),
+    (6.3, "0 -0.003 -0.002", "0.013 0.006 0.013", "0 -0.1135 0", 1.5708, 1000),
+    (1.4, "0 0 -0.021", "0.0007 0.0007 0.0011", "0 0.107 0", -1.5708, 1000),
+]
+
+
+def heavy_arm(folder: Path) -> eo.Robot:
+    """Six joints; no accelerations are stated."""
+    parts = ['<link name="l0"/>']
+    for k, (mass, centre, moments, origin, turn, effort) in enumerate(HEAVY, start=1):
+        xx, yy, zz = moments.split()
+        inertia = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/>'
+        inertial = f'<inertial><origin xyz="{centre}"/><mass value="{mass}"/>{inertia}</inertial>'
+        parts.append(f'<link name="l{k}">{inertial}</link><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/>')
+        parts.append(f'<child link="l{k}"/><origin xyz="{origin}" rpy="{turn} 0 0"/><axis xyz="0 0 1"/>')
+        parts.append(f'<limit lower="-3" upper="4.6" velocity="3.14" effort="{effort}"/></joint>')
+    (folder / "heavy.urdf").write_text("<robot name='heavy'>" + "\n".join(parts) + "</robot>")
+    return eo.load_robot(folder / "heavy.urdf")
+
+
+def ur5e(_: Path) -> eo.Robot:
+    """By its name."""
+    return eo.load_robot("ur5e")
+
+
+def unpublished_panda(folder: Path) -> eo.Robot:
+    """A Panda by its URDF alone, as an FR3 comes: accelerations and jerks are assumed."""
+    return eo.load_robot(urdf_of(CATALOG["panda"]), lock={"panda_finger_joint1": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("arm", "start", "goal", "payload"),
+    [
+        (heavy_arm, [0, 0.8, 0.5, 0.8, 0, 0], [1.0, 1.4, 1.2, 1.6, 0.7, -1], None),
+        (
+            lambda _: eo.load_robot("ur5e"),
+            [0.78, -2.42, 0.6, -0.4, -2.4, 1.1],
+            [-0.5, -1.2, 1.9, -1.9, -1.2, -0.9],
+            None,
+        ),
+        (unpublished_panda, [0, -0.785, 0, -2.356, 0, 1.571, 0.785], [1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4], 1.0),
+    ],
+    ids=["heavy", "ur5e", "panda with 1 kg"],
+)
+def test_free_durations_do_not_stall_at_the_fastest_timing(arm, start, goal, payload, tmp_path: Path) -> None:
+    """Without a bound on acceleration the search ended where it began, at the minimum-time timing of the line."""
+    robot = arm(tmp_path)
+    answer = eo.optimize(robot, "source-method-2", start=start, goal=goal, payload=payload, **QUICK)
+    fastest = answer.baseline("toppra")
+    assert answer.status == "solved" and answer.chosen == "reshape" and fastest.valid
+    assert answer.energy.total < 0.999 * fastest.energy.total and answer.energy.loss < 0.95 * fastest.energy.loss
+    assert np.abs(answer.trajectory.acceleration).max() <= 50
+
+
 def in_a_gutter(folder: Path) -> Path:
     """An arm whose first link turns about the middle of a gutter: their hulls overlap, they are 4 cm apart."""
     wide, deep, thick, long = 0.1, 0.2, 0.02, 0.6  # half width, depth, thickness, half length

@@ -61,11 +61,13 @@ def test_payload_is_shared_and_weights_build_nothing_again(panda: Robot) -> None
 def test_nodes_of_a_mixture_are_the_mean_of_the_members_nodes(panda: Robot) -> None:
     members = [source_method_2(), _careful(panda)]
     z = np.concatenate([START, GOAL - START, np.ones(panda.n), [1.7]])
-    rates = [float(node_functions(m, panda.body, ()).value(z, 0.4, m.values(panda.n))[0]) for m in members]
+    rates = [
+        float(node_functions(m, panda.body, ()).value(z, 0.4, np.append(m.values(panda.n), 1.0))[0]) for m in members
+    ]
     mix = Mixture.of(members)
-    assert float(node_functions(mix, panda.body, ()).value(z, 0.4, mix.values(panda.n))[0]) == pytest.approx(
-        np.mean(rates), rel=1e-12
-    )
+    assert float(
+        node_functions(mix, panda.body, ()).value(z, 0.4, np.append(mix.values(panda.n), 1.0))[0]
+    ) == pytest.approx(np.mean(rates), rel=1e-12)
 
 
 def test_retiming_minimises_the_mean(panda: Robot) -> None:

@@ -40,7 +40,9 @@ def build(free_acceleration: bool, vias: int, moving: bool, objective: str = "en
     rows = np.array([(limit, site, (site + limit) % n) for limit in (1, 2, 3, 4) for site in (0, 2, 5, 7)])
     limits = joint_limits(robot.limits.replace(acceleration=np.full(n, 12.0), jerk=np.full(n, 800.0)))
     nodes = node_functions(model, robot.body, limits, objective)
-    program = ReshapeProgram(Pattern(shape), nodes, ends, limits, rows, model.values(n), 0.1, places=places)
+    program = ReshapeProgram(
+        Pattern(shape), nodes, ends, limits, rows, np.append(model.values(n), 1.0), 0.1, places=places
+    )
     u = np.linspace(0, 1, 40)
     curve = fitted(shape, u, start + np.outer(u, goal - start) + 0.2 * np.sin(np.pi * u)[:, None], ends, 1.4)
     x = np.concatenate([curve.points[shape.pinned : -shape.pinned].ravel(), [1.4], np.full(vias, 0.45)])

@@ -1,105 +1,128 @@
 """Banded quadratic programs, judged by the conditions of an optimum on dense matrices."""
 
-from dataclasses import dataclass
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
-from energy_opt.numerics.quadratic import Banded, minimise
+import energy_opt
+from energy_opt.numerics.quadratic import Banded, Constraints, minimise
 
 PRICE = 20.0
+JOINTS, POINTS, WINDOW = 2, 15, 6
+SIZE, WIDTH = JOINTS * POINTS, JOINTS * WINDOW
 
 
-@dataclass
-class Dense:
-    """Rows of a dense matrix over the unknowns of the band and, behind them, those of the border."""
-
-    matrix: np.ndarray
-    width: int
-
-    @property
-    def count(self) -> int:
-        return len(self.matrix)
-
-    def times(self, d: np.ndarray) -> np.ndarray:
-        return self.matrix @ d
-
-    def back(self, y: np.ndarray) -> np.ndarray:
-        return self.matrix.T @ y
-
-    def add_square(self, weights: np.ndarray, to: Banded) -> None:
-        square = self.matrix.T @ (weights[:, None] * self.matrix)
-        n = len(to.band)
-        assert np.allclose(np.tril(square[:n, :n], -self.width), 0)
-        to.band += banded(square[:n, :n], self.width)
-        to.border += square[:n, n:]
-        to.corner += square[n:, n:]
-
-
-def banded(matrix: np.ndarray, width: int) -> np.ndarray:
-    out = np.zeros((len(matrix), width))
-    for offset in range(width):
+def banded(matrix: np.ndarray) -> np.ndarray:
+    out = np.zeros((len(matrix), WIDTH))
+    for offset in range(WIDTH):
         out[: len(matrix) - offset, offset] = np.diagonal(matrix, -offset)
     return out
 
 
-def problem(seed: int, border: int, convex: bool = True) -> tuple[np.ndarray, np.ndarray, Dense, np.ndarray]:
-    """A dense Hessian with a band and a border, a gradient, rows over windows, and their bounds."""
+def problem(seed: int, border: int, convex: bool = True) -> tuple[np.ndarray, np.ndarray, Constraints, np.ndarray]:
+    """A dense Hessian with a band and a border, a gradient, constraints of all kinds, and their dense matrix."""
     rng = np.random.default_rng(seed)
-    n, width, count = 30, 6, 25
-    full = np.zeros((n + border, n + border))
-    for k in range(n - width + 1):
-        block = rng.normal(size=(width, width))
-        full[k : k + width, k : k + width] += block @ block.T
-    full[n:, :n] = 0.1 * rng.normal(size=(border, n))
-    full[:n, n:] = full[n:, :n].T
-    full[n:, n:] = 5 * np.eye(border)
+    full = np.zeros((SIZE + border, SIZE + border))
+    for k in range(0, SIZE - WIDTH + 1, JOINTS):
+        block = rng.normal(size=(WIDTH, WIDTH)) / 2
+        full[k : k + WIDTH, k : k + WIDTH] += block @ block.T
+    full[SIZE:, :SIZE] = 0.1 * rng.normal(size=(border, SIZE))
+    full[:SIZE, SIZE:] = full[SIZE:, :SIZE].T
+    full[SIZE:, SIZE:] = 5 * np.eye(border)
     if not convex:
-        full[:n, :n] -= 6 * np.eye(n)
-    rows = np.zeros((count, n + border))
-    for r in range(count):
-        first = rng.integers(n - width + 1)
-        rows[r, first : first + width] = rng.normal(size=width)
-        rows[r, n:] = rng.normal(size=border)
-    return full, rng.normal(size=n + border) * 5, Dense(rows, width), rng.uniform(0.05, 0.5, size=count)
+        full[:SIZE, :SIZE] -= 6 * np.eye(SIZE)
+    first, joint, one = rng.integers(-3, POINTS - 2, 9), rng.integers(0, JOINTS, 9), rng.normal(size=(9, WINDOW))
+    wide_first, wide = rng.integers(-3, POINTS - 2, 8), rng.normal(size=(8, WIDTH))
+    place_first, basis = rng.integers(-3, POINTS - 2, 4), rng.uniform(0, 1, (4, WINDOW))
+    place, gradient = rng.integers(0, 4, 8), rng.normal(size=(8, JOINTS))
+    windows = [(f, np.outer(c, np.arange(JOINTS) == j).ravel()) for f, j, c in zip(first, joint, one, strict=True)]
+    windows += list(zip(wide_first, wide, strict=True))
+    windows += [(place_first[p], np.outer(basis[p], g).ravel()) for p, g in zip(place, gradient, strict=True)]
+    dense = np.zeros((25, SIZE + border))
+    for row, (begin, values) in zip(dense, windows, strict=True):
+        for k, value in enumerate(values):
+            if 0 <= begin * JOINTS + k < SIZE:  # what is pinned is left out
+                row[begin * JOINTS + k] = value
+    dense[:, SIZE:] = rng.normal(size=(25, border))
+    room = rng.uniform(0.05, 0.5, size=25)
+    held = Constraints.of(
+        JOINTS, border, first=first, joint=joint, coefficient=one, wide_first=wide_first, wide=wide, place=place,
+        gradient=gradient, place_first=place_first, basis=basis, border=dense[:, SIZE:],
+        floor=np.where(np.arange(25) % 3 == 0, -np.inf, -room), ceiling=room, keys=np.arange(25),
+    )  # fmt: skip
+    return full, rng.normal(size=SIZE + border) * 5, held, dense
 
 
 @pytest.mark.parametrize(("seed", "border"), [(0, 0), (1, 0), (2, 1), (3, 3)])
 def test_the_conditions_of_an_optimum_hold(seed: int, border: int) -> None:
-    full, g, rows, room = problem(seed, border)
-    n = len(full) - border
-    h = Banded(banded(full[:n, :n], 6), full[:n, n:], full[n:, n:])
-    mass = Banded(banded(np.eye(n), 6), np.zeros((n, border)), np.eye(border))
+    full, g, held, matrix = problem(seed, border)
+    h = Banded(banded(full[:SIZE, :SIZE]), full[:SIZE, SIZE:].copy(), full[SIZE:, SIZE:].copy())
+    mass = Banded(banded(np.eye(SIZE)), np.zeros((SIZE, border)), np.eye(border))
     low, high = np.full(len(g), -1.0), np.full(len(g), 0.7)
-    floor = np.where(np.arange(rows.count) % 3 == 0, -np.inf, -room)
-    found = minimise(h, g, (low, high), rows, (floor, room), PRICE, mass)
-    assert found.damping == 0
+    found = minimise(h, g, (low, high), held, PRICE, mass)
+    assert found.damping == 0 and found.steps < 40
     d, lam = found.d, found.multipliers
-    value, slope = rows.matrix @ d, full @ d + g + rows.matrix.T @ lam
+    value, slope = matrix @ d, full @ d + g + matrix.T @ lam
+    assert held.times(d) == pytest.approx(value) and h.times(d) == pytest.approx(full @ d)
     assert np.all(d >= low) and np.all(d <= high)
     inside = (d > low + 1e-3) & (d < high - 1e-3)
     assert np.abs(slope[inside]).max() < 2e-3
     assert slope[d < low + 1e-6].min(initial=0) > -2e-3 and slope[d > high - 1e-6].max(initial=0) < 2e-3
     assert np.abs(lam).max() <= PRICE
-    over = np.maximum(np.maximum(value - room, floor - value), 0)
+    over = np.maximum(np.maximum(value - held.ceiling, held.floor - value), 0)
     assert found.broken == pytest.approx(over.sum(), abs=1e-4)
-    idle = (value < room - 1e-2) & (value > floor + 1e-2)
+    idle = (value < held.ceiling - 1e-2) & (value > held.floor + 1e-2)
     assert np.abs(lam[idle]).max(initial=0) < 1e-3
     assert np.all(np.abs(lam[over > 1e-3]) > PRICE - 1e-2)
 
 
-def test_rows_that_cannot_be_kept_are_broken_by_as_little_as_pays() -> None:
+def test_constraints_that_cannot_be_kept_are_broken_by_as_little_as_pays() -> None:
     h = Banded(np.ones((2, 1)), np.zeros((2, 0)), np.zeros((0, 0)))
-    rows = Dense(np.array([[1.0, 0.0], [1.0, 0.0]]), 1)
-    bounds = np.array([2.0, -np.inf]), np.array([np.inf, 1.0])  # x >= 2 and x <= 1
-    found = minimise(h, np.zeros(2), (np.full(2, -5.0), np.full(2, 5.0)), rows, bounds, PRICE, h)
+    one = np.eye(1, 6)[[0, 0]]  # x >= 2 and x <= 1
+    held = Constraints.of(
+        1, 0, wide_first=np.zeros(2), wide=one, floor=np.array([2.0, -np.inf]), ceiling=np.array([np.inf, 1.0]),
+        border=np.zeros((2, 0)), keys=np.arange(2),
+    )  # fmt: skip
+    found = minimise(h, np.zeros(2), (np.full(2, -5.0), np.full(2, 5.0)), held, PRICE, h)
     assert found.broken == pytest.approx(1.0, abs=1e-3) and found.d[0] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_where_the_hessian_is_not_convex_enough_mass_is_added() -> None:
-    full, g, rows, room = problem(4, 0, convex=False)
+    full, g, held, _ = problem(4, 0, convex=False)
     assert np.linalg.eigvalsh(full).min() < 0
-    h, mass = (Banded(banded(m, 6), np.zeros((30, 0)), np.zeros((0, 0))) for m in (full, np.eye(30)))
-    found = minimise(h, g, (np.full(30, -0.1), np.full(30, 0.1)), rows, (-room, room), PRICE, mass)
+    h, mass = (Banded(banded(m), np.zeros((SIZE, 0)), np.zeros((0, 0))) for m in (full, np.eye(SIZE)))
+    found = minimise(h, g, (np.full(SIZE, -0.1), np.full(SIZE, 0.1)), held, PRICE, mass)
     assert found.damping > 0
     assert g @ found.d + found.d @ full @ found.d / 2 < 0
+
+
+def test_numbers_that_overflow_are_said_to_be_no_program() -> None:
+    _, g, held, _ = problem(5, 0)
+    h = Banded(np.full((SIZE, WIDTH), np.nan), np.zeros((SIZE, 0)), np.zeros((0, 0)))
+    mass = Banded(banded(np.eye(SIZE)), np.zeros((SIZE, 0)), np.zeros((0, 0)))
+    with pytest.raises(np.linalg.LinAlgError):
+        minimise(h, g, (np.full(SIZE, -0.1), np.full(SIZE, 0.1)), held, PRICE, mass)
+
+
+def test_joined_and_moved_constraints_are_the_same_matrix(tmp_path) -> None:
+    _, _, a, first = problem(6, 1)
+    _, _, b, second = problem(7, 1)
+    d = np.random.default_rng(0).normal(size=SIZE + 1)
+    both = a.joined(b)
+    assert np.sort(both.times(d)) == pytest.approx(np.sort(np.concatenate([first @ d, second @ d])))
+    named = dict(zip(both.keys.tolist(), range(both.count), strict=True))
+    assert len(named) == 25 and both.moved(d).floor == pytest.approx(both.floor + both.times(d))
+
+
+def test_machine_code_is_kept_in_the_cache_folder_and_nowhere_else(tmp_path) -> None:
+    """Nothing is written beside the installed files."""
+    code = "from energy_opt.numerics import banded; import numpy as np; banded.factorise(np.ones((1, 1)))"
+    env = {**os.environ, "ENERGY_OPT_CACHE": str(tmp_path / "cache")}
+    subprocess.run([sys.executable, "-c", code], check=True, env=env)
+    kept = list((tmp_path / "cache" / "compiled" / "numba").rglob("*.nbc"))
+    assert any("factorise" in path.name for path in kept)
+    package = os.path.dirname(energy_opt.__file__)
+    assert not [name for _, _, names in os.walk(package) for name in names if name.endswith((".nbi", ".nbc"))]

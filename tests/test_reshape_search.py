@@ -4,16 +4,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from poses import GOAL, START
 
 from energy_opt.bench.moves import random_moves
 from energy_opt.effects import CoulombFriction
 from energy_opt.motion import Move, Planner, Settings
-from energy_opt.motion.reshape.curve import Curve, Multipliers, Outcome
+from energy_opt.motion.plan.candidates import first_line, task_of
+from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.starts import valleys
 from energy_opt.motion.reshape.task import Task
-from energy_opt.numerics import ipopt
 from energy_opt.numerics.bspline import Basis
 from energy_opt.power import source_method_2
 from energy_opt.robot import load_robot
@@ -23,7 +23,7 @@ NOTHING = np.zeros(0)
 TASK = Task(Ends(*4 * [np.zeros(1)], np.zeros((0, 1))), (), NOTHING, (1.0, 1.0), 0.0)
 
 
-def two_wells(curve, parameters, limits):
+def two_wells(curve, parameters, limits, width=1.0):
     """A cost with minima 1 and 2 at control points of -1 and 1, flat to the left of -1."""
     x = max(float(curve.points.mean()), -1.0)
     return 1.5 + x / 2 + 4 * (1 - x * x) ** 2, {}
@@ -32,7 +32,7 @@ def two_wells(curve, parameters, limits):
 def outcome(x, broken=0.0):
     curve = Curve(SHAPE, np.full((12, 1), x), 1.0, NOTHING)
     cost = two_wells(curve, NOTHING, ())[0]
-    return Outcome(curve, cost, broken, True, "", 1, NOTHING, Multipliers(NOTHING, NOTHING, NOTHING))
+    return Outcome(curve, cost, broken, True, "", 1, NOTHING)
 
 
 def test_a_ridge_parts_valleys_and_distance_does_not():
@@ -53,39 +53,24 @@ def test_the_best_optimum_is_found_where_few_control_points_rank_it_third():
 
 
 @pytest.mark.slow
-def test_searches_under_dry_friction_are_carried_to_their_ends(monkeypatch):
-    """With friction on every joint a coarse search took more steps than it was given, and optima were told apart by
-    where they had been left."""
-    robot, ends = load_robot("panda"), []
-    named = random_moves(robot, 5, 1)[4]
-    model = source_method_2("panda") + CoulombFriction(tau_c=0.02 * robot.limits.effort)
-    solve = Level.solve
-
-    def noted(self, *args, **kwargs):
-        ends.append(solve(self, *args, **kwargs))
-        return ends[-1]
-
-    monkeypatch.setattr(Level, "solve", noted)
-    Planner(robot, model, Settings(starts=2, compile="never")).solve(Move(named.start, named.goal, duration=2.0))
-    assert max(end.iterations for end in ends) > 60 and all(end.converged for end in ends)
-
-
-def test_where_ipopt_spends_its_iterations_steps_of_sequential_programming_answer(monkeypatch):
-    """Under dry friction every start and every round of one spent all its iterations, up to a minute and more, and the
-    answer was the worse for it: 175 J where other starts' curves took 138 J."""
-    robot, spent, solve = load_robot("ur5e"), [], ipopt.solve
+def test_searches_under_dry_friction_find_what_wide_kinks_lead_to():
+    """With friction on every joint Newton's steps from a kink lead nowhere: the search begins with wide kinks, and
+    makes nodes convex one by one. IPOPT took 1,000 iterations to 13.09 J; another start's answer was 18.5 J."""
+    robot = load_robot("ur5e")
     named = random_moves(robot, 1, 3)[0]
-    move = Move(named.start, named.goal, duration=2.0)
-    settings = Settings(starts=4, compile="never")
-    usual = Planner(robot, source_method_2("ur5e"), settings).solve(move)
+    model = source_method_2("ur5e") + CoulombFriction(tau_c=0.02 * robot.limits.effort)
+    result = Planner(robot, model, Settings(starts=2, compile="never")).solve(
+        Move(named.start, named.goal, duration=2.0)
+    )
+    assert result.status == "solved" and result.energy.loss < 17.3
 
-    def noted(*args, **kwargs):
-        answer = solve(*args, **kwargs)
-        spent.append(answer.status == ipopt.EXHAUSTED)
-        return answer
 
-    monkeypatch.setattr(ipopt, "solve", noted)
-    monkeypatch.setattr("energy_opt.motion.reshape.starts.ITERATIONS", 3)
-    result = Planner(robot, source_method_2("ur5e"), settings).solve(move)
-    assert result.status == "solved" and result.energy.loss <= 1.01 * usual.energy.loss
-    assert sum(spent) == 1  # the first start's; the others begin with sequential quadratic programming
+def test_the_answer_is_an_optimum_that_ipopt_cannot_better(panda, model):
+    """The search alone comes to the same as IPOPT from there, at a saddle of the search too (see `sqp.SADDLE`)."""
+    planner = Planner(panda, model, Settings(starts=2, compile="never", solver="sqp"))
+    move = Move(START, GOAL, duration=2.0)
+    context = planner.context(move)
+    reshaper, task = context.reshaper("energy"), task_of(context, move, 2.0, 2.0)
+    found = reshaper.search(task, [first_line(move, 2.0)], 2, 0, lambda: False).best
+    polished = task.polished(reshaper.fine(0), found)
+    assert polished.converged and task.cost(found) < task.cost(polished) * (1 + 1e-6)

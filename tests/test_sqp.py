@@ -14,8 +14,9 @@ from energy_opt.motion.reshape.frame import Frame
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.nodes import node_functions
+from energy_opt.numerics import banded
 from energy_opt.numerics.bspline import Basis
-from energy_opt.numerics.quadratic import Banded
+from energy_opt.numerics.quadratic import Banded, Constraints
 
 
 def dense(matrix: Banded) -> np.ndarray:
@@ -26,6 +27,10 @@ def dense(matrix: Banded) -> np.ndarray:
         out[index + offset, index] = out[index, index + offset] = matrix.band[: n - offset, offset]
     out[:n, n:], out[n:, :n], out[n:, n:] = matrix.border, matrix.border.T, matrix.corner
     return out
+
+
+def matrix_of(held: Constraints, size: int) -> np.ndarray:
+    return np.array([held.times(d) for d in np.eye(size)]).T
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +74,8 @@ def test_derivatives(built, free_acceleration: bool, vias: int, moving: bool, fi
     known = work.multipliers(point, held.keys, lam)
 
     def lagrangian(p):
-        out = work.gradient(p)
-        return out + work.other_rows(p, np.inf).back(lam) if work.other_rows(p, np.inf).count == held.count else out
+        out, rows = work.gradient(p), work.other_rows(p, np.inf)
+        return out + matrix_of(rows, size).T @ lam if rows.count == held.count else out
 
     rows = np.array([lagrangian(a) - lagrangian(b) for a, b in zip(ahead, behind, strict=True)]) / (2 * h)
     found = dense(work.hessian(point, known))
@@ -84,8 +89,8 @@ def test_derivatives(built, free_acceleration: bool, vias: int, moving: bool, fi
         change = np.array([(a.linear - b.linear) / (2 * h) for a, b in zip(ahead, behind, strict=True)])
         assert np.allclose(np.array([linear.times(d) for d in np.eye(size)]), change, atol=1e-5)
     weights, square = rng.uniform(0.1, 2, linear.count), Banded(*(np.zeros_like(x) for x in vars(work.mass).values()))
-    linear.add_square(weights, square)
-    matrix = np.array([linear.times(d) for d in np.eye(size)]).T
+    banded.add_square(weights, linear.matrix, square.band, square.border, square.corner)
+    matrix = matrix_of(linear, size)
     assert np.allclose(dense(square), matrix.T @ (weights[:, None] * matrix), rtol=1e-9, atol=1e-9)
 
 

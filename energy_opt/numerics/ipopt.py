@@ -21,18 +21,6 @@ OPTIONS: dict[str, object] = {
     "calc_lam_p": False,
     "error_on_fail": False,
 }
-WARM: dict[str, object] = {
-    "warm_start_init_point": "yes",
-    "warm_start_bound_push": 1e-6,
-    "warm_start_bound_frac": 1e-6,
-    "warm_start_slack_bound_push": 1e-6,
-    "warm_start_slack_bound_frac": 1e-6,
-    "warm_start_mult_bound_push": 1e-6,
-    "mu_init": 1e-5,
-}
-
-
-EXHAUSTED = "Maximum_Iterations_Exceeded"
 # Where steps cannot be computed, the linear solver's own scaling may still help.
 STUCK = ("Restoration_Failed", "Error_In_Step_Computation")
 CAREFUL: dict[str, object] = {"mumps_scaling": 77, "mumps_permuting_scaling": 7, "min_refinement_steps": 1}
@@ -118,13 +106,8 @@ def solve(
     bounds: tuple[np.ndarray, np.ndarray],
     row_bounds: tuple[np.ndarray, np.ndarray],
     options: dict[str, object],
-    multipliers: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Answer:
-    """Minimise from x0; `options` are IPOPT's, without the prefix.
-
-    `multipliers` (of the bounds on x, of the rows) make it a warm start. Ctrl-C ends it with "User_Requested_Stop".
-    """
-    chosen = options if multipliers is None else {**WARM, **options}
+    """Minimise from x0; `options` are IPOPT's, without the prefix. Ctrl-C ends it with "User_Requested_Stop"."""
     x_shape, none = ca.Sparsity.dense(len(x0), 1), ca.Sparsity(0, 0)
     one, g_shape = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(len(row_bounds[0]), 1)
     jac, hess = problem.jacobian_pattern, problem.hessian_pattern
@@ -154,17 +137,16 @@ def solve(
         nlp,
         {
             **OPTIONS,
-            **{f"ipopt.{key}": value for key, value in chosen.items()},
+            **{f"ipopt.{key}": value for key, value in options.items()},
             "grad_f": grad_f,
             "jac_g": jac_g,
             "hess_lag": hess_lag,
         },
     )
-    warm = {} if multipliers is None else {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
-    r = solver(x0=x0, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1], **warm)
+    r = solver(x0=x0, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1])
     stats = solver.stats()
     if str(stats["return_status"]) in STUCK and not CAREFUL.keys() <= options.keys():
-        return solve(problem, x0, bounds, row_bounds, {**options, **CAREFUL}, multipliers)
+        return solve(problem, x0, bounds, row_bounds, {**options, **CAREFUL})
     return Answer(
         np.clip(_array(r["x"]), *bounds),
         _array(r["lam_g"]),

@@ -1,10 +1,10 @@
-"""Quadratic programs with a banded Hessian, by a primal-dual interior-point method with LAPACK's banded Cholesky.
+"""Quadratic programs with a banded Hessian, by a primal-dual interior-point method with a banded Cholesky factor.
 
     min  d'Hd / 2 + g'd + price * sum(e)     so that  low <= d <= high,  floor - e <= A d <= ceiling + e,  e >= 0
 
-H is a band with a border of a few full rows and columns. Rows of A are elastic: the program always has a solution, and
-rows that are out of reach are broken by as little as pays. With t the distance of a row from its bound and l its
-multiplier, e is eliminated like t, so that a step needs one factorization of
+H is a band with a border of a few full rows and columns. The constraints A d are elastic: the program always has a
+solution, and constraints that are out of reach are broken by as little as pays. With t the distance of a constraint
+from its bound and l its multiplier, e is eliminated like t, so that a step needs one factorization of
 
     H + A' D A,    D = 1 / (t / l + e / (price - l)),
 
@@ -15,18 +15,14 @@ implementation of a primal-dual interior point method, SIAM Journal on Optimizat
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from scipy.linalg.blas import dsbmv
-from scipy.linalg.lapack import dpbtrf, dpbtrs
 
-BARRIER = 1e-3  # the first barrier parameter, where the cost is of order one
-BEGIN_BOX, BEGIN_ROW = 1e-3, 1e-2  # least first distances from bounds
-CLOSE = 0.995  # of the way to the nearest bound is gone
-STEPS = 40
-PRIMAL, DUAL = 1e-5, 1e-4  # residuals at which it ends
-LEAST_DAMPING = 0.0005
+from energy_opt.numerics import banded
+from energy_opt.numerics.interior import LEAST_DAMPING, interior
+
+__all__ = ["LEAST_DAMPING", "Banded", "Constraints", "Minimum", "minimise"]
+LOCAL = banded.LOCAL
 
 
 @dataclass
@@ -39,67 +35,96 @@ class Banded:
 
     def times(self, d: np.ndarray) -> np.ndarray:
         """The product with d (N + k,)."""
-        n, width = self.band.shape
+        n = len(self.band)
         out = np.empty(len(d))
-        out[:n] = dsbmv(width - 1, 1.0, self.band.T, d[:n], lower=1)
+        banded.multiply(self.band, d, out)
         if len(d) > n:
             out[:n] += self.border @ d[n:]
             out[n:] = self.border.T @ d[:n] + self.corner @ d[n:]
         return out
 
-    def plus(self, other: Banded, share: float) -> Banded:
-        """The sum with a share of another matrix."""
-        return Banded(
-            self.band + share * other.band, self.border + share * other.border, self.corner + share * other.corner
-        )
 
+@dataclass(frozen=True)
+class Constraints:
+    """Linear constraints floor <= A d <= ceiling (infinite where there is none) on n joints' control points.
 
-class Factor:
-    """The Cholesky factors of a banded matrix, which are written over it.
+    Windows are of six control points, of which the first may be pinned. The order is that of the fields:
 
-    Raises:
-        np.linalg.LinAlgError: it is not positive definite.
+    Attributes:
+        first, joint, coefficient: (L,), (L,), (L, 6) constraints on one joint in a window.
+        wide_first, wide: (W,), (W, 6 n) on all joints in a window.
+        place, gradient: (P,), (P, n) on the position at a place.
+        place_first, basis: (K,), (K, 6) windows and basis values of places.
+        border: (R, k) coefficients of the unknowns behind the band, R = L + W + P.
+        keys: (R,) names that are the same for the same constraint at another curve.
     """
 
-    def __init__(self, matrix: Banded) -> None:
-        self._band, failed = dpbtrf(matrix.band.T, lower=1, overwrite_ab=1)
-        if failed:
-            raise np.linalg.LinAlgError("not positive definite")
-        self._border = matrix.border
-        if self._border.shape[1]:
-            self._through = dpbtrs(self._band, self._border, lower=1)[0]
-            self._rest = matrix.corner - self._border.T @ self._through
-            np.linalg.cholesky(self._rest)
+    first: np.ndarray
+    joint: np.ndarray
+    coefficient: np.ndarray
+    wide_first: np.ndarray
+    wide: np.ndarray
+    place: np.ndarray
+    gradient: np.ndarray
+    place_first: np.ndarray
+    basis: np.ndarray
+    border: np.ndarray
+    floor: np.ndarray
+    ceiling: np.ndarray
+    keys: np.ndarray
 
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """The solution of the linear system."""
-        n = self._band.shape[1]
-        inner = dpbtrs(self._band, right[:n], lower=1)[0]
-        if len(right) == n:
-            return np.asarray(inner)
-        outer = np.linalg.solve(self._rest, right[n:] - self._border.T @ inner)
-        return np.concatenate([inner - self._through @ outer, outer])
-
-
-class Rows(Protocol):
-    """The matrix A (R, N + k)."""
+    @classmethod
+    def of(cls, joints: int, borders: int, **given: np.ndarray) -> Constraints:
+        """Those given; what is not given is empty."""
+        none, index = np.zeros(0), np.zeros(0, dtype=np.int64)
+        usual = {
+            "first": index, "joint": index, "coefficient": np.zeros((0, LOCAL)), "wide_first": index,
+            "wide": np.zeros((0, LOCAL * joints)), "place": index, "gradient": np.zeros((0, joints)),
+            "place_first": index, "basis": np.zeros((0, LOCAL)), "border": np.zeros((0, borders)),
+            "floor": none, "ceiling": none, "keys": index,
+        }  # fmt: skip
+        return cls(**{name: np.ascontiguousarray(given.get(name, x), dtype=x.dtype) for name, x in usual.items()})
 
     @property
-    def count(self) -> int: ...
+    def count(self) -> int:
+        """Number of constraints."""
+        return len(self.floor)
+
+    @property
+    def matrix(self) -> tuple[object, ...]:
+        """A as the compiled functions take it."""
+        return (
+            self.gradient.shape[1], self.first, self.joint, self.coefficient, self.wide_first, self.wide, self.place,
+            self.gradient, self.place_first, self.basis, self.border,
+        )  # fmt: skip
 
     def times(self, d: np.ndarray) -> np.ndarray:
-        """A d (R,)."""
+        """A d (R,) for d (N + k,)."""
+        out = np.empty(self.count)
+        banded.times(d, len(d) - self.border.shape[1], self.matrix, out)
+        return out
 
-    def back(self, y: np.ndarray) -> np.ndarray:
-        """A' y (N + k,)."""
+    def joined(self, other: Constraints) -> Constraints:
+        """These constraints and others."""
+        one, two = self.__dict__, other.__dict__
+        out = {name: np.concatenate([one[name], two[name]]) for name in one if name not in BY_KIND}
+        out["place"] = np.concatenate([self.place, other.place + len(self.basis)])
+        parts = [np.split(np.arange(c.count), [len(c.first), len(c.first) + len(c.wide)]) for c in (self, other)]
+        order = np.concatenate([x for a, b in zip(*parts, strict=True) for x in (a, b + self.count)])
+        return Constraints(**out, **{name: np.concatenate([one[name], two[name]])[order] for name in BY_KIND})
 
-    def add_square(self, weights: np.ndarray, to: Banded) -> None:
-        """Add A' diag(weights) A to a matrix."""
+    def moved(self, d: np.ndarray) -> Constraints:
+        """The constraints as seen from a point from which these are d away."""
+        gone = self.times(d)
+        return Constraints(**{**self.__dict__, "floor": self.floor + gone, "ceiling": self.ceiling + gone})
+
+
+BY_KIND = ("border", "floor", "ceiling", "keys")  # one for each constraint, of all kinds
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """The step d, multipliers (R,) of rows (positive at the ceiling), sum of e, damping used, steps taken."""
+    """The step d, multipliers (R,) (positive at the ceiling), sum of e, damping used, steps taken."""
 
     d: np.ndarray
     multipliers: np.ndarray
@@ -109,119 +134,25 @@ class Minimum:
 
 
 def minimise(
-    h: Banded, g: np.ndarray, box: tuple[np.ndarray, np.ndarray], rows: Rows,
-    bounds: tuple[np.ndarray, np.ndarray], price: float, mass: Banded, damping: float = 0.0, tolerance: float = 1e-6,
+    h: Banded, g: np.ndarray, box: tuple[np.ndarray, np.ndarray], held: Constraints, price: float, mass: Banded,
+    damping: float = 0.0, tolerance: float = 1e-6,
 ) -> Minimum:  # fmt: skip
     """Solve the program; where H is not convex enough, as much `mass` as is needed is added to it.
 
     Args:
         box: low, high with low <= 0 <= high.
-        bounds: floor, ceiling (R,), infinite where there is none.
-        mass: positive definite.
+        mass: positive definite, without a border.
         damping: the share of mass to begin with.
         tolerance: the last barrier parameter.
+
+    Raises:
+        np.linalg.LinAlgError: no damping makes the program convex.
     """
-    size = len(g)
-    low = np.flatnonzero(np.isfinite(bounds[0]))
-    high = np.flatnonzero(np.isfinite(bounds[1]))
-    begin = 2 * size
-    b = np.concatenate([box[0], -box[1], bounds[0][low], -bounds[1][high]])
-    soft = slice(begin, None)
-    t = np.maximum(-b, BEGIN_BOX)
-    t[soft] = np.maximum(-b[soft], BEGIN_ROW)
-    lam = BARRIER / t
-    lam[soft] = np.minimum(lam[soft], price / 2)
-    e = np.zeros(len(b))
-    room = np.full(len(b), np.inf)  # price - lam
-    room[soft] = price - lam[soft]
-    e[soft] = BARRIER / room[soft]
-    pairs = 2 * len(b) - begin
-
-    def forward(d: np.ndarray) -> np.ndarray:
-        moved = rows.times(d)
-        return np.concatenate([d, -d, moved[low], -moved[high]])
-
-    def backward(y: np.ndarray) -> np.ndarray:
-        by_row = np.zeros(rows.count)
-        middle = begin + len(low)
-        by_row[low] = y[begin:middle]
-        by_row[high] -= y[middle:]
-        return rows.back(by_row) + y[:size] - y[size:begin]
-
-    matrix = h.plus(mass, damping) if damping else h
-    d, v = np.zeros(size), np.zeros(len(b))
-    residual = g - backward(lam)  # a share `way` of a Newton step leaves 1 - way of it, and of the primal one
-    primal, dual = float(np.abs(e - b - t).max()), float(np.abs(residual).max())
-    steps = 0
-    while steps < STEPS:
-        mu = (t @ lam + e[soft] @ room[soft]) / pairs
-        if mu < tolerance and dual < DUAL and primal < PRIMAL:
-            break
-        steps += 1
-        weights = 1 / (t / lam + e / room)
-        by_row = np.zeros(rows.count)
-        middle = begin + len(low)
-        by_row[low] = weights[begin:middle]
-        by_row[high] += weights[middle:]
-        diagonal = weights[:size] + weights[size:begin]
-        while True:
-            whole = Banded(matrix.band.copy(), matrix.border.copy(), matrix.corner.copy())
-            inner = len(whole.band)
-            whole.band[:, 0] += diagonal[:inner]
-            whole.corner[np.diag_indices(size - inner)] += diagonal[inner:]
-            rows.add_square(by_row, whole)
-            try:
-                factor = Factor(whole)
-                break
-            except np.linalg.LinAlgError:
-                more = max(LEAST_DAMPING, damping)
-                damping += more
-                matrix = matrix.plus(mass, more)
-                if damping > 1e9:
-                    raise
-                residual = matrix.times(d) + g - backward(lam)
-                dual = float(np.abs(residual).max())
-        # predictor
-        off = b - v
-        s = weights * off
-        change = factor.solve(backward(s) - residual)
-        slope = forward(change)
-        dl = s - weights * slope
-        dt = -t * dl / lam - t
-        de = e * dl / room - e
-        way = _way(t, lam, e, room, dt, dl, de, soft)
-        after = (t + way * dt) @ (lam + way * dl) + (e + way * de)[soft] @ (room - way * dl)[soft]
-        centre = mu * min(1.0, max((after / pairs / mu) ** 3, 1e-6))
-        # corrector
-        to_t, to_e = centre - dt * dl, centre + de * dl
-        s = weights * (off + to_t / lam - to_e / room)
-        change = factor.solve(backward(s) - residual)
-        slope = forward(change)
-        dl = s - weights * slope
-        dt = (to_t - t * dl) / lam - t
-        de = (to_e + e * dl) / room - e
-        way = min(1.0, CLOSE * _way(t, lam, e, room, dt, dl, de, soft))
-        residual *= 1 - way
-        primal, dual = (1 - way) * primal, (1 - way) * dual
-        d += way * change
-        v += way * slope
-        t += way * dt
-        lam += way * dl
-        e += way * de
-        room[soft] = price - lam[soft]
-    out = np.zeros(rows.count)
-    middle = begin + len(low)
-    out[low] = -lam[begin:middle]
-    out[high] += lam[middle:]
-    return Minimum(np.clip(d, *box), out, float(e[soft].sum()), damping, steps)
-
-
-def _way(
-    t: np.ndarray, lam: np.ndarray, e: np.ndarray, room: np.ndarray, dt: np.ndarray, dl: np.ndarray, de: np.ndarray,
-    soft: slice,
-) -> float:  # fmt: skip
-    """The share of a step at which the first of t, lam, e and price - lam becomes zero; at most about one."""
-    most = max(float((-dt / t).max()), float((-dl / lam).max()), 1.0)
-    if len(e[soft]):
-        most = max(most, float((-de[soft] / e[soft]).max()), float((dl[soft] / room[soft]).max()))
-    return 1 / most
+    low, high = (np.flatnonzero(np.isfinite(bound)) for bound in (held.floor, held.ceiling))
+    d, multipliers, broken, damping, steps, good = interior(
+        h.band, h.border, h.corner, mass.band, mass.corner, g, *box, held.matrix, low, high, held.floor, held.ceiling,
+        float(price), float(damping), float(tolerance),
+    )  # fmt: skip
+    if not good:
+        raise np.linalg.LinAlgError("not positive definite")
+    return Minimum(d, multipliers, broken, damping, steps)

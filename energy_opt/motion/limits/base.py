@@ -272,9 +272,13 @@ def box_of(limits: Sequence[Limit], n: int) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def values_of(limits: Sequence[Limit]) -> np.ndarray:
-    """The numbers of all symbolic rows, in the order of the limits."""
-    return np.concatenate([NOTHING, *(limit.values for limit in limits)])
+def values_of(limits: Sequence[Limit], width: float = 1.0) -> np.ndarray:
+    """What node functions take behind the model's values: the limits' numbers in order, and the width of kinks.
+
+    Args:
+        width: what the widths over which kinks of laws are smoothed are multiplied by.
+    """
+    return np.concatenate([NOTHING, *(limit.values for limit in limits), [width]])
 
 
 def scaled(limits: Sequence[Limit], share: float) -> tuple[Limit, ...]:

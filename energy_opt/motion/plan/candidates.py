@@ -121,16 +121,17 @@ def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Ma
     return replace(curve, converged=True, message=message)
 
 
-def in_line(context: Context, move: Move, line: RetimeSolution | None) -> Made | None:
+def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution | None]) -> Made | None:
     """The least-energy timing of the straight line for a move so small that no path has less; None for any other.
 
     Torque is then M a + g with constant M and g, and between ends at rest the least of its square has all joints in
     one and the same profile of acceleration, which is a straight line. IPOPT's steps would be lost in rounding.
     """
     small = np.abs(move.goal - move.start).max() < SMALL and move.path is None
-    if not small or move.via or np.any(move.end_velocities) or line is None or not line.converged:
+    if not small or move.via or np.any(move.end_velocities) or context.settings.objective != "energy":
         return None
-    if context.settings.objective != "energy":
+    line = retimed()
+    if line is None or not line.converged:
         return None
     made = mended_timing(context, move, line)
     return replace(made, message=f"a move of less than {SMALL:g} rad: timed along its line") if made.converged else None
@@ -220,7 +221,7 @@ def reshaped(
     context: Context,
     move: Move,
     timing: Timing | None,
-    retimed: RetimeSolution | None,
+    retimed: Callable[[], RetimeSolution | None],
     warm: Sequence[Trajectory] = (),
     kept: Kept | None = None,
     worth: Callable[[Curve], bool] | None = None,
@@ -228,7 +229,7 @@ def reshaped(
     """The curve of least objective that the search finds, within limits by the judge.
 
     Args:
-        retimed: the least-energy timing of the first path, where there is one.
+        retimed: solves for the least-energy timing of the first path; None where there is none.
         warm: trajectories to start from besides.
         kept: what starts led to at other durations of the same move.
         worth: whether an optimum is one to solve in full; else it is handed on without a trajectory.
@@ -242,21 +243,23 @@ def reshaped(
     settings, free_time = context.settings, context.settings.objective == "time"
     reference = reference_time(context, move, timing)
     task = task_of(context, move, reference, None if free_time else move.duration)
-    guess = 2 * reference if retimed is None else retimed.trajectory.duration
+    path_timing = retimed() if move.duration is None else None
+    guess = 2 * reference if path_timing is None else path_timing.trajectory.duration
     lines = [first_line(move, guess), *(Line.of(t) for t in (*warm, *([move.input] if move.input else [])))]
     reshaper = context.reshaper(settings.objective)
     answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept, worth)
     if not answer.wanted:
         return Made(None, answer.iterations, starts=answer.starts, outcome=answer.optima[0], optima=answer.optima)
     best, spent, starts = answer.best, answer.iterations, answer.starts
-    if best is None and retimed is not None and not context.stopped():  # it holds the limits from the beginning
-        again = reshaper.search(task, [Line.of(retimed.trajectory)], 1, settings.seed, context.stopped)
+    line = retimed() if best is None and not context.stopped() else None
+    if line is not None:  # it holds the limits from the beginning
+        again = reshaper.search(task, [Line.of(line.trajectory)], 1, settings.seed, context.stopped)
         best, spent, starts = again.best, spent + again.iterations, starts + again.starts
     if best is None and not context.stopped():
-        best, more = _from_the_fastest(context, move, task, lines, retimed is not None, reference)
+        best, more = _from_the_fastest(context, move, task, lines, line is not None, reference)
         spent += more
-    if best is None and retimed is not None and not context.stopped():  # few control points held nothing
-        last = reshaper.from_line(Line.of(retimed.trajectory), task)
+    if best is None and line is not None and not context.stopped():  # few control points held nothing
+        last = reshaper.from_line(Line.of(line.trajectory), task)
         best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
         return Made(None, spent, False, "no start of the reshaping led to a trajectory within limits", starts)
@@ -284,7 +287,7 @@ def mended(
         if certificate.valid or mend == MENDS or stuck == STUCK or context.stopped():
             break
         limits = certificate.tightened(limits)
-        best = reshaper.polish(best, replace(task, limits=limits))
+        best = reshaper.solved(best.curve, replace(task, limits=limits))
         stuck = 0 if best.converged or best.broken <= FEASIBLE else stuck + 1
         spent += best.iterations
     return best, trajectory, certificate, spent
@@ -322,10 +325,10 @@ def _from_the_fastest(
             return None, spent
         raise _too_short(move, trajectory.duration, certificate)
     duration = float(np.clip(trajectory.duration, *task.durations))
-    start = replace(best, curve=replace(best.curve, duration=duration))
-    found = context.reshaper(context.settings.objective).polish(start, task)
+    start = replace(best.curve, duration=duration)
+    found = context.reshaper(context.settings.objective).solved(start, task, context.stopped)
     spent += found.iterations
-    return found if found.broken <= FEASIBLE else replace(found, curve=start.curve), spent
+    return found if found.broken <= FEASIBLE else replace(found, curve=start), spent
 
 
 def _too_short(move: Move, shortest: float, certificate: Certificate) -> Infeasible:

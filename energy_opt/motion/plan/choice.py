@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,9 +24,10 @@ SAME_DURATION = 1e-12  # relative: durations that differ less are one
 
 @dataclass(frozen=True)
 class Work:
-    """What was made of a move: candidates by name, the first path's timing and its least energy, and the effort.
+    """Candidates for a move's answer by name, the first path's timing, and what a search may start from besides.
 
-    `reshaped` and `retimed` are None where they were not asked for or cannot be.
+    `reshaped` and `retimed` are None where they were not asked for or cannot be; `retiming` solves for the first path's
+    timing of least energy, where nothing reshaped is better than the baselines.
     """
 
     timing: Timing | None
@@ -34,6 +35,7 @@ class Work:
     reshaped: Made | None
     retimed: Made | None
     warm: Sequence[Trajectory]
+    retiming: Callable[[], RetimeSolution | None] = lambda: None
 
     @property
     def candidates(self) -> list[tuple[str, Trajectory]]:
@@ -130,8 +132,10 @@ def least(
         return next((v for v in ranked if v[1].certificate.valid), None)
 
     best, iterations = valid(), 0
-    if work.retimed is None and work.solution is not None and _may_win(work.solution, best, energy_counts):
-        mended = mended_timing(context, move, work.solution)
+    beaten = best is not None and best[0] == "reshape"
+    solution = None if work.retimed is not None or beaten or context.stopped() else work.retiming()
+    if solution is not None and _may_win(solution, best, energy_counts):
+        mended = mended_timing(context, move, solution)
         iterations = mended.iterations
         if mended.trajectory is not None and answers(move, mended.trajectory):
             judged.append(("retime", context.judge(mended.trajectory)))
@@ -155,8 +159,9 @@ def _duration(move: Move, work: Work) -> float:
         return move.duration
     if work.candidates:
         return work.candidates[0][1].duration
-    if work.solution is not None:
-        return work.solution.trajectory.duration
+    solution = work.solution or (None if move.duration is not None else work.retiming())
+    if solution is not None:
+        return solution.trajectory.duration
     return work.timing.duration if work.timing is not None else np.inf
 
 

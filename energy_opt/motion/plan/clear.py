@@ -4,7 +4,7 @@ curves: the first path, the way from it towards optima without regard to anythin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,8 +54,8 @@ def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:
 
 
 def kept_clear(
-    context: Context, move: Move, timing: Timing | None, retimed: RetimeSolution | None, free: Made,
-    warm: Sequence[Trajectory],
+    context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None],
+    free: Made, warm: Sequence[Trajectory],
 ) -> Made:  # fmt: skip
     """The reshaped move of least objective that is proven to keep clear.
 
@@ -246,15 +246,17 @@ def mended_clear(context: Context, search: ClearSearch, task: Task, outcome: Out
 
 
 def _lines(
-    context: Context, move: Move, retimed: RetimeSolution | None, timing: Timing | None,
+    context: Context, move: Move, retimed: Callable[[], RetimeSolution | None], timing: Timing | None,
     warm: Sequence[Trajectory], task: Task, reference: float,
 ) -> list[Line]:  # fmt: skip
-    """First curves: what was handed in where it is proven, and, last, the first path in its timing of least energy."""
+    """First curves: what was handed in where it is proven, and, last, the first path: slowed evenly to a given
+    duration, else in its timing of least energy."""
     lines = [Line.of(t) for t in (*warm, *([move.input] if move.input else [])) if _proven(context, t)]
-    if retimed is not None:
-        lines.append(Line.of(retimed.trajectory))
+    line = retimed() if move.duration is None else None
+    if line is not None:
+        lines.append(Line.of(line.trajectory))
     elif timing is not None:
-        duration = float(np.clip(timing.duration, *task.durations))
+        duration = float(np.clip(timing.duration, *task.durations))  # as asked for, where that is fixed
         lines.append(Line.of(timing.slowed(duration).trajectory(context.robot.joints)))
     else:
         lines.append(passed(path_of(move), reference))

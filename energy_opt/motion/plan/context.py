@@ -118,7 +118,8 @@ class Workshop:
             if built not in self._nodes:
                 nodes = node_functions(model, robot.body, limits, objective, settings.dynamics)
                 functions, self.compiled = compiled(nodes.as_list(), settings.compile, self._batch)
-                self._nodes[built] = NodeFunctions(*functions)
+                cost, limited, curvature, value = functions
+                self._nodes[built] = NodeFunctions(cost, limited, curvature, value, nodes.kinked)
             free = settings.end_acceleration == "free"
             polished = settings.solver == "ipopt"
             self._reshapers[key] = Reshaper(self._nodes[built], robot.n, settings.controls, free, polished)

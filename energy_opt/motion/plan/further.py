@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -55,7 +55,7 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
 
 
 def wider_optima(
-    context: Context, move: Move, timing: Timing | None, retimed: RetimeSolution | None, free: Made
+    context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None], free: Made
 ) -> Made:  # fmt: skip
     """What is found without regard to anything from other starts too, with all optima; `free` where that is no more."""
     found, settings = [free], context.settings

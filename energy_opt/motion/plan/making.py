@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
@@ -29,6 +29,7 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 log = logging.getLogger(__name__)
+HURRIED = 1.2  # times the least time on the first path: in more, zero acceleration at the ends costs next to nothing
 
 
 def made(
@@ -62,33 +63,38 @@ def made(
         assert solution is not None
         return Work(timing, solution, None, mended_timing(context, move, solution), warm)
     wanted = move.duration if move.duration is not None else move.max_duration
-    solution = None
     if context.stopped() and timing is not None:
         return Work(timing, None, None, None, warm)
-    if timing is not None and (wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves):
-        solution = least_energy_timing(context, move, timing)
+
+    @cache
+    def retimed() -> RetimeSolution | None:
+        possible = wanted is None or timing is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves
+        return least_energy_timing(context, move, timing) if timing is not None and possible else None
+
     if stands_still(move) or (context.stopped() and timing is not None):
-        return Work(timing, solution, None, None, warm)
-    curve = _curve(context, move, timing, solution, warm, kept)
-    if context.settings.end_acceleration == "zero" and _costs_more(context, curve, solution) and not context.stopped():
+        return Work(timing, None, None, None, warm, retimed)
+    curve = _curve(context, move, timing, retimed, warm, kept)
+    hurried = wanted is None or timing is None or wanted < HURRIED * timing.duration or curve.trajectory is None
+    zero = context.settings.end_acceleration == "zero" and hurried and not context.stopped()
+    if zero and _costs_more(context, curve, retimed()):
         freed = replace(context, settings=replace(context.settings, end_acceleration="free"))
-        other = _curve(freed, move, timing, solution, warm, kept)
-        if other.trajectory is not None and not _costs_more(context, other, solution):
+        other = _curve(freed, move, timing, retimed, warm, kept)
+        if other.trajectory is not None and not _costs_more(context, other, retimed()):
             curve = replace(other, iterations=curve.iterations + other.iterations)
-    return Work(timing, solution, curve, None, warm)
+    return Work(timing, None, curve, None, warm, retimed)
 
 
 def _curve(
-    context: Context, move: Move, timing: Timing | None, solution: RetimeSolution | None, warm: Sequence[Trajectory],
-    kept: Kept | None,
+    context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None],
+    warm: Sequence[Trajectory], kept: Kept | None,
 ) -> Made:  # fmt: skip
     """The curve of least objective that keeps clear."""
     worth = None if context.cell is None else partial(nearly_clear, context, move)
-    curve = reshaped(context, move, timing, solution, warm, kept, worth)
+    curve = reshaped(context, move, timing, retimed, warm, kept, worth)
     log.info("keeping clear", extra={"share": 0.6})
-    curve = kept_clear(context, move, timing, solution, curve, warm)
+    curve = kept_clear(context, move, timing, retimed, curve, warm)
     if not curve.converged and not context.stopped():
-        curve = in_tube(context, move, solution, small_enough(move, solution, curve))
+        curve = in_tube(context, move, retimed(), small_enough(move, retimed(), curve))
     return curve
 
 

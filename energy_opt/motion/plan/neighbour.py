@@ -113,8 +113,8 @@ class Neighbours:
         if neighbour.outcome is None:
             outcome = self._reshaper.from_line(Line.of(neighbour.trajectory), task)
         else:
-            start = replace(neighbour.outcome, curve=replace(neighbour.outcome.curve, duration=task.durations[0]))
-            outcome = self._reshaper.step(start, task)
+            start = replace(neighbour.outcome.curve, duration=task.durations[0])
+            outcome = self._reshaper.solved(start, task)
         return self._judged(outcome, task)
 
     def _cleared(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:

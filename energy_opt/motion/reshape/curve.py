@@ -27,20 +27,6 @@ class Curve:
         return [self.shape.basis.matrix(u, k) @ self.points / self.duration**k for k in range(4)]
 
 
-@dataclass(frozen=True)
-class Multipliers:
-    """Of the bounds on the unknowns, and of rows that are named by `keys` (R, 3) (see ReshapeProgram.keys)."""
-
-    bounds: np.ndarray
-    keys: np.ndarray
-    rows: np.ndarray
-
-    def of(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Those of the bounds, and of other rows; of rows that are new, none."""
-        known = dict(zip(map(tuple, self.keys.tolist()), self.rows.tolist(), strict=True))
-        return self.bounds, np.array([known.get(tuple(key), 0.0) for key in keys.tolist()])
-
-
 STOPPED = {
     "sqp": "the search stopped where no further step lowers the energy, as at a kink of dry friction",
     "Maximum_Iterations_Exceeded": "the search stopped when all its iterations were spent",
@@ -62,7 +48,6 @@ class Outcome:
     status: str
     iterations: int
     rows: np.ndarray
-    multipliers: Multipliers
 
     @property
     def why(self) -> str:

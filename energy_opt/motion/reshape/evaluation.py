@@ -15,7 +15,7 @@ import numpy as np
 
 from energy_opt.motion.limits.base import Limit, PlaceRows, box_of, values_of
 from energy_opt.motion.limits.clearance import ClearanceRows
-from energy_opt.motion.reshape.curve import Curve, Multipliers, Outcome
+from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.frame import Frame
 from energy_opt.motion.reshape.layout import Ends
 from energy_opt.motion.reshape.nodes import NodeFunctions
@@ -46,23 +46,24 @@ class Evaluation:
     """One problem of a shape: ends, limits, the model's values and the bounds of T.
 
     Args:
-        scale: what the cost is multiplied by; offset: what it costs per second whatever the path.
+        width: what widths of smoothed kinks are multiplied by; offset: what it costs per second whatever the path.
     """
 
     def __init__(
         self, frame: Frame, nodes: NodeFunctions, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray,
-        durations: tuple[float, float], offset: float = 0.0, clearance: ClearanceRows | None = None,
+        durations: tuple[float, float], offset: float = 0.0, width: float = 1.0,
     ) -> None:  # fmt: skip
         s = self.shape = frame.shape
         self.frame, self.ends, self.limits, self.offset, self.scale = frame, ends, tuple(limits), offset, 1.0
         self.fixed = durations[0] == durations[1]
-        self.durations, self.clearance = durations, clearance
+        self.durations = durations
+        self.clearance: ClearanceRows | None = None
         self.offset = offset if self.fixed else 0.0
         self._at_places = b"", np.zeros((0, 0))
-        self._values = np.concatenate([parameters, values_of(limits)])
+        self._values = np.concatenate([parameters, values_of(limits, width)])
         u, w = s.grid
         self._quad, self._breaks = np.flatnonzero(w), np.flatnonzero(w == 0)
-        self._weight, self._u = w[self._quad], u[:, None]
+        self._weight, self._u, self._window = w[self._quad], u[:, None], frame.window(u)
         self._cost = Batch(nodes.cost, len(self._quad))
         self._curvature = Batch(nodes.curvature, len(self._quad))
         self._nodes = nodes
@@ -87,7 +88,8 @@ class Evaluation:
         """Rows of bounds on derivatives: as functions of all control points, and their squares."""
         n = self.shape.joints
         held = [(number, limit) for number, limit in enumerate(self.limits) if limit.order]
-        self._linear_all, self._linear_free, self._linear_square = self.frame.linear(tuple(x.order for _, x in held))
+        linear = self.frame.linear(tuple(limit.order for _, limit in held))
+        self._linear_all, self._linear_first, self._linear_joint, self._linear_local = linear
         counts = [len(self.shape.sites[limit.order - 1]) for _, limit in held]
         self._order = np.repeat([limit.order for _, limit in held], np.array(counts, dtype=int) * n)
         bounds = [np.tile(1 / limit.bound, count) for count, (_, limit) in zip(counts, held, strict=True)]
@@ -153,8 +155,7 @@ class Evaluation:
         hot = np.stack([self.hot_keys[j, 0], k, self.hot_keys[j, 1]], axis=1)
         rows = np.concatenate([self.linear_keys[np.abs(point.linear) > USED], hot])
         cost = point.cost / self.scale + self.offset * point.duration
-        none = Multipliers(np.zeros(0), np.zeros((0, 3), dtype=int), np.zeros(0))
-        return Outcome(curve, cost, self.excess(point), converged, "sqp", iterations, rows, none)
+        return Outcome(curve, cost, self.excess(point), converged, "sqp", iterations, rows)
 
     def _matrix(self, u: np.ndarray) -> np.ndarray:
         """The basis at places, the last of which are kept."""

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit, box_of, values_of
-from energy_opt.motion.reshape.curve import Curve, Multipliers, Outcome
+from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.frame import Frame
 from energy_opt.motion.reshape.layout import Ends, Pattern, Shape
 from energy_opt.motion.reshape.model import Model
@@ -35,20 +35,21 @@ class Level:
         return Frame(self.shape)
 
     def model(
-        self, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray, durations: tuple[float, float], offset: float
-    ) -> Model:
+        self, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray, durations: tuple[float, float],
+        offset: float, width: float = 1.0,
+    ) -> Model:  # fmt: skip
         """The problem for sequential quadratic programming."""
-        return Model(self.frame, self._nodes, ends, limits, parameters, durations, offset)
+        return Model(self.frame, self._nodes, ends, limits, parameters, durations, offset, width)
 
     def shares(
-        self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit]
+        self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
     ) -> tuple[float, dict[int, np.ndarray]]:
         """Cost, and the share of its bound that each limit's every row uses, (sites or nodes, columns) by number."""
         s = self.shape
         u, w = s.grid
         q = [m @ curve.points for m in s.matrices[:3]]
         z = np.hstack([*q, np.full((len(u), 1), curve.duration)])
-        rate, limited = self._value(z, u[:, None], np.concatenate([parameters, values_of(limits)]))
+        rate, limited = self._value(z, u[:, None], np.concatenate([parameters, values_of(limits, width)]))
         shares, used = {}, 0
         for number, limit in enumerate(limits):
             if limit.order:
@@ -90,15 +91,12 @@ class Level:
         offset: float = 0.0,
         options: dict[str, object] | None = None,
         rounds: int = ROUNDS,
-        multipliers: Multipliers | None = None,
         reach: float = np.inf,
-        last: Sequence[str] = ("User_Requested_Stop",),
     ) -> Outcome:
         """Minimise from `guess`; `durations` bounds T (equal: fixed).
 
-        `multipliers` of a neighbouring problem make it a warm start. `reach` [rad] is how far control points may go
-        from where they are. `offset` is what the objective costs per second whatever the path; it only serves scaling.
-        After IPOPT's statuses `last`, no round follows.
+        `reach` [rad] is how far control points may go from where they are. `offset` is what the objective costs per
+        second whatever the path; it only serves scaling.
         """
         s = self.shape
         cost, shares = self.shares(guess, parameters, limits)
@@ -115,32 +113,25 @@ class Level:
             np.concatenate([np.maximum(lower, inner - reach).ravel(), [durations[0]], np.zeros(s.vias)]),
             np.concatenate([np.minimum(upper, inner + reach).ravel(), [durations[1]], np.ones(s.vias)]),
         )
-        iterations, known, fixed = 0, multipliers, durations[0] == durations[1]
+        iterations, fixed = 0, durations[0] == durations[1]
         values, curve = np.concatenate([parameters, values_of(limits)]), guess
         for _ in range(rounds):
             chosen = np.vstack([np.insert(np.argwhere(held), 0, k, axis=1) for k, held in active.items()])
-            asked = ((k, limit.places(curve.position)) for k, limit in enumerate(limits))
-            places = [(k, found) for k, found in asked if found is not None]
+            places = [found for limit in limits if (found := limit.places(curve.position)) is not None]
             program = ReshapeProgram(self.pattern, self._nodes, ends, limits, chosen, values, scale, fixed, places)
             chosen_options = {"tol": tolerance, "max_iter": 150, **(options or {})}
-            warm = None
-            if known is not None:
-                warm = known.of(program.keys)
-                chosen_options.pop("mu_init", None)
-            answer = ipopt.solve(program, x, box, program.row_bounds, chosen_options, warm)
-            known = Multipliers(answer.bound_multipliers, program.keys, answer.row_multipliers)
+            answer = ipopt.solve(program, x, box, program.row_bounds, chosen_options)
             iterations += answer.iterations
             x = answer.x
             curve = Curve(s, program.points(x), float(x[program.pattern.time]), x[program.pattern.time + 1 :])
             cost, shares = self.shares(curve, parameters, limits)
             broken = max([float(share.max()) - 1 for share in shares.values()] + [program.broken_places(x)])
             new = {k: (share > 1 + BROKEN) & ~active[k] for k, share in shares.items()}
-            if not any(block.any() for block in new.values()) or answer.status in last:
+            if not any(block.any() for block in new.values()) or answer.status == "User_Requested_Stop":
                 break
             for k, held in active.items():
                 held |= shares[k] > NEAR
                 # The peak between two rows moves to their neighbours next: take them along.
                 held[1:] |= new[k][:-1]
                 held[:-1] |= new[k][1:]
-        assert known is not None
-        return Outcome(curve, cost, broken, answer.success, answer.status, iterations, chosen, known)
+        return Outcome(curve, cost, broken, answer.success, answer.status, iterations, chosen)

@@ -9,13 +9,12 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from energy_opt.motion.reshape.evaluation import Evaluation, Point
 from energy_opt.motion.reshape.layout import LOCAL
-from energy_opt.motion.reshape.rows import Part, PlacePart, Rows
+from energy_opt.numerics import banded
 from energy_opt.numerics.batch import Batch
-from energy_opt.numerics.quadratic import Banded
+from energy_opt.numerics.quadratic import Banded, Constraints
 
 SPARE = 0.02  # beyond what a step can reach by its first derivative
 HOT = 0.8  # share of a bound from which what is limited at a node gets a row
@@ -34,7 +33,7 @@ class Model(Evaluation):
         corner = np.eye(self.border)
         return Banded(self.frame.mass, np.zeros((self.frame.size, self.border)), corner)
 
-    def hessian(self, point: Point, multipliers: dict[str, np.ndarray]) -> Banded:
+    def hessian(self, point: Point, multipliers: dict[str, np.ndarray], convex: bool = False) -> Banded:
         """Of the Lagrangian; `multipliers` by what they belong to, in the order of a point's values."""
         s, f, n = self.shape, self.frame, self.shape.joints
         hot = multipliers.get("hot")
@@ -47,12 +46,15 @@ class Model(Evaluation):
         for which, curvature, weight in sets:
             (blocks,) = curvature(point.z[which], self._u[which], self._values, weight, lam[which])
             c = blocks.reshape(len(which), 3 * n + 1, 3 * n + 1)
+            if convex:
+                c = _convex(c)
             used = which if which is self._quad else which[:-1]
-            out.band += f.band_of(c[: len(used)], s.local[used, :3])
+            local = np.ascontiguousarray(s.local[used, :3])
+            banded.add_nodes(band, c[: len(used)], local, self._window[used], n)
             if not self.fixed:
                 by_time = np.matmul(c, self._z_slope[which][:, :, None])[:, :, 0]
                 local = np.einsum("kdi,kda->kai", by_time[:, :-1].reshape(-1, 3, n), s.local[which, :3])
-                index, free = f.columns(s.first(self._u[which, 0]))
+                index, free = f.columns(self._window[which])
                 flat = local.reshape(len(which), -1)
                 out.border[:, 0] += np.bincount(index[free], flat[free], f.size)
                 out.corner[0, 0] += float(np.sum(by_time * self._z_slope[which]))
@@ -63,10 +65,8 @@ class Model(Evaluation):
         for number, rows, q, _ in point.placed:
             lam_place = multipliers.get(f"place {number}")  # how ends that move stretch with T is left out
             if lam_place is not None and lam_place.any():
-                m = rows.hessian(q, lam_place)
-                out.band += (self._placing(rows.u)[0] @ m.ravel()).reshape(
-                    band.shape
-                )  # by T, where ends move: left out
+                window, local = self._placing(rows.u)
+                banded.add_places(band, np.ascontiguousarray(rows.hessian(q, lam_place)), local, window, n)
         if s.vias and "via" in multipliers:
             self._add_via_curvature(out, point, multipliers["via"])
         return out
@@ -86,89 +86,74 @@ class Model(Evaluation):
                 out.corner[0, column] += cross
                 out.corner[column, 0] += cross
 
-    def _placing(self, u: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
-        """What places u touch: matrix to the band, and the basis values of free control points."""
-        known = getattr(self, "_known_places", None)
-        key = u.tobytes()
-        if known is None or known[0] != key:
-            s = self.shape
-            first, basis = s.first(u), self._matrix(u)
-            local = np.take_along_axis(basis, first[:, None] + np.arange(LOCAL), axis=1)
-            free = basis[:, s.pinned : s.basis.controls - s.pinned].copy()
-            known = (key, (self.frame.of_places(first, local), free))
-            self._known_places = known
-        return known[1]
+    def _placing(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Windows and basis values (K, 6) of places u (K,)."""
+        first = self.shape.first(u)
+        local = np.take_along_axis(self._matrix(u), first[:, None] + np.arange(LOCAL), axis=1)
+        return first - self.shape.pinned, local
 
-    def linear_rows(self, point: Point, held: np.ndarray) -> Rows:
-        """Rows on derivatives that are `held`."""
+    def linear_rows(self, point: Point, held: np.ndarray) -> Constraints:
+        """Constraints on derivatives that are `held`."""
         which = np.flatnonzero(held)
         time = 1 / point.duration ** self._order[which]
-        factor = time * self._per[which]
-        a = self._linear_free[which]
-        a = csr_matrix((a.data * np.repeat(factor, np.diff(a.indptr)), a.indices, a.indptr), shape=a.shape)
         border = np.zeros((len(which), self.border))
         share = point.linear[which]
         if not self.fixed:
             border[:, 0] = self._linear_slope[which] * time - self._order[which] * np.sign(share) / point.duration
-        part = Part(a, self._linear_square, which, factor**2)
-        return Rows([(len(which), part)], border, -1 - share, 1 - share, which.astype(np.int64) * 4)
+        return Constraints.of(
+            self.shape.joints, self.border, first=self._linear_first[which], joint=self._linear_joint[which],
+            coefficient=self._linear_local[which] * (time * self._per[which])[:, None], border=border,
+            floor=-1 - share, ceiling=1 - share, keys=which * 4,
+        )  # fmt: skip
 
-    def other_rows(self, point: Point, far: float) -> Rows:
-        """Rows at nodes that are near their bounds, of via points, and numeric ones that steps of `far` can reach."""
+    def other_rows(self, point: Point, far: float) -> Constraints:
+        """Constraints at nodes near their bounds, of via points, and numeric ones that steps of `far` can reach."""
         s, n, f = self.shape, self.shape.joints, self.frame
         k, j = np.nonzero((self.hot_share(point) > HOT) | (self._hot_always & np.isfinite(self._hot_scale)))
         slope = point.hot_slope[k, :, j] / self._hot_scale[j][:, None]
         parts = slope[:, :-1].reshape(-1, 3, n)
-        wide: list[np.ndarray] = [np.einsum("rdi,rda->rai", parts, s.local[k, :3]).reshape(len(k), f.width)]
-        first = [s.first(self._u[k, 0])]
+        wide = [np.einsum("rdi,rda->rai", parts, s.local[k, :3]).reshape(len(k), f.width)]
+        first = [self._window[k]]
         border = [np.zeros((len(k), self.border))]
         if not self.fixed:
             border[0][:, 0] = slope[:, -1] + np.sum(slope[:, :-1] * self._z_slope[k, :-1], axis=1)
         floor = [np.where(self._hot_one[j], -np.inf, -1 - point.hot[k, j])]
         ceiling = [1 - point.hot[k, j]]
-        keys = [(k * len(self._hot_scale) + j).astype(np.int64) * 4 + 1]
+        keys = [(k * len(self._hot_scale) + j) * 4 + 1]
         if s.vias:
             basis, speed = s.basis.matrix(point.via_u), s.basis.matrix(point.via_u, 1) @ point.points
             begin = s.first(point.via_u)
             local = np.take_along_axis(basis, begin[:, None] + np.arange(LOCAL), axis=1)
             wide.append((local[:, None, :, None] * np.eye(n)[None, :, None, :]).reshape(s.vias * n, f.width))
-            first.append(np.repeat(begin, n))
+            first.append(np.repeat(begin - s.pinned, n))
             edge = np.zeros((s.vias, n, self.border))
             for i in range(s.vias):
                 edge[i, :, self.border - s.vias + i] = speed[i]
             if not self.fixed:
                 edge[:, :, 0] = basis @ self._pinned_slope
-            border.append(np.asarray(edge.reshape(-1, self.border)))
+            border.append(edge.reshape(-1, self.border))
             floor.append(-point.via.ravel())
             ceiling.append(-point.via.ravel())
-            keys.append(np.arange(s.vias * n, dtype=np.int64) * 4 + 2)
-        begin, rows = np.concatenate(first), np.concatenate(wide)
-        nothing = np.ones(0)
-        at_nodes = Part(self._sparse(begin, rows), f.squares(begin, rows), None, nothing)
-        made: list[tuple[int, Part | PlacePart]] = [(len(begin), at_nodes)] if len(begin) else []
-        for number, placed, q, value in point.placed:
-            to_band, basis = self._placing(placed.u)
-            gradient, off = placed.gradient(q), np.minimum(value - placed.lower, placed.upper - value)
-            order = np.argsort(placed.place, kind="stable")
-            order = order[(off < np.abs(gradient).sum(axis=1) * far + SPARE)[order]]
-            place, gradient = placed.place[order], gradient[order]
-            made.append((len(place), PlacePart(basis, to_band, place, gradient)))
-            of_places = np.zeros((len(place), self.border))
-            if not self.fixed and not self._still:
-                of_places[:, 0] = np.sum(gradient * (self._matrix(placed.u) @ self._pinned_slope)[place], axis=1)
-            border.append(of_places)
-            floor.append((placed.lower - value)[order])
-            ceiling.append((placed.upper - value)[order])
-            keys.append((placed.keys[order].astype(np.int64) * 64 + number) * 4 + 3)
-        return Rows(
-            made, np.concatenate(border), np.concatenate(floor), np.concatenate(ceiling), np.concatenate(keys)
+            keys.append(np.arange(s.vias * n) * 4 + 2)
+        out = Constraints.of(
+            n, self.border, wide_first=np.concatenate(first), wide=np.concatenate(wide), border=np.concatenate(border),
+            floor=np.concatenate(floor), ceiling=np.concatenate(ceiling), keys=np.concatenate(keys),
         )  # fmt: skip
-
-    def _sparse(self, first: np.ndarray, rows: np.ndarray) -> csr_matrix:
-        index, free = self.frame.columns(first)
-        data = np.where(free, rows, 0.0)
-        pointer = np.arange(len(first) + 1) * self.frame.width
-        return csr_matrix((data.ravel(), index.ravel(), pointer), shape=(len(first), self.frame.size))
+        for number, placed, q, value in point.placed:
+            gradient, off = placed.gradient(q), np.minimum(value - placed.lower, placed.upper - value)
+            near = np.flatnonzero(off < np.abs(gradient).sum(axis=1) * far + SPARE)
+            place, gradient = placed.place[near], gradient[near]
+            edge = np.zeros((len(place), self.border))
+            if not self.fixed and not self._still:
+                edge[:, 0] = np.sum(gradient * (self._matrix(placed.u) @ self._pinned_slope)[place], axis=1)
+            window, local = self._placing(placed.u)
+            at_places = Constraints.of(
+                n, self.border, place=place, gradient=gradient, place_first=window, basis=local, border=edge,
+                floor=(placed.lower - value)[near], ceiling=(placed.upper - value)[near],
+                keys=(placed.keys[near].astype(np.int64) * 64 + number) * 4 + 3,
+            )  # fmt: skip
+            out = out.joined(at_places)
+        return out
 
     def multipliers(self, point: Point, keys: np.ndarray, values: np.ndarray) -> dict[str, np.ndarray]:
         """Multipliers of named rows in the form that `hessian` takes."""
@@ -192,3 +177,9 @@ class Model(Evaluation):
                 at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
                 out[f"place {number}"] = np.where(keys[at] == wanted, values[at], 0.0)
         return out
+
+
+def _convex(c: np.ndarray) -> np.ndarray:
+    """Symmetric matrices (K, m, m) without what is negative of their eigenvalues."""
+    values, vectors = np.linalg.eigh(c)
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None]) @ vectors.transpose(0, 2, 1))

@@ -32,8 +32,6 @@ from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.places import Placed
 from energy_opt.numerics.batch import Batch
 
-VIA = -1  # in the place of a limit's number, the key of a via point's row
-
 
 class ReshapeProgram:
     """One nonlinear program in the form that `ipopt.solve` takes.
@@ -41,7 +39,7 @@ class ReshapeProgram:
     Args:
         limits: what `rows` number.
         rows: (R, 3) integers: limit, site of its derivative's control polygon or node, joint or column.
-        places: numeric rows, with the number of the limit they come from.
+        places: numeric rows.
         parameters: the model's values and the limits'; scale: what the cost is multiplied by.
         fixed: T is given; the solver then takes it for a constant, and the Hessian's column of T is left empty.
     """
@@ -56,7 +54,7 @@ class ReshapeProgram:
         parameters: np.ndarray,
         scale: float,
         fixed: bool = False,
-        places: Sequence[tuple[int, PlaceRows]] = (),
+        places: Sequence[PlaceRows] = (),
     ) -> None:
         s = self.shape = pattern.shape
         self.pattern, self.ends, self.parameters, self.scale = pattern, ends, parameters, scale
@@ -86,8 +84,7 @@ class ReshapeProgram:
         self._slope[: s.pinned] = np.outer(s.end_slopes[0], ends.v_start)
         self._slope[s.basis.controls - s.pinned :] = np.outer(s.end_slopes[1], ends.v_goal)
         self._z_slope = np.stack([m @ self._slope for m in s.matrices], axis=1)  # (K, 4, n)
-        self._placed = [Placed(place_rows, pattern, self._slope) for _, place_rows in places]
-        self._place_limits = [number for number, _ in places]
+        self._placed = [Placed(place_rows, pattern, self._slope) for place_rows in places]
         _, site, joint = self._linear.T
         self._coefficients = np.zeros((len(site), LOCAL))  # of the touched control points, per unit of bound
         first = np.zeros(len(site), dtype=int)
@@ -131,18 +128,6 @@ class ReshapeProgram:
     @property
     def _place_count(self) -> int:
         return sum(len(placed.rows.place) for placed in self._placed)
-
-    @property
-    def keys(self) -> np.ndarray:
-        """What every row is, (count, 3): rows as given; limit, -1 and key of a numeric row; VIA, point and joint."""
-        of_places = [
-            np.stack([np.full(len(placed.rows.keys), number), np.full(len(placed.rows.keys), -1), placed.rows.keys], 1)
-            for number, placed in zip(self._place_limits, self._placed, strict=True)
-        ]
-        of_vias = np.stack(
-            np.meshgrid(VIA, np.arange(self.shape.vias), np.arange(self.shape.joints), indexing="ij"), -1
-        )
-        return np.concatenate([self._linear, self._hot, *of_places, of_vias.reshape(-1, 3)])
 
     @property
     def row_bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -24,18 +24,20 @@ from energy_opt.robot import RigidBody
 
 @dataclass(frozen=True)
 class NodeFunctions:
-    """CasADi functions of one node; `u` is its place in [0, 1], `p` the model's values.
+    """CasADi functions of one node; `u` is its place in [0, 1], `p` the model's values and `values_of` limits.
 
     cost: (z, u, p) -> (e, de/dz) with e the rate of the objective per unit of u.
     limited: (z, u, p) -> (g, dg/dz) with g (m, 1) what limits bound at a node, such as the motors' torque.
     curvature: (z, u, p, s, lam) -> Hessian of s e + lam^T g, dense (nz, nz).
     value: (z, u, p) -> (e, g), without derivatives.
+    kinked: the laws have kinks, so that the width over which they are smoothed matters.
     """
 
     cost: ca.Function
     limited: ca.Function
     curvature: ca.Function
     value: ca.Function
+    kinked: bool = False
 
     def as_list(self) -> list[ca.Function]:
         return [self.cost, self.limited, self.curvature, self.value]
@@ -99,9 +101,9 @@ def node_functions(
         raise BadInput(f"objective {objective!r}; expected one of {', '.join(OBJECTIVES)}")
     n = body.n
     x = NodeSymbols.of(n)
-    p, v, a = model.symbols(n), x.v, x.a
+    p, v, a, width = model.symbols(n), x.v, x.a, ca.SX.sym("width")
     tau = symbolic_torque(model, body, x.q, v, a, p, dynamics)
-    terms = drive_terms(model, Signals(x.q, v, a, tau, x.t), p, Smooth(), holds=True)
+    terms = drive_terms(model, Signals(x.q, v, a, tau, x.t), p, Smooth(width), holds=True)
     rate = {
         "energy": lambda: x.duration * (terms.power - terms.conservative),
         "torque": lambda: x.duration * ca.dot(terms.tau_m, terms.tau_m),
@@ -115,11 +117,16 @@ def node_functions(
         if limit.scale.size:
             values.append(ca.SX.sym(limit.name, len(limit.values)))
             rows.append(limit.expression(state, values[-1]))
-    return derived(rate, ca.vertcat(*rows), x, ca.vertcat(p, *values))
+    return derived(rate, ca.vertcat(*rows), x, ca.vertcat(p, *values), width)
 
 
-def derived(rate: ca.SX, limited: ca.SX, x: NodeSymbols, p: ca.SX) -> NodeFunctions:
-    """The functions, with their derivatives, of any rate of cost per unit of u and what limits bound (m, 1)."""
+def derived(rate: ca.SX, limited: ca.SX, x: NodeSymbols, p: ca.SX, width: ca.SX | None = None) -> NodeFunctions:
+    """The functions, with their derivatives, of any rate of cost per unit of u and what limits bound (m, 1).
+
+    Args:
+        width: what the widths of smoothed kinks are multiplied by, where there are any.
+    """
+    p = ca.vertcat(p, ca.SX.sym("width") if width is None else width)
     z, u, s, lam = x.z, x.u, ca.SX.sym("s"), ca.SX.sym("lam", limited.numel())
     jacobian = ca.densify(ca.jacobian(limited, z))
     hessian = ca.densify(ca.hessian(s * rate + ca.dot(lam, limited), z)[0])
@@ -129,4 +136,5 @@ def derived(rate: ca.SX, limited: ca.SX, x: NodeSymbols, p: ca.SX) -> NodeFuncti
         limited=ca.Function("limited", [z, u, p], [ca.densify(limited), jacobian], names, ["g", "jac"]),
         curvature=ca.Function("curvature", [z, u, p, s, lam], [hessian], [*names, "s", "lam"], ["hess"]),
         value=ca.Function("value", [z, u, p], [rate, ca.densify(limited)], names, ["e", "g"]),
+        kinked=width is not None and bool(ca.depends_on(ca.vertcat(rate, limited), width)),
     )

@@ -31,13 +31,18 @@ from energy_opt.numerics.bspline import Basis
 
 log = logging.getLogger(__name__)
 COARSE, COARSE_PACKING = 12, 0.5  # control points of starts: with 10, every tenth move's best optimum is lost
-ITERATIONS, FINE = 60, 1e-5  # of those that are gone on with, where IPOPT does not
+ITERATIONS, FINE = 60, 1e-7  # of those that are gone on with, where IPOPT does not
 TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance of the comparison of optima
 PER_VIA = 2  # control points more for every via point
+WIDE, MIDDLE = 10.0, 3.0  # times the width of kinks on the coarse problem, and where optima are compared
+AGAIN = 3  # descents from where one under kinked laws ended without convergence
+NEAR_KINKS = 0.02  # [rad, m] first steps there
+WIDTHS, ROUGHLY = (3.0, 1.7), 20  # and on the way from there to an answer, with so many iterations each at most
 RUNG = 1.5  # ratio of the durations at which starts are solved
 KEPT, WORTH_KEEPING = 5, 2.0  # so many valleys are compared at the move's own duration, if so near the best
 REFINED, WORTH_REFINING = 2, 1.03  # so many of these are solved in full, if so near the best
 FEW = 8  # starts of which the best optimum is first asked about
+EXACT = 1e-6  # share of a bound that the answer may exceed it by while it is searched
 MENDABLE = 0.05  # more control points may still mend an excess up to this share of a bound
 
 Kept = dict[float, Optima]  # what starts led to, by the duration at which they were solved
@@ -126,9 +131,9 @@ class Reshaper:
     ) -> tuple[list[Outcome], int, int]:
         """Coarse optima of the task, the best first; the starts and iterations that they took."""
         coarse, fine = self.coarse(task.vias), self.fine(task.vias)
-        there, used, spent = task, 0, 0
+        there, used, spent = replace(task, width=WIDE), 0, 0
         if task.fixed:
-            there = task.lasting(float(RUNG ** np.ceil(np.log(task.durations[0]) / np.log(RUNG) - 1e-9)))
+            there = there.lasting(float(RUNG ** np.ceil(np.log(task.durations[0]) / np.log(RUNG) - 1e-9)))
         rung = there.durations[1]
         kept = {} if kept is None else kept
         known = kept.get(rung, Optima())
@@ -143,7 +148,8 @@ class Reshaper:
         guesses += [task.curve(fine.shape, line) for line in lines[1:]]
         compared: list[Outcome] = []
         for guess in guesses:
-            compared.append(task.descended(fine, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped))
+            rough = replace(task, width=MIDDLE)
+            compared.append(rough.descended(fine, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped))
             if stopped():
                 break
         iterations = spent + sum(o.iterations for o in compared)
@@ -158,9 +164,7 @@ class Reshaper:
             if best is not None and not (near and count < REFINED):
                 break
             log.info("refining optimum %d of %d", count + 1, len(optima), extra={"share": 0.5})
-            better = outcome if self._polished else self._descended(outcome.curve, task, stopped)
-            if self._polished or better.broken > FEASIBLE:
-                better = self._refine(outcome.curve, task)
+            better = self.solved(outcome.curve, task, stopped)
             spent, count = spent + better.iterations, count + 1
             if better.broken <= FEASIBLE and (best is None or better.cost < best.cost):
                 best = better
@@ -168,30 +172,35 @@ class Reshaper:
                 break
         return best, spent
 
-    def _refine(self, curve: Curve, task: Task) -> Outcome:
-        return task.solved(self._level(curve.shape), curve, tolerance=1e-6, barrier=1e-2)
-
-    def _descended(self, curve: Curve, task: Task, stopped: Callable[[], bool]) -> Outcome:
-        """The optimum that sequential quadratic programming finds from a curve near it."""
-        return task.descended(
-            self._level(curve.shape), curve, ITERATIONS, trust=TRUST / 4, tolerance=FINE, stopped=stopped
-        )
+    def solved(self, curve: Curve, task: Task, stopped: Callable[[], bool] = lambda: False) -> Outcome:
+        """The optimum near a curve; IPOPT polishes it where sequential quadratic programming did not converge."""
+        level = self._level(curve.shape)
+        spent = 0
+        for width in WIDTHS if self._nodes.kinked else ():
+            there = replace(task, width=width)
+            rough = there.descended(level, curve, ROUGHLY, trust=TRUST / 4, tolerance=ROUGH / 3, stopped=stopped)
+            curve, spent = rough.curve, spent + rough.iterations
+        trust = NEAR_KINKS if self._nodes.kinked else TRUST / 4
+        found = task.descended(level, curve, ITERATIONS, trust=trust, tolerance=FINE, give=EXACT, stopped=stopped)
+        for _ in range(AGAIN if self._nodes.kinked else 0):  # kinks: until no more is won
+            if found.converged or stopped():
+                break
+            more = task.descended(
+                level, found.curve, ITERATIONS, trust=trust / 4, tolerance=FINE, give=EXACT, stopped=stopped
+            )
+            settled = task.cost(found) - task.cost(more) < ROUGH * task.cost(found)
+            spent += more.iterations
+            found = replace(min(found, more, key=task.rank), converged=settled)
+        found = replace(found, iterations=spent + found.iterations)
+        if stopped() or (found.broken <= FEASIBLE and (found.converged or self._nodes.kinked or not self._polished)):
+            return found
+        polished = task.polished(level, found)
+        best, spent = min(polished, found, key=task.rank), found.iterations + polished.iterations
+        return replace(best, iterations=spent, converged=found.converged or polished.converged)
 
     def from_line(self, line: Line, task: Task) -> Outcome:
-        """The fine problem solved from a line."""
-        return self._refine(task.curve(self.fine(task.vias).shape, line), task)
-
-    def polish(self, outcome: Outcome, task: Task) -> Outcome:
-        """Solve again from an outcome, under limits or values that have changed a little."""
-        level = self._level(outcome.curve.shape)
-        return task.solved(level, outcome.curve, tolerance=1e-6, barrier=1e-3, rows=outcome.rows)
-
-    def step(self, outcome: Outcome, task: Task) -> Outcome:
-        """Solve from the outcome of a neighbouring task, whose rows and multipliers are nearly this one's."""
-        return task.solved(
-            self._level(outcome.curve.shape), outcome.curve, tolerance=1e-5, barrier=1e-5,
-            rows=outcome.rows, multipliers=outcome.multipliers,
-        )  # fmt: skip
+        """The optimum near a line."""
+        return self.solved(task.curve(self.fine(task.vias).shape, line), task)
 
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:

@@ -15,8 +15,7 @@ import numpy as np
 
 from energy_opt.motion.reshape.evaluation import Point
 from energy_opt.motion.reshape.model import Model
-from energy_opt.motion.reshape.rows import Rows
-from energy_opt.numerics.quadratic import LEAST_DAMPING, Banded, Minimum, minimise
+from energy_opt.numerics.quadratic import LEAST_DAMPING, Banded, Constraints, Minimum, minimise
 
 PRICE = 30.0  # of a row's excess in a quadratic program, where the cost is of order one
 USED = 0.3  # share of a bound from which a linear row is held, and, in a trial, is added
@@ -24,12 +23,20 @@ BOLD, FAIR = 0.7, 0.3  # ratios of what was won to what was expected above, and 
 LEAST_TRUST = 2e-4  # [rad]
 ACCEPTED = 1e-3  # least such ratio at which a step is taken
 SHALLOW = 0.12  # excess of a numeric row below which what a failed step met joins the program
+SADDLE = 0.03  # times the tolerance, where the model is not convex: close to a saddle little is expected
+STALLED = 1e-4  # share of the cost: where no step is taken and no more is expected, it has converged
+HEAVY = 30.0  # damping above which nodes' Hessians are made convex one by one, as at the kinks of dry friction
+LAST, LITTLE = 10, 1e-3  # a search has converged where its last so many steps won no more than that share of the cost
+KINKED = 8  # and at kinks
 TRIES = 5  # failed steps from one point
 
 
 @dataclass
 class Descent:
-    """Where a search stands: the point, multipliers by row, damping and trust region; iterations and steps so far."""
+    """Where a search is: the point, multipliers by constraint, damping and trust region; iterations and steps so far.
+
+    `convex`: nodes' Hessians are made convex one by one.
+    """
 
     point: Point
     keys: np.ndarray
@@ -38,6 +45,7 @@ class Descent:
     trust: float = 0.0
     iterations: int = 0
     steps: int = 0
+    convex: bool = False
     converged: bool = False
 
 
@@ -61,12 +69,12 @@ def descend(
     point = now.point
     price = 3.0
     broken = model.broken(point, give, slack)
-    now.converged = False
+    now.converged, costs = False, [np.inf]
     for turn in range(iterations):
         if stopped():
             break
         known = model.multipliers(point, now.keys, now.multipliers)
-        hessian, gradient = model.hessian(point, known), model.gradient(point)
+        hessian, gradient = model.hessian(point, known, now.convex), model.gradient(point)
         held = np.abs(point.linear) > (-1.0 if turn < 2 else USED)
         others, failed = model.other_rows(point, trust), 0
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
@@ -77,6 +85,10 @@ def descend(
             except np.linalg.LinAlgError:  # no damping makes the program convex: numbers overflowed
                 return now
             now.steps += found.steps
+            if found.damping > HEAVY and not now.convex:
+                now.convex, damping = True, 0.0
+                hessian = model.hessian(point, known, convex=True)
+                continue
             predicted = -(gradient @ found.d + hessian.times(found.d) @ found.d / 2)
             predicted -= found.damping * model.mass.times(found.d) @ found.d / 2 if found.damping else 0.0
             elastic = found.broken if found.broken > 1e-3 else 0.0
@@ -94,6 +106,7 @@ def descend(
                 point, broken = trial, trial_broken
                 now.keys, now.multipliers, now.damping = rows.keys, found.multipliers, found.damping
                 now.point = point
+                costs.append(point.cost + price * broken)
                 if ratio > BOLD and step > 0.9 * trust:
                     trust = min(2 * trust, most)
                 elif ratio < FAIR:
@@ -106,14 +119,21 @@ def descend(
                 others = others.joined(again.moved(found.d))
             full = failed == 1 and again is not None and again.count and trial_broken > broken
             trust = min(step, trust) * (1.0 if full else 0.5)
-            if failed > TRIES or trust < LEAST_TRUST or abs(predicted) < tolerance * max(point.cost, 0.02):
+            if (
+                failed > (KINKED if now.convex else TRIES)
+                or trust < LEAST_TRUST
+                or abs(predicted) < tolerance * max(point.cost, 0.02)
+            ):
                 break
         now.trust = trust
-        if abs(predicted) < tolerance * max(point.cost, 0.02):
+        if abs(predicted) < tolerance * (SADDLE if found.damping else 1.0) * max(point.cost, 0.02):
             now.converged = True
             break
         if not good:
+            now.converged = abs(predicted) < STALLED * max(point.cost, 0.02)
             break
+    before = costs[-LAST:][0]
+    now.converged |= broken <= give and before - costs[-1] < LITTLE * max(point.cost, 0.02)
     return now
 
 
@@ -136,13 +156,13 @@ def _box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarr
 
 
 def _program(
-    model: Model, point: Point, hessian: Banded, gradient: np.ndarray, others: Rows, held: np.ndarray,
+    model: Model, point: Point, hessian: Banded, gradient: np.ndarray, others: Constraints, held: np.ndarray,
     box: tuple[np.ndarray, np.ndarray], damping: float, give: float, loose: float,
-) -> tuple[Minimum, Rows, np.ndarray]:  # fmt: skip
+) -> tuple[Minimum, Constraints, np.ndarray]:  # fmt: skip
     """The quadratic program of a linearisation; linear rows that its step breaks are added and it is solved again."""
     while True:
         rows = model.linear_rows(point, held).joined(others)
-        found = minimise(hessian, gradient, box, rows, (rows.floor, rows.ceiling), PRICE, model.mass, damping, loose)
+        found = minimise(hessian, gradient, box, rows, PRICE, model.mass, damping, loose)
         if held.all():
             break
         share = np.abs(model.linear_after(point, found.d))

@@ -21,7 +21,7 @@ import numpy as np
 from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.reshape.curve import Curve, Outcome, between
 from energy_opt.motion.reshape.level import Level
-from energy_opt.motion.reshape.task import EXACT, FEASIBLE, FIRST, STEPS, Line, Task
+from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 
 log = logging.getLogger(__name__)
 UNSEEN = 0.05  # share of starts that would find something new at which the search ends: 7, 12 or 16 starts for 1, 2, 3
@@ -36,8 +36,8 @@ SAME = 0.5  # [rad] coarse curves of one cost that differ less everywhere are on
 BENDS = ((1.0, 0.8, 16), (0.4, 1.1, 4))
 HOPELESS = 20.0  # times a bound: a bend that breaks a limit so far, as it does on a tiny move, is taken back by half
 SMALLEST = 1e-9  # [rad] of a bend
-TOLERANCE, ROUNDS = 1e-3, 3  # of a coarse solve: enough to tell optima apart
-ITERATIONS = 240  # smooth models take some 20, dry friction on every joint 60 to 240
+TOLERANCE, LOOSE = 2e-3, 1e-5  # of a coarse solve, and of its quadratic programs: enough to tell optima apart
+ITERATIONS, TRUST = 60, 0.6  # of it, and its first step [rad, m]
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,11 @@ def search(
     """
     straight = task.curve(level.shape, line)
 
-    def guesses() -> Iterator[Curve]:
-        for k in range(known.starts, starts):
-            yield _bent(level, straight, task, seed, k - 1) if k else straight
-
     found, costs = list(known.found), list(known.costs)
     used, iterations, enough = known.starts, known.iterations, False
-    for outcome in solved(level, task, guesses(), stopped):
+    while used < starts and not enough:
+        guess = _bent(level, straight, task, seed, used - 1) if used else straight
+        outcome = task.descended(level, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, loose=LOOSE)
         used, iterations = used + 1, iterations + outcome.iterations
         text = "start %d of at most %d: cost %.6g, %d iterations"
         log.info(text, used, starts, task.cost(outcome), outcome.iterations, extra={"share": 0.1 + 0.4 * used / starts})
@@ -80,7 +78,7 @@ def search(
         if outcome.broken <= FEASIBLE:
             costs.append(task.cost(outcome))
         enough = _enough(np.sort(costs), used)
-        if enough:
+        if stopped():
             break
     return Optima(tuple(found), used, iterations, tuple(costs), enough)
 
@@ -91,20 +89,6 @@ def _enough(costs: np.ndarray, starts: int) -> bool:
         return False
     different = 1 + int(np.sum(np.diff(costs) > NEAR * np.abs(costs[:-1]))) + (len(costs) < starts)
     return different * (different + 1) <= UNSEEN * starts * (starts - 1)
-
-
-def solved(level: Level, task: Task, guesses: Iterable[Curve], stopped: Callable[[], bool]) -> Iterator[Outcome]:
-    """The coarse problem solved from each guess: by IPOPT, as long as it does not spend all its iterations."""
-    exhausted = False
-    for guess in guesses:
-        if exhausted:
-            outcome = task.descended(level, guess, STEPS, trust=FIRST, tolerance=TOLERANCE / 10, give=EXACT)
-        else:
-            outcome = task.solved(level, guess, tolerance=TOLERANCE, barrier=1e-2, iterations=ITERATIONS, rounds=ROUNDS)
-            exhausted = outcome.status == "sqp"
-        yield outcome
-        if stopped():
-            return
 
 
 def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve:
@@ -167,7 +151,7 @@ def joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
     ridge = max(task.cost(a), task.cost(b))
     for share in BETWEEN:
         curve = between(a.curve, b.curve, share)
-        cost, _ = level.shares(curve, task.parameters, task.limits)
+        cost, _ = level.shares(curve, task.parameters, task.limits, task.width)
         if cost - task.offset * curve.duration > ridge + NEAR * abs(ridge):
             return False
     return True

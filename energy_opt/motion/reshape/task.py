@@ -8,17 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.reshape.curve import Curve, Multipliers, Outcome, fitted
+from energy_opt.motion.reshape.curve import Curve, Outcome, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.sqp import begin, descend
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.numerics.ipopt import EXHAUSTED
 
-ITERATIONS = 400  # smooth models take some 30, dry friction on every joint up to 250
+BARRIER, POLISHING = 1e-6, 60  # IPOPT's first barrier parameter and its iterations
 FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed it by, to be mended later
-EXACT = 1e-6  # and where the outcome is to hold the limits
-STEPS, FIRST = 60, 0.2  # iterations and first step [rad, m] of it where IPOPT spends all of its own
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 
 
@@ -39,13 +36,17 @@ class Line:
 
 @dataclass(frozen=True)
 class Task:
-    """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that no path changes."""
+    """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that no path changes.
+
+    `width` multiplies the widths over which kinks, as of dry friction, are smoothed.
+    """
 
     ends: Ends
     limits: tuple[Limit, ...]
     parameters: np.ndarray
     durations: tuple[float, float]
     offset: float
+    width: float = 1.0
 
     @property
     def fixed(self) -> bool:
@@ -65,49 +66,19 @@ class Task:
         """A curve in a duration that is allowed."""
         return replace(curve, duration=float(np.clip(curve.duration, *self.durations)))
 
-    def solved(
-        self,
-        level: Level,
-        guess: Curve,
-        *,
-        tolerance: float,
-        barrier: float,
-        rows: np.ndarray | None = None,
-        multipliers: Multipliers | None = None,
-        iterations: int = ITERATIONS,
-        rounds: int = 10,
-    ) -> Outcome:
-        """The program of a level solved from a guess; `barrier` is the first value of IPOPT's barrier parameter.
-
-        Without `rows`, all limits on velocity and acceleration are held from the beginning. Where IPOPT spends all its
-        iterations, as it may on the kinks of dry friction, sequential quadratic programming begins at the same guess.
-        """
-        found = level.solve(
-            guess,
-            self.ends,
-            self.limits,
-            self.parameters,
-            self.durations,
-            tolerance=tolerance,
-            rows=all_rows(level.shape, self.limits) if rows is None else rows,
-            offset=self.offset,
-            options={"mu_init": barrier, "max_iter": iterations},
-            rounds=rounds,
-            multipliers=multipliers,
-            last=("User_Requested_Stop", EXHAUSTED),
-        )
-        if found.status != EXHAUSTED:
-            return found
-        steps = self.descended(level, guess, STEPS, trust=FIRST, tolerance=10 * tolerance, give=EXACT)
-        best = min(steps, found, key=self.rank)
-        return replace(best, iterations=found.iterations + steps.iterations)
+    def polished(self, level: Level, found: Outcome) -> Outcome:
+        """An outcome solved again by IPOPT from where it is."""
+        return level.solve(
+            found.curve, self.ends, self.limits, self.parameters, self.durations, rows=found.rows, offset=self.offset,
+            options={"mu_init": BARRIER, "max_iter": POLISHING},
+        )  # fmt: skip
 
     def descended(
         self, level: Level, guess: Curve, iterations: int, *, trust: float, tolerance: float, loose: float = 1e-6,
         give: float = FREE, stopped: Callable[[], bool] = lambda: False,
     ) -> Outcome:  # fmt: skip
         """What sequential quadratic programming comes to on a level from a guess."""
-        model = level.model(self.ends, self.limits, self.parameters, self.durations, self.offset)
+        model = level.model(self.ends, self.limits, self.parameters, self.durations, self.offset, self.width)
         lower, upper = model.box
         guess = replace(guess, points=np.clip(guess.points, lower, upper))
         point = model.at_curve(guess)

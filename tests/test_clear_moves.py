@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 from poses import GOAL, START
 
+from energy_opt.bench.moves import random_moves
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
@@ -78,11 +79,10 @@ def test_a_move_that_would_fold_the_arm_into_itself_keeps_clear(planner: Planner
 
 
 def test_a_move_whose_optimum_is_free_is_left_as_it_is(planner: Planner, panda: Robot) -> None:
-    goal = START + [0.6, 0.1, 0.0, 0.1, 0.0, 0.0, 0.2]
-    answers = []
+    named, answers = random_moves(panda, 20, 1)[0], []
     for cell in (None, Cell(panda, CellRequest())):
         planner.set_cell(cell)
-        answers.append(planner.solve(Move(START, goal, duration=1.5)))
+        answers.append(planner.solve(Move(named.start, named.goal, duration=2.5)))
     assert np.array_equal(answers[0].trajectory.position, answers[1].trajectory.position)
     assert answers[1].certificate.clearance.proven
 

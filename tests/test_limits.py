@@ -105,7 +105,8 @@ def test_a_limit_of_numeric_rows_is_kept_by_a_solve(panda: Robot, model: PowerMo
     bent = fitted(level.shape, u, line + np.outer(np.sin(np.pi * u) ** 2, MIDDLE - START), ends, 2.0)
     free = level.solve(bent, ends, own, model.values(7), (2.0, 2.0))
     ball = OutsideBall(free.curve.position(np.array([0.5]))[0], 0.3)  # in the way
-    held = level.solve(free.curve, ends, (*own, ball), model.values(7), (2.0, 2.0), reach=1.0)
+    near_by = {"mu_init": 1e-3}
+    held = level.solve(free.curve, ends, (*own, ball), model.values(7), (2.0, 2.0), reach=1.0, options=near_by)
     near = np.linalg.norm(held.curve.position(np.linspace(0.02, 0.98, 33)) - ball.centre, axis=1).min()
     assert free.converged and held.converged and held.cost > free.cost
     assert 0.3 - 1e-6 < near < 0.4 and held.broken < 1e-6 and ball.asked >= 1

@@ -20,6 +20,7 @@ from energy_opt.numerics.batch import Batch
 BROKEN = 1e-7  # share beyond a bound at which a limit becomes a row
 NEAR = 0.97  # share of a bound from which a limit joins the rows when others do
 ROUNDS = 10
+NEAR_OPTIMUM = 1e-5  # first barrier parameter, and distance from bounds, of rounds but the first
 
 
 class Level:
@@ -115,11 +116,13 @@ class Level:
         )
         iterations, fixed = 0, durations[0] == durations[1]
         values, curve = np.concatenate([parameters, values_of(limits)]), guess
-        for _ in range(rounds):
+        for turn in range(rounds):
             chosen = np.vstack([np.insert(np.argwhere(held), 0, k, axis=1) for k, held in active.items()])
             places = [found for limit in limits if (found := limit.places(curve.position)) is not None]
             program = ReshapeProgram(self.pattern, self._nodes, ends, limits, chosen, values, scale, fixed, places)
             chosen_options = {"tol": tolerance, "max_iter": 150, **(options or {})}
+            if turn:  # it begins at the optimum of the round before
+                chosen_options |= {"mu_init": NEAR_OPTIMUM, "bound_push": NEAR_OPTIMUM, "bound_frac": NEAR_OPTIMUM}
             answer = ipopt.solve(program, x, box, program.row_bounds, chosen_options)
             iterations += answer.iterations
             x = answer.x

@@ -19,7 +19,7 @@ SKODA = Path(__file__).parents[2] / "shared" / "data" / "skoda.json"
 def run(tmp_path: Path, document: dict) -> tuple[int, dict]:
     file = tmp_path / "cell.toml"
     file.write_bytes(tomli_w.dumps(document).encode())
-    code = main(["job", str(file), "--out", str(tmp_path / "out"), "--quiet"])
+    code = main(["job", str(file), "--out", str(tmp_path / "out"), "--quiet", "--force"])
     result = tmp_path / "out" / "job.json"
     return code, json.loads(result.read_text()) if result.is_file() else {}
 
@@ -68,6 +68,19 @@ def test_a_cell_that_cannot_be_says_why(tmp_path: Path, capsys: pytest.CaptureFi
     document["robot"][0]["step"][0]["duration"] = [12.0, 13.0]
     assert run(tmp_path, document)[0] == 3
     assert "a: its steps take 12 s at least" in capsys.readouterr().err
+
+
+def test_a_mode_with_postures_is_possible_there_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = two_robots()
+    document["robot"][1]["step"].append({"name": "parked", "wait": [0.0, 20.0]})
+    document["mode"][1]["posture"] = ["parked"]
+    code, found = run(tmp_path, document)
+    assert code == 0
+    waits = {(r["name"], s["name"]): s for r in found["robots"] for s in r["steps"] if s["mode"] == "brakes"}
+    assert list(waits) == [("b", "parked")] and waits["b", "parked"]["duration"] >= 2.0
+    document["mode"][1]["posture"] = ["barked"]
+    assert run(tmp_path, document)[0] == 2
+    assert "mode brakes: posture 'barked' is no pose, nor a wait; did you mean 'parked'?" in capsys.readouterr().err
 
 
 def test_faults_of_a_file_are_named_with_their_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -45,8 +45,12 @@ def listed(arm: Arm) -> Arm:
     return arm if steps == arm.table.step else arm.arranged(steps)
 
 
-def arrangements(arm: Arm, orders: bool) -> list[Arranged]:
-    """Arrangements of an arm's steps, the cheapest first; with `orders` also in other orders than the file's."""
+def arrangements(arm: Arm, orders: bool, stopped: Callable[[], bool]) -> list[Arranged]:
+    """Arrangements of an arm's steps, the cheapest first; with `orders` also in other orders than the file's.
+
+    Args:
+        stopped: asked before every estimate; True ends the search.
+    """
     if not orders:
         found = _estimated(lambda: listed(arm))
         return [] if found is None else _cheapest([found, *_elsewhere(found.arm)])
@@ -55,6 +59,8 @@ def arrangements(arm: Arm, orders: bool) -> list[Arranged]:
 
     def look(choice: tuple[tuple[int, ...], ...]) -> float:
         order = tuple(in_blocks(len(arm.table.step), groups, choice))
+        if order not in met and met and stopped():
+            return float("inf")
         if order not in met:
             steps = [arm.table.step[k] for k in order]
             met[order] = _estimated(lambda: arm if steps == arm.table.step else arm.arranged(steps))
@@ -69,7 +75,7 @@ def arrangements(arm: Arm, orders: bool) -> list[Arranged]:
         for choice in few:
             look(choice)
     else:
-        _search(groups, first, look, lambda: len(met) >= MET)
+        _search(groups, first, look, lambda: len(met) >= MET or stopped())
     best = _cheapest([one for one in met.values() if one is not None])
     away = [other for one in best[:AWAY] for other in _elsewhere(one.arm)]
     return _cheapest([*best, *away])

@@ -20,8 +20,14 @@ def mode_of(table: ModeTable, power: float | None = None) -> Mode:
 
 
 def modes_at(cell: WorkCell, robot: RobotTable, step: StepTable) -> tuple[Mode, ...]:
-    """The modes that are possible in a wait; a robot's own mode takes the place of the cell's of the same name."""
-    known = {mode.name: mode_of(mode) for mode in (*cell.mode, *robot.mode)}
+    """The modes that are possible in a wait of a robot that is known by its curves.
+
+    A robot's own mode takes the place of the cell's of the same name. A mode with postures is possible in the waits
+    that these name, and where a wait lists it among its `modes` or gives its power.
+    """
+    named = {*(step.modes or ()), *step.power, step.name}
+    tables = {mode.name: mode for mode in (*cell.mode, *robot.mode)}.values()
+    known = {m.name: mode_of(m) for m in tables if m.posture == "any" or named & {m.name, *m.posture}}
     for name, power in step.power.items():
         known[name] = replace(known.get(name, Mode(name, power)), power=power)
     return tuple(known[name] for name in (known if step.modes is None else step.modes))
@@ -38,7 +44,12 @@ def ring_of(cell: WorkCell, robot: RobotTable) -> Ring:
         name = step_name(k, step)
         least, most = step.span
         if step.wait is not None:
-            steps.append(Wait(name, least, most, modes_at(cell, robot, step)))
+            modes = modes_at(cell, robot, step)
+            if not modes:
+                raise BadInput(
+                    f"robot {robot.name}: step {name}: no mode is possible here; `posture` of each names others"
+                )
+            steps.append(Wait(name, least, most, modes))
             continue
         curve = Polynomial(tuple(step.curve or ()))
         least = max(least, SHORTEST)

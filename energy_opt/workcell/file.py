@@ -271,6 +271,13 @@ def _wrong_names(cell: WorkCell | None) -> list[str]:
             if tied := sorted(i for i, j in group.before if i == j):
                 names_ = " and ".join(steps[group.blocks[b][0]] for b in tied)
                 faults.append(f"{where}: steps {names_}: each is `after` another")
+    own = {robot.name: {*cell.poses, *robot.poses, *(step.name or "" for step in robot.step)} for robot in cell.robot}
+    placed = [("", mode, set().union(*own.values())) for mode in cell.mode]
+    placed += [(f"robot {robot.name}: ", mode, own[robot.name]) for robot in cell.robot for mode in robot.mode]
+    for where, table, there in placed:
+        for pose in () if table.posture == "any" else table.posture:
+            if pose not in there:
+                faults.append(f"{where}mode {table.name}: posture {pose!r} is no pose, nor a wait{near(pose, there)}")
     for lag in cell.lag:
         faults += _unknown(cell, lag.begin, "lag: from") + _unknown(cell, lag.end, "lag: to")
     return faults

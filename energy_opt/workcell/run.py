@@ -120,5 +120,6 @@ def run_workcell(
         if all(between.verdict == "proven" for between in moved.clearance):
             planned = moved
     drawn = supply.drawn(planned.schedule, supply.table.shared)
-    bound = planned.schedule.bound if cell.supply is None else min(planning.bound(), drawn.energy)
-    return CellResult(cell, planned, levers, arms, own, drawn, bound, stopped())
+    bound = planning.bound(lossless=cell.supply is not None)
+    energy = planned.schedule.energy if cell.supply is None else drawn.energy
+    return CellResult(cell, planned, levers, arms, own, drawn, min(bound, energy), stopped())

@@ -73,7 +73,7 @@ class Stage:
 
     def _cheapest(self, given: Sequence[Arm | None], orders: bool) -> Schedule | None:
         """The schedule of the best arrangement, where there is more than one; the arms take it."""
-        choices = [[] if arm is None else arrangements(arm, orders) for arm in given]
+        choices = [[] if arm is None else arrangements(arm, orders, self.stopped) for arm in given]
         if not orders and all(len(choice) < 2 for choice in choices):
             return None
 
@@ -96,14 +96,19 @@ class Stage:
         hold: Sequence[dict[int, float] | None] | None = None,
         arms: Sequence[Arm | None] | None = None,
         lossless: bool = False,
+        anywhere: bool = False,
     ) -> Problem:
-        """The scheduling problem with all that is known now."""
+        """The scheduling problem with all that is known now; `anywhere`: but for the times that keep arms apart."""
         rings: dict[str, Ring] = {}
         for k, (robot, arm) in enumerate(zip(self.cell.robot, self.arms if arms is None else arms, strict=True)):
             held = None if hold is None else hold[k]
             rings[robot.name] = ring_of(self.cell, robot) if arm is None else arm.ring(optimized, held, lossless)
-        return problem_of(self.cell, rings, tuple(self.exclusions.values()))
+        return problem_of(self.cell, rings, () if anywhere else tuple(self.exclusions.values()))
 
-    def bound(self) -> float:
-        """J that no schedule of these curves goes below, whatever supply the robots share: one that loses nothing."""
-        return solve(self.problem(True, lossless=True), seconds=self.seconds).bound
+    def bound(self, lossless: bool) -> float:
+        """J that no schedule of these curves goes below, wherever the arms are and whatever supply they share.
+
+        Args:
+            lossless: a supply that loses nothing; else each robot has its own, which loses all that is braked.
+        """
+        return solve(self.problem(True, lossless=lossless, anywhere=True), seconds=self.seconds).bound

@@ -10,7 +10,7 @@ import csv
 import hashlib
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,8 +28,13 @@ OWN = Path(__file__).resolve().parents[1] / "energy_opt" / "robot" / "data" / "u
 SRDF = {"panda": "panda", "ur5": "ur5", "xarm7": "xarm7", "z1": "z1", "kinova": "kinova"}
 TOLERANCE = 2e-6  # of a bound, or of an energy
 PLACES, POSES = 24, 400  # between two rows, and of a motion whose contacts are looked for
+PLAIN = {"standby", "copper_loss", "payload"}  # effects of which energies are recomputed
+PASSED, SPREAD = 2e-3, 1e-3  # [rad], of an energy: what the mean over milliseconds does to a cycle without jumps
 OFTEN = 80  # random poses, in all of which links that touch are one by construction
 HALF = 50.0  # [m] of the edge of a box that stands for what is below a floor
+
+
+Rows = tuple[np.ndarray, ...]  # time, position, velocity, acceleration
 
 
 class Robot:
@@ -68,10 +73,14 @@ class Robot:
             out.append(data.oMi[model.njoints - 1].homogeneous.copy())
         return np.array(out)
 
-    def touching(self, q: np.ndarray, scene: Sequence[Mapping[str, Any]], floor: float | None) -> str | None:
-        """The first pair that touches at positions (M, n); None where nothing does."""
+    def touching(
+        self, q: np.ndarray, scene: Sequence[Mapping[str, Any]], floor: float | None, own: bool = True
+    ) -> str | None:
+        """The first pair that touches at positions (M, n); None where nothing does. `own`: pairs of the arm's links."""
         model, geometry = _bodies(str(self.urdf), self.name, tuple(sorted(self.locked.items())))
         geometry = geometry.copy()
+        if not own:
+            geometry.removeAllCollisionPairs()
         links = geometry.ngeoms
         for name, shape, at in _things(scene, floor):
             k = geometry.addGeometryObject(pin.GeometryObject(name, 0, at, shape))
@@ -149,6 +158,125 @@ def faults_of_files(out: Path, document: str = "result.json") -> list[str]:
     return [f"files: {name}" for name in sorted({*listed, *there}) if listed.get(name) != there.get(name)]
 
 
+def model_of(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Effects by name of the model that a document's energies are stated under."""
+    request = document["request"]
+    model = request["model"]
+    if isinstance(model, list):
+        model = model[0]
+    return {effect["name"]: effect for effect in model["effect"]}
+
+
+def _noting(faults: list[str]) -> Callable[[str, float], None]:
+    def holds(what: str, excess: float) -> None:
+        if not excess <= TOLERANCE:
+            faults.append(f"{what}: {excess:.3e} beyond")
+
+    return holds
+
+
+def energy_of(robot: Robot, asked: Mapping[str, Any], rows: Rows, model: Mapping[str, Any]) -> float:
+    """J of a motion under standby and copper loss, by Newton and Cotes' rule of degree 9 between two rows."""
+    copper = np.atleast_1d(model["copper_loss"]["r_over_kt2"]) if "copper_loss" in model else np.zeros(1)
+    _, (y, dy, ddy, _) = curve(*rows, 9)
+    load = robot.arm(asked.get("payload")).torque(*(z.reshape(-1, robot.n) for z in (y, dy, ddy))).reshape(y.shape)
+    each = model["standby"]["power"] + np.sum(load * dy + copper * load**2, axis=2)
+    weight = np.linalg.solve(np.vander(np.linspace(0, 1, 9), increasing=True).T, 1 / (np.arange(9) + 1))
+    return float(np.sum((each @ weight) * np.diff(rows[0])))
+
+
+def held(robot: Robot, asked: Mapping[str, Any], rows: Rows, model: Mapping[str, Any]) -> list[str]:
+    """What a motion breaks of the arm's limits and what it touches."""
+    (t, q, v, a), faults = rows, []
+    holds = _noting(faults)
+    _, (x, dx, ddx, jerk) = curve(t, q, v, a, PLACES)
+    bounds = robot.bounds
+    span = np.where(np.isfinite(bounds["upper"] - bounds["lower"]), bounds["upper"] - bounds["lower"], 1)
+    holds("position", float(np.max(np.maximum(x - bounds["upper"], bounds["lower"] - x) / span)))
+    values = {"velocity": dx, "acceleration": ddx, "jerk": jerk}
+    if set(model) <= PLAIN:
+        arm = robot.arm(asked.get("payload"))
+        values["effort"] = arm.torque(*(y.reshape(-1, robot.n) for y in (x, dx, ddx))).reshape(x.shape)
+    for name, value in values.items():
+        holds(name, float(np.max(np.abs(value) / bounds[name])) - 1)
+    own = asked.get("own", True)
+    if own or asked.get("scene") or asked.get("floor") is not None:
+        many = np.linspace(t[0], t[-1], POSES)
+        k = np.clip(np.searchsorted(t, many, side="right") - 1, 0, len(t) - 2)
+        poses = x[k, np.round((many - t[k]) / (t[k + 1] - t[k]) * (PLACES - 1)).astype(int)]
+        pair = robot.touching(poses, asked.get("scene", []), asked.get("floor"), own)
+        if pair is not None:
+            faults.append(f"touches: {pair}")
+    return faults
+
+
+def judge_cycle(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
+    """What is wrong with the cycle.csv of a job: asked cycle_time, passes (positions, in order), and waits [s]."""
+    found = json.loads((out / "job.json").read_text())
+    rows = rows_of(out / "cycle.csv", robot.joints)
+    t, q, v, _ = rows
+    model = model_of(found)
+    faults = faults_of_files(out, "job.json") + held(robot, asked, rows, model)
+    holds = _noting(faults)
+    holds("cycle time", abs(t[-1] - t[0] - asked["cycle_time"]) / asked["cycle_time"])
+    holds("steps' times", abs(sum(row["duration"] for row in found["steps"]) - asked["cycle_time"]))
+    holds("steps' energies", abs(sum(row["energy_total"] for row in found["steps"]) / found["energy_total"] - 1))
+    for name, place in (("begin", 0), ("end", -1)):
+        holds(name, float(np.abs(q[place] - asked["start"]).max()) + float(np.abs(v[place]).max()))
+    at = 0
+    for point in asked["passes"]:
+        off = np.abs(q[at:] - point).max(axis=1)
+        at += int(np.argmin(off))
+        holds("pass", float(off.min()) - PASSED)
+    still = np.abs(np.diff(q, axis=0)).max(axis=1) == 0
+    waits = float(np.diff(t)[still].sum())
+    if waits < asked["wait"] * 0.9:  # jumps of the acceleration are spread at their cost
+        faults.append(f"waits {waits:g} s")
+    if set(model) <= PLAIN:
+        energy = energy_of(robot, asked, rows, model)
+        if abs(energy / found["energy_total"] - 1) > SPREAD:
+            faults.append(f"energy: {energy:g} instead of {found['energy_total']:g}")
+    return faults
+
+
+def judge_front(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
+    """What is wrong with a front: durations as asked, energies that add up, and a minimum that is none."""
+    found, faults = json.loads((out / "tradeoff.json").read_text()), faults_of_files(out, "tradeoff.json")
+    holds, model, arm = _noting(faults), model_of(found), robot.arm(asked.get("payload"))
+    holds("durations", float(np.abs(np.array([row["duration"] for row in found["points"]]) - asked["durations"]).max()))
+    solved = [row for row in found["points"] if row["energy_total"] is not None]
+    x, weight = np.polynomial.legendre.leggauss(60)
+    start, way = np.array(asked["start"]), np.array(asked["goal"]) - asked["start"]
+    q = start + (x[:, None] + 1) / 2 * way
+    stored = float(weight / 2 @ (arm.torque(q, 0 * q, 0 * q) @ way))  # what lifting takes, along the straight line
+    for row in solved:
+        holds("standby", abs(row["energy_standby"] / (model["standby"]["power"] * row["duration"]) - 1))
+        rest = row["energy_total"] - row["energy_standby"] - row["energy_loss"]
+        if abs(rest - stored) > 1e-4 * max(abs(stored), 1.0):
+            faults.append(f"stored: {rest:g} instead of {stored:g}")
+        if found["minimum"] is not None and row["status"] == "solved":
+            holds("minimum", found["minimum"]["energy_total"] / row["energy_total"] - 1)
+        holds("fastest", found["fastest"] - row["duration"])
+    return faults
+
+
+def judge_batch(out: Path) -> list[str]:
+    """What is wrong with the rows of a batch: what is solved holds its limits and costs no more than slowed evenly."""
+    from pyarrow import parquet
+
+    faults: list[str] = []
+    holds = _noting(faults)
+    for row in parquet.read_table(out / "results.parquet").to_pylist():
+        if row["status"] == "solved":
+            holds(f"{row['mode']}: violation", float(row["max_violation"]))
+            if row["saving_loss_percent"] is not None and np.isfinite(row["saving_loss_percent"]):
+                holds(f"{row['mode']}: dearer", -float(row["saving_total_percent"]) / 100)
+            parts = row["energy_standby"] + row["energy_loss"]
+            if not np.isfinite(parts) or row["energy_loss"] < -1e-9:
+                faults.append(f"{row['mode']}: energies {row['energy_total']:g}, {parts:g}")
+    return faults
+
+
 def judge(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
     """What is wrong with the answer in a folder to what was asked for; empty where nothing is.
 
@@ -158,23 +286,11 @@ def judge(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
     """
     found = json.loads((out / "result.json").read_text())
     t, q, v, a = rows_of(out / "trajectory.csv", robot.joints)
-    _, (x, dx, ddx, jerk) = curve(t, q, v, a, PLACES)
-    arm, faults = robot.arm(asked.get("payload")), faults_of_files(out)
+    model = model_of(found)
+    plain, faults = set(model) <= PLAIN, faults_of_files(out) + held(robot, asked, (t, q, v, a), model)
+    arm, holds = robot.arm(asked.get("payload")), _noting(faults)
+    _, (x, dx, ddx, _) = curve(t, q, v, a, PLACES)
     tau = arm.torque(*(y.reshape(-1, robot.n) for y in (x, dx, ddx))).reshape(x.shape)
-    model = {effect["name"]: effect for effect in found["request"]["model"]["effect"]}
-    plain = set(model) <= {"standby", "copper_loss", "payload"}
-
-    def holds(what: str, excess: float) -> None:
-        if not excess <= TOLERANCE:
-            faults.append(f"{what}: {excess:.3e} beyond")
-
-    span = np.where(
-        np.isfinite(robot.bounds["upper"] - robot.bounds["lower"]), robot.bounds["upper"] - robot.bounds["lower"], 1
-    )
-    holds("position", float(np.max(np.maximum(x - robot.bounds["upper"], robot.bounds["lower"] - x) / span)))
-    values = {"velocity": dx, "acceleration": ddx, "jerk": jerk, **({"effort": tau} if plain else {})}
-    for name, value in values.items():
-        holds(name, float(np.max(np.abs(value) / robot.bounds[name])) - 1)
     holds("start", float(np.abs(q[0] - asked["start"]).max()) + float(np.abs(v[0]).max()))
     holds("goal", float(np.abs(q[-1] - asked["goal"]).max()) + float(np.abs(v[-1]).max()))
     if asked.get("duration") is not None:
@@ -184,25 +300,13 @@ def judge(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
     if plain:
         copper = np.atleast_1d(model["copper_loss"]["r_over_kt2"]) if "copper_loss" in model else np.zeros(1)
         power = model["standby"]["power"] + np.sum(tau * dx + copper * tau**2, axis=2)
-        nodes = np.linspace(0, 1, 9)
-        _, (y, dy, ddy, _) = curve(t, q, v, a, 9)
-        load = arm.torque(*(z.reshape(-1, robot.n) for z in (y, dy, ddy))).reshape(y.shape)
-        each = model["standby"]["power"] + np.sum(load * dy + copper * load**2, axis=2)
-        weight = np.linalg.solve(np.vander(nodes, increasing=True).T, 1 / (np.arange(9) + 1))
-        energy = float(np.sum((each @ weight) * np.diff(t)))
+        energy = energy_of(robot, asked, (t, q, v, a), model)
         holds("energy", abs(energy - found["energy"]["total"]) / max(abs(energy), 1.0))
         if asked.get("max_power") is not None:
             holds("power", float(power.max()) / asked["max_power"] - 1)
     for point in asked.get("via", []):
         holds("via", float(np.abs(q - point).max(axis=1).min()))
     faults += _conditions(robot, asked, t, q, v, a)
-    if asked.get("self_collision", True):
-        many = np.linspace(t[0], t[-1], POSES)
-        k = np.clip(np.searchsorted(t, many, side="right") - 1, 0, len(t) - 2)
-        poses = x[k, np.round((many - t[k]) / (t[k + 1] - t[k]) * (PLACES - 1)).astype(int)]
-        pair = robot.touching(poses, asked.get("scene", []), asked.get("floor"))
-        if pair is not None:
-            faults.append(f"touches: {pair}")
     for path in out.glob("trajectory.*"):
         faults += _written(path, robot, asked)
     return faults

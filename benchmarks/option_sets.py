@@ -26,13 +26,14 @@ from typing import Any
 
 import numpy as np
 import yaml
-from option_judge import Robot, faults_of_files, judge
+from option_judge import Robot, faults_of_files, judge, judge_batch, judge_cycle, judge_front
 
 ROBOTS = ("panda", "ur5e", "ur5", "xarm7", "ur10e", "kinova", "z1")
 FORMATS = ("csv", "yaml", "json", "mcap", "follow-joint-trajectory")
 ROOT = Path(__file__).resolve().parents[1]
 LONGEST = 60.0  # [s] of CPU
-GROUP = {"right": ("solved", "infeasible", "refused"), "open": ("not_converged",)}
+SLOWED = "cost less than the same move slowed evenly, which is written instead"
+KEPT = "--as moves with --mode retime keeps the straight line"
 
 
 def run(words: Sequence[str], folder: Path) -> tuple[int, str, str, float]:
@@ -114,7 +115,7 @@ def option_set(number: int, folder: Path) -> tuple[Robot, dict[str, Any], list[s
     if chance(0.5):
         words += ["--model", str(rng.choice(["source-method-2", "careful", "source-method-1"], p=[0.7, 0.2, 0.1]))]
     if chance(0.08):
-        asked["self_collision"] = bool(scene) or floor is not None
+        asked["own"] = False
         words += ["--self-collision", "off"]
     if chance(0.15):
         words += ["--seed", str(int(rng.integers(1, 99)))]
@@ -135,7 +136,9 @@ def option_set(number: int, folder: Path) -> tuple[Robot, dict[str, Any], list[s
         words += ["--start", words_of(start), "--goal", words_of(goal)]
     words += ["--mode", mode]
     if verb == "tradeoff":
-        return robot, asked, ["tradeoff", *words, "--durations", f"2:5:{int(rng.integers(2, 4))}"]
+        count = int(rng.integers(2, 4))
+        asked["durations"] = np.linspace(2, 5, count).tolist()
+        return robot, asked, ["tradeoff", *words, "--durations", f"2:5:{count}"]
     if mode == "reshape" and not path and chance(0.12):
         via = np.round((start + goal) / 2 + rng.uniform(-0.08, 0.08, robot.n), 6)
         if robot.touching(via[None], scene, floor) is None:
@@ -182,9 +185,9 @@ def _job(robot: Robot, asked: dict[str, Any], rng: np.random.Generator, folder: 
     home, there = ([float(x) for x in asked[key]] for key in ("start", "goal"))
     between = [round(float((a + b) / 2), 6) for a, b in zip(home, there, strict=True)]
     stop = "" if rng.random() < 0.5 else f"[[step]]\nto = {between}\nstop = false\n"
-    text = (
-        f'format = "energy-opt/job/1"\nrobot = "{robot.name}"\ncycle_time = {rng.uniform(6, 14):.3f}\nhome = {home}\n'
-    )
+    cycle = round(float(rng.uniform(6, 14)), 3)
+    asked |= {"cycle_time": cycle, "wait": 0.4, "passes": [*([between] if stop else []), there]}
+    text = f'format = "energy-opt/job/1"\nrobot = "{robot.name}"\ncycle_time = {cycle:.3f}\nhome = {home}\n'
     text += f"{stop}[[step]]\nto = {there}\n[[step]]\nwait = 0.4\n[[step]]\nto = {home}\n"
     (folder / "job.toml").write_text(text)
     return folder / "job.toml"
@@ -213,13 +216,19 @@ def examined(number: int) -> dict[str, Any]:
         row["message"] = document.get("message", "")
         if not faults and words[0] == "optimize":
             faults += _of_move(robot, asked, words, code, document, out, folder)
-        elif not faults and words[0] in ("job", "tradeoff") and code == 0:
-            faults += faults_of_files(out, f"{words[0]}.json")
+        elif not faults and code == 0:
+            faults += {"job": judge_cycle, "tradeoff": judge_front}.get(words[0], _of_batch)(robot, asked, out)
+        elif not faults and code == 4:
+            faults.append(f"not converged: {row['message'][:200]}")
         if cpu > LONGEST:
             faults.append(f"takes {cpu:.0f} s of CPU")
         return {**row, "faults": faults}
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _of_batch(robot: Robot, asked: dict[str, Any], out: Path) -> list[str]:
+    return judge_batch(out)
 
 
 def _of_words(code: int, said: str, complaint: str) -> list[str]:
@@ -237,9 +246,13 @@ def _of_words(code: int, said: str, complaint: str) -> list[str]:
 def _of_move(
     robot: Robot, asked: dict[str, Any], words: list[str], code: int, document: dict[str, Any], out: Path, folder: Path
 ) -> list[str]:
-    if code in (0, 4):
-        found = judge(robot, asked, out) if code == 0 else []
-        return found + ([] if code == 0 else [f"not converged: {document.get('message', '')[:200]}"])
+    message = document.get("message", "")
+    if code == 0 or (code == 4 and SLOWED in message):  # standard moves that save nothing are never the answer
+        return judge(robot, asked, out)
+    if code == 4:
+        return [f"not converged: {message[:200]}"]
+    if code == 2 and "--vias" in words and "retime" in words and KEPT in message:
+        return []
     if code == 2:
         return [f"refused: {document['message'][:300]}"]
     faults = faults_of_files(out) if (out / "result.json").is_file() else []

@@ -283,7 +283,8 @@ def place(
     for point, _ in reached:
         if len(seeds) >= request.seeds or (stopped() and done):
             break
-        if any((np.abs(point - other)[search.free] < APART * search.span[search.free]).all() for other in seeds):
+        near = [*seeds, *(at for _, at in done)]
+        if any((np.abs(point - other)[search.free] < APART * search.span[search.free]).all() for other in near):
             continue
         progress(f"seed {len(seeds) + 1}/{request.seeds}", 0.3 + 0.4 * len(seeds) / max(request.seeds, 1))
         found = search.solve(point, "seed")

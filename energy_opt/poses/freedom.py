@@ -33,7 +33,7 @@ FLAT = 1e-6  # singular values of the pose's Jacobian below this share leave a d
 WIDE = 1e-5  # [m, rad] a tolerance that is worth using
 MARGIN = 5e-9  # [m, rad] of a tolerance that is left, for what inverse kinematics misses
 SAMPLES = 81
-PRICE = 3.0  # times the loss that a duration's share is worth: losses of a motion go with T^-3
+PRICE = 10.0  # times the loss and the square of what a limit is broken by: motions give way to limits locally
 BINDING = 0.98  # of a limit: a motion that comes as near was held back by it
 
 
@@ -170,7 +170,7 @@ class Bent:
         if not self._fixed:
             return self._energy(q, v, a, longer)
         energy = self._energy(q, v, a, np.ones(len(q)))
-        return np.asarray(energy + PRICE * np.maximum(longer - 1, 0) * self._loss)
+        return np.asarray(energy + PRICE * np.maximum(longer - 1, 0) ** 2 * self._loss)
 
     def _needed(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """The share of the duration (M,) that velocity and acceleration limits need."""

@@ -9,9 +9,10 @@ from collections.abc import Callable
 from latex2mathml.converter import convert
 
 from energy_opt.cli.examples import EXAMPLES, example
-from energy_opt.cli.main import VERBS, parsers
+from energy_opt.cli.main import parsers
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.effects.describe import described_effect
+from energy_opt.front.verbs import VERBS
 
 CODE = re.compile(r"(```.*?```|`[^`\n]+`)", re.DOTALL)
 
@@ -56,7 +57,8 @@ def _escaped(text: str) -> str:
 
 def all_options(_: str) -> str:
     """The options of every verb."""
-    return "\n\n".join(f"## {verb}\n\n{text[0].upper() + text[1:]}.\n\n{options(verb)}" for verb, text in VERBS.items())
+    rows = ((name, verb.summary) for name, verb in VERBS.items())
+    return "\n\n".join(f"## {name}\n\n{text[0].upper() + text[1:]}.\n\n{options(name)}" for name, text in rows)
 
 
 def shown(kind: str) -> str:

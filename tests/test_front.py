@@ -31,7 +31,7 @@ def result(panda):
 def test_importing_the_package_is_fast_and_brings_nothing_heavy():
     code = (
         "import sys, energy_opt as eo; before = set(sys.modules); assert 'numpy' not in before, 'numpy';"
-        "assert {'optimize', 'CoulombFriction'} <= set(dir(eo)); eo.BadInput; eo.CoulombFriction(tau_c=1);"
+        "assert {'optimize', 'CoulombFriction'} <= set(dir(eo)); eo.BadInput; eo.effects.CoulombFriction(tau_c=1);"
         "print([m for m in ('pinocchio', 'toppra', 'matplotlib', 'scipy', 'pyarrow') if m in sys.modules])"
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -100,15 +100,15 @@ def test_wrong_arguments_are_named_as_arguments(panda, arguments, says):
 
 
 def test_models_add_and_subtract(tmp_path):
-    model = eo.source_model("panda") + eo.CoulombFriction(tau_c=0.3)
+    model = eo.source_model("panda") + eo.effects.CoulombFriction(tau_c=0.3)
     assert repr(model) == (
         "PowerModel('panda': Standby(power=88.04) + CopperLoss(r_over_kt2=0.0036) + CoulombFriction(tau_c=0.3))"
     )
     model.save(str(tmp_path / "m.toml"))
     assert eo.load_model(str(tmp_path / "m.toml")) == model
-    assert model - "coulomb_friction" == model - eo.CoulombFriction == eo.source_model("panda")
+    assert model - "coulomb_friction" == model - eo.effects.CoulombFriction == eo.source_model("panda")
     with pytest.raises(eo.BadInput, match="twice"):
-        model + eo.CoulombFriction(tau_c=0.1)
+        model + eo.effects.CoulombFriction(tau_c=0.1)
     with pytest.raises(eo.BadInput, match="has no 'coulomb_fricton'; did you mean"):
         model - "coulomb_fricton"
 
@@ -129,11 +129,11 @@ def test_a_payload_is_added_to_a_planner_without_building_it_again(panda, monkey
     move = eo.Move(START, GOAL, duration=2.5)
     losses = []
     for mass in (0.0, 1.0, 2.5, 0.0):
-        planner.set_model(model if mass == 0 else model + eo.Payload(mass=mass, com=[0, 0, 0.1]))
+        planner.set_model(model if mass == 0 else model + eo.effects.Payload(mass=mass, com=[0, 0, 0.1]))
         losses.append(planner.solve(move).energy.loss)
     assert len(built) == 2 and losses[0] < losses[1] < losses[2] and losses[3] == pytest.approx(losses[0])
     with pytest.raises(eo.BadInput, match="other effects"):
-        planner.set_model(model + eo.CoulombFriction(tau_c=0.1))
+        planner.set_model(model + eo.effects.CoulombFriction(tau_c=0.1))
 
 
 def test_a_front_and_measured_data_through_the_door(panda, tmp_path):

@@ -16,6 +16,7 @@ import pytest
 import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.files import to_json, write_table
+from energy_opt.front.effects import effects as described
 from energy_opt.front.run import asked_in
 from energy_opt.front.verbs import VERBS
 from energy_opt.job.example import EXAMPLE
@@ -172,7 +173,7 @@ def test_the_command_and_the_function_give_the_same_json(
     words += ["--out", str(tmp_path / "a")] if "out" in known or VERBS[verb].out else []
     code = main([*words, "--json", "--quiet"])
     printed = json.loads(capsys.readouterr().out)
-    function = {"import": eo.import_logs}.get(verb) or getattr(eo, verb)
+    function = {"import": eo.import_logs, "effects": described}.get(verb) or getattr(eo, verb)
     try:
         found = function(**given, **({"out": tmp_path / "b"} if "out" in known else {}))
     except (eo.BadInput, eo.Infeasible) as error:

@@ -36,8 +36,8 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
     from energy_opt.front.optimize import optimize as optimize
     from energy_opt.front.passport import passport as passport
     from energy_opt.front.place import place as place
-    from energy_opt.front.run import repeat as repeat
     from energy_opt.front.robots import robots as robots
+    from energy_opt.front.run import repeat as repeat
     from energy_opt.front.simulate import simulate as simulate
     from energy_opt.front.tradeoff import Tradeoff as Tradeoff
     from energy_opt.front.tradeoff import tradeoff as tradeoff

@@ -167,7 +167,7 @@ def _reason(error: Exception) -> str:
 class _Loader(yaml.SafeLoader):
     """YAML with the angle tags of ROS parameter files (`!degrees 360.0`), bounded in depth and in size.
 
-    Size counts what a document comes to with every alias replaced by what it stands for, so that a few lines of
+    Size counts what a document comes to with every alias replaced by what it means, so that a few lines of
     aliases of aliases do not become billions of values.
     """
 
@@ -184,7 +184,7 @@ class _Loader(yaml.SafeLoader):
             raise yaml.YAMLError(f"nested more than {DEEPEST} levels deep")
         node = super().compose_node(parent, index)
         if alias and id(node) not in self._sizes:
-            raise yaml.YAMLError("an alias stands inside of what it refers to")
+            raise yaml.YAMLError("an alias is inside of what it refers to")
         self._total += self._sizes[id(node)] if alias else 1
         if self._total > MOST_NODES:
             raise yaml.YAMLError(f"more than {MOST_NODES} values, aliases written out")
@@ -251,7 +251,7 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         raise BadInput(f"{path}: row 1: columns are separated by {mark!r}; expected commas, and points in numbers")
     repeated = sorted({name for name in header if header.count(name) > 1})
     if repeated:
-        raise BadInput(f"{path}: row 1: column {repeated[0]!r} stands there twice")
+        raise BadInput(f"{path}: row 1: column {repeated[0]!r} is given twice")
     body = [(k, row) for k, row in enumerate(rows[1:], start=2) if row]
     if not body:
         raise BadInput(f"{path}: row 2: no data rows below the header")

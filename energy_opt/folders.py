@@ -89,7 +89,7 @@ def written_whole(out: Path, last: str, old: Sequence[str] = ()) -> Iterator[Pat
     """A folder aside, whose files take their places in `out` together when the block ends without an error.
 
     The file `last` says that a result is whole: an old one goes before anything else changes, the new one comes last.
-    Whatever happens in between (a full disk, a kill), no part of a new result stands beside the `last` of an old one,
+    Whatever happens in between (a full disk, a kill), no part of a new result is beside the `last` of an old one,
     and what earlier runs have left goes with it, `old` names among them. A JSON `last` lists the other files:
     `files: [{name, sha256}]`.
 

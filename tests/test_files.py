@@ -55,7 +55,7 @@ def test_tables_keep_every_digit(tmp_path: Path, numbers: list[float]) -> None:
     [
         ("", "row 1: no header"),
         ("time,x\n", "row 2: no data"),
-        ("time,x,x\n0,1,2\n", "row 1: column 'x' stands there twice"),
+        ("time,x,x\n0,1,2\n", "row 1: column 'x' is given twice"),
         ("time,x\n0,1\n1\n", "row 3: 1 cells, the header has 2"),
         ("time,x\n0,1\n1,two\n", "row 3, column x: 'two' is not a number"),
         ("time,x\n0,1\nnan,2\n", "row 3, column time: 'nan' is not finite"),

@@ -208,7 +208,7 @@ def broken(**changed: Any) -> dict[str, Any]:
         (broken(velocities=[]), "points[1].velocities is missing"),
         (broken(time_from_start={"sec": 0, "nanosec": 0}), "points[1].time_from_start: 0 s does not come after 0 s"),
         (broken(time_from_start={"s": 0}), "points[1].time_from_start: expected {sec, nanosec}; found s"),
-        ({"joint_names": ["a", "a"], "points": points()}, "joint_names: a stands there twice"),
+        ({"joint_names": ["a", "a"], "points": points()}, "joint_names: a is given twice"),
         ({"joint_names": ["a", "b"], "points": []}, "points is not a list of points"),
         ({"joint_limits": {}}, "no planned trajectory"),
         (["just", "words"], "no planned trajectory"),

@@ -68,7 +68,7 @@ def test_what_a_log_says_of_its_tables_holds(tmp_path):
         (b"0,1\n1,2\n", "row 1: no header"),
         (b"", "row 1: no header"),
         (b"time,p\n", "no data rows"),
-        (b"time,p,p\n0,1,1\n", "'p' stands there twice"),
+        (b"time,p,p\n0,1,1\n", "'p' is given twice"),
     ],
 )
 def test_damage_is_named_with_row_and_column(tmp_path, raw, expected):

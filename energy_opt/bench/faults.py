@@ -17,7 +17,7 @@ def is_number(value: object) -> TypeGuard[int | float]:
 
 @dataclass
 class Faults:
-    """Faults found so far; `within` gives a view that names where it stands."""
+    """Faults found so far; `within` gives a view that names where it is."""
 
     lines: list[str] = field(default_factory=list)
     where: str = ""

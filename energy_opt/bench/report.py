@@ -14,7 +14,7 @@ from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.charts import Chart
 from energy_opt.reports.page import Report
 
-NAMED = IDENTITY[1:]  # the suite stands in the title
+NAMED = IDENTITY[1:]  # the suite is in the title
 HEADS = {
     "timing": "timing [s, or x of the fastest]",
     "payload": "payload [kg, m]",

@@ -135,7 +135,7 @@ def _read(
         faults.add("moves", "none; give [[moves]] with start and goal, or random = { count, seed, range }")
     for label, count in Counter(task.label for task in tasks).items():
         if count > 1 and not faults:
-            faults.add("moves", f"{label!r} stands there {count} times; give each move its own name")
+            faults.add("moves", f"{label!r} is there {count} times; give each move its own name")
     return Suite(str(name), path, tuple(tasks)), faults.lines
 
 

@@ -46,7 +46,7 @@ class Surroundings:
     srdf: str = ""
 
     def cell(self, robot: Robot, payload: tuple[float, ...] = ()) -> Cell:
-        """The robot's body in its cell; a payload's box stands about its centre of mass."""
+        """The robot's body in its cell; a payload's box is about its centre of mass."""
         from energy_opt.cell.cell import Cell
 
         request = self.request

@@ -1,4 +1,4 @@
-"""Everything that can touch: the links' collision geometry, what they carry, and what stands in the cell."""
+"""Everything that can touch: the links' collision geometry, what they carry, and what is in the cell."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class Scenery:
         sides = b.pairs[pair]
         boxes, low, high = [], [], []
         for side in (0, 1):
-            at = np.where(b.still[sides[:, side]], 0, k)  # what stands has one box for all configurations
+            at = np.where(b.still[sides[:, side]], 0, k)  # what stays has one box for all configurations
             key, back = np.unique(at * len(b.all) + sides[:, side], return_inverse=True)
             box = self.corners(key // len(b.all), key % len(b.all))
             boxes.append(box[back])

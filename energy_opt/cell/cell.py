@@ -29,7 +29,7 @@ ALONG, NEARLY = (
     300,
     1.2,
 )  # instants at which a given motion's own distances are measured, and up to which share of asked
-TOUCHING = 2.5 * GJK_ERROR  # [m] an end that stands nearer than this touches, as far as can be told
+TOUCHING = 2.5 * GJK_ERROR  # [m] an end that is nearer than this touches, as far as can be told
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Clearance:
         )
 
     def document(self) -> dict[str, object]:
-        """As it stands in result.json."""
+        """As it is in result.json."""
         out: dict[str, object] = {
             "verdict": self.verdict,
             "lower_bound": self.lower_bound,
@@ -119,11 +119,11 @@ class Contact:
 
 
 class Cell:
-    """A robot's body among what stands around it.
+    """A robot's body among what is around it.
 
     Args:
         request: what was asked for.
-        scene: what stands around; None for nothing but the request's floor.
+        scene: what is around; None for nothing but the request's floor.
     """
 
     def __init__(self, robot: Robot, request: CellRequest, scene: Scene | None = None) -> None:

@@ -26,7 +26,7 @@ class Others:
     """The bodies of other arms.
 
     Attributes:
-        bodies: each on one of M frames, which `joint` numbers; -1 for what stands, its pose then in this arm's base.
+        bodies: each on one of M frames, which `joint` numbers; -1 for fixed ones, their pose then in this arm's base.
         pairs: (P, 2) indices: of this arm's bodies, and of these.
         frames: the M frames in this arm's base frame at places u (K,) along the move.
         prove: the proof of these pairs for a trajectory of this arm: time (N,) [s] from 0 on, position, velocity and

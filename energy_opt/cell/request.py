@@ -34,7 +34,7 @@ class CellRequest:
             too), are read.
         payload_size: edges [m] of the payload's box; None for a point.
         payload_at: the centre of that box [m], in the last joint's frame.
-        tool: FRAME[,X,Y,Z], in whose frame what the tool holds stands; None for the last joint's frame.
+        tool: FRAME[,X,Y,Z], in whose frame what the tool holds is; None for the last joint's frame.
     """
 
     self_collision: bool = True

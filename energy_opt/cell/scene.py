@@ -1,6 +1,6 @@
 """A scene as plain data: objects made of shapes, which pairs may touch, and the floor. NumPy only.
 
-Poses are (4, 4) homogeneous matrices, lengths metres. A point p of a shape stands in the base frame of the robot at
+Poses are (4, 4) homogeneous matrices, lengths metres. A point p of a shape is in the base frame of the robot at
 base⁻¹ · object.pose · shape.pose · p, with `base` the pose of the robot's base in the scene's frame.
 """
 
@@ -23,10 +23,10 @@ SIZES: Mapping[Kind, tuple[str, ...]] = {
     "plane": (),
     "mesh": (),
 }
-TOOL = "<tool>"  # stands for the tool's frame, where a link is named
-FLOOR = "floor"  # the name of the object that stands for `Scene.floor`
+TOOL = "<tool>"  # means the tool's frame, where a link is named
+FLOOR = "floor"  # the name of the object that means `Scene.floor`
 BEYOND = 30.0  # arm's reaches from which a length is a slip of the unit: halls of 40 m stand in scenes
-ON_PLANE = 1e-6  # [m] a base nearer to a plane than this stands on it
+ON_PLANE = 1e-6  # [m] a base nearer to a plane than this is on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,8 @@ class SceneObject:
 
     Attributes:
         pose: (4, 4) in the scene's frame, or in the frame of the link `frame`.
-        attached_to: the link that carries it, or `TOOL`; None where it stands in the cell.
-        frame: the link in whose frame `pose` stands, or `TOOL`; None for the scene's.
+        attached_to: the link that carries it, or `TOOL`; None where it is in the cell.
+        frame: the link in whose frame `pose` is, or `TOOL`; None for the scene's.
         touch_links: links that may touch it, beside the one that carries it.
     """
 
@@ -108,7 +108,7 @@ class PlacedShape:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What stands around the arm.
+    """What is around the arm.
 
     Attributes:
         objects: every name once.

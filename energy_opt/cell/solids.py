@@ -22,7 +22,7 @@ FAT = 1.1  # a hull of so much more volume than its mesh is worth cutting
 SLABS = 6  # pieces that a fat part is cut into, along its longest side
 ROUND = 12  # corners of the polygons that stand for circles where vertices are wanted
 SHEET = 1e-6  # [m] that a mesh without volume is thickened by for its hull
-LARGE = 10.0  # [m] half the side of the box that stands for a half-space where a bounded body is wanted
+LARGE = 10.0  # [m] half the side of the box that replaces a half-space where a bounded body is wanted
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +218,7 @@ def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
         points = np.vstack([vertices[inside], crossings[k], crossings[k + 1]])
         if len(points):
             piece = _hull(points)
-            if piece is None:  # a piece without volume; the whole hull stands for it
+            if piece is None:  # a piece without volume; the whole hull replaces it
                 return ()
             out.append(piece)
     return tuple(out)

@@ -24,7 +24,7 @@ class RobotInspection:
     Attributes:
         limits: a MoveIt joint_limits.yaml in place of what the URDF states.
         lock: joints that take no part, with their positions [rad or m].
-        prefix: what stands before joints' names in the limits file.
+        prefix: what is before joints' names in the limits file.
     """
 
     robot: str

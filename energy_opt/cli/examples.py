@@ -1,4 +1,4 @@
-"""Files that work, to begin from: `--example KIND` prints the one that stands beside the reader of its kind."""
+"""Files that work, to begin from: `--example KIND` prints that of its reader."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import traceback
 from energy_opt.errors import BadInput, EnergyOptError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-LONGEST = 1500  # characters of a line; what is left out of a longer one stands in its middle
+LONGEST = 1500  # characters of a line; what is left out of a longer one is in its middle
 
 
 class Unforeseen(BadInput):

@@ -1,4 +1,4 @@
-"""What stands at the end of each verb's --help: an example that works, the files that are read and written, units."""
+"""What is at the end of each verb's --help: an example that works, the files that are read and written, units."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def write_cycle(
     Args:
         rate: samples per second; None for the judged rows. A cycle keeps its time: where samples at a rate break a
             limit, the lowest of the usual rates that holds is taken.
-        prefix: what stands before the joints' names in the files.
+        prefix: what is before the joints' names in the files.
         stem: of the files' names.
     """
     cycle = joined([part.trajectory for part in parts])

@@ -1,6 +1,6 @@
 """ROS messages that hold a planned trajectory, as documents of YAML or JSON.
 
-Known are trajectory_msgs/JointTrajectory and what wraps it, wherever it stands in the document: moveit_msgs
+Known are trajectory_msgs/JointTrajectory and what wraps it, wherever it is in the document: moveit_msgs
 RobotTrajectory and DisplayTrajectory, goals of control_msgs/FollowJointTrajectory and moveit_msgs/ExecuteTrajectory,
 results and responses of planning. Times are those of ROS 2 ({sec, nanosec}), ROS 1 ({secs, nsecs}) or plain seconds.
 """
@@ -99,7 +99,7 @@ def _rows(message: Mapping[str, Any], where: str) -> Rows:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or not names:
         raise BadInput(f"{where}: joint_names is not a list of names")
     if len(set(names)) < len(names):
-        raise BadInput(f"{where}: joint_names: {next(n for n in names if names.count(n) > 1)} stands there twice")
+        raise BadInput(f"{where}: joint_names: {next(n for n in names if names.count(n) > 1)} is given twice")
     if not isinstance(points, list) or not points or not all(isinstance(point, Mapping) for point in points):
         raise BadInput(f"{where}: points is not a list of points")
     blocks: dict[str, Any] = {}

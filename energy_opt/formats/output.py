@@ -39,7 +39,7 @@ class Written:
     text: str = ""
 
     def document(self) -> dict[str, object]:
-        """As it stands in result.json."""
+        """As it is in result.json."""
         return {name: getattr(self, name) for name in ("file", "format", "rate", "valid", "worst")}
 
     def __str__(self) -> str:
@@ -119,7 +119,7 @@ def write(
     Args:
         rate: samples per second, None for the judged rows themselves. The 1 kHz of `franka` is its own; `urscript`
             takes the lowest of the usual rates that holds all limits where none is given.
-        prefix: what stands before the joints' names in the files.
+        prefix: what is before the joints' names in the files.
         payload: what a program sets: mass [kg] and its centre [m] in the tool's frame; None: nothing.
     """
     out_rows = []

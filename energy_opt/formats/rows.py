@@ -146,7 +146,7 @@ class Rows:
 
 
 def fitting_prefix(names: Sequence[str], joints: Sequence[str]) -> str | None:
-    """What stands before every one of `joints` in `names`; None where no one word does for all of them."""
+    """What is before every one of `joints` in `names`; None where no one word does for all of them."""
     for name in names:
         if name.endswith(joints[0]):
             prefix = name[: len(name) - len(joints[0])]

@@ -1,6 +1,6 @@
 """URScript: a program that runs motions and waits on an arm of Universal Robots.
 
-The program refuses to begin unless the arm stands at its start. It then follows the quintics between the points with
+The program refuses to begin unless the arm is at its start. It then follows the quintics between the points with
 `servoj`, one command for every step of the controller (2 ms on the e-series, 8 ms on CB3), at the pace `speed`: 1.0 is
 the trajectory as it was planned, and 0.1 a good first try. At 500 Hz the positions stand in the program one by one, and
 nothing is computed on the controller. What is left of a step at the end of a part is carried into the next, so that a

@@ -48,7 +48,7 @@ class Layout:
 
     Attributes:
         names: the header's words. units: the words of a row of units below it, empty where there is none.
-        first: where data begin in `content`; first_row: the row (from 1) that stands there.
+        first: where data begin in `content`; first_row: the row (from 1) that is there.
         content: the file's bytes in UTF-8 or another code that has ASCII's delimiters.
         sample: cells of the first data rows.
     """

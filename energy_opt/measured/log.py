@@ -97,7 +97,7 @@ def read_log(folder: str | Path, allow_outside: bool = False) -> LogFile:
     files = [run.file for run in runs]
     twice = next((name for name in files if files.count(name) > 1), None)
     if twice is not None:
-        raise BadInput(f"{path}: file {twice!r} stands in two [[run]] tables")
+        raise BadInput(f"{path}: file {twice!r} is in two [[run]] tables")
     preset, rules = _columns(document, path)
     log = LogFile(
         path, robot, runs, preset, rules, _segment(document.get("segment"), path), _csv(document.get("csv", {}), path),

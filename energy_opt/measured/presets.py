@@ -32,7 +32,7 @@ def ur_rtde(joints: Sequence[str], table: Table) -> dict[str, Rule]:
 def franka_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
     """Franka's state: libfranka's log (`state.q[0]`, time in ms) or a bag's `FrankaState` (`field.q0`, `.../q[0]`).
 
-    Position `q`, velocity `dq` and link-side torque `tau_J`, whatever stands before them and however they are numbered.
+    Position `q`, velocity `dq` and link-side torque `tau_J`, whatever is before them and however they are numbered.
     """
     rules = _stamps(table)
     for signal, stem in (("position", "q"), ("velocity", "dq"), ("effort", "tau_J")):

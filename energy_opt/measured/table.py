@@ -30,7 +30,7 @@ class Table:
         self.units = dict(zip(self.header, self.layout.units, strict=False))
         self.faults: list[str] = []
         for name in sorted({name for name in self.header if name and self.header.count(name) > 1}):
-            self.faults.append(f"{path}: row 1: column {name!r} stands there twice")
+            self.faults.append(f"{path}: row 1: column {name!r} is given twice")
         self._columns: dict[str, np.ndarray] = {}
         self._count: int | None = None
         self._numbers: np.ndarray | None = None

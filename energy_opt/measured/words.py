@@ -7,7 +7,7 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-# Words that tell the signal of a joint, the most telling signals first ("joint" stands in many a header).
+# Words that tell the signal of a joint, the most telling signals first ("joint" is in many a header).
 SIGNALS: dict[str, frozenset[str]] = {
     "acceleration": _words("qdd ddq acc accel acceleration accelerations ddtheta beschleunigung"),
     "velocity": _words("qd dq vel velocity velocities speed speeds omega qdot dtheta rate geschwindigkeit"),

@@ -41,7 +41,7 @@ class Change:
     real: bool | None
 
     def document(self) -> dict[str, Any]:
-        """As it stands in passport.json."""
+        """As it is in passport.json."""
         return asdict(self)
 
     def __str__(self) -> str:

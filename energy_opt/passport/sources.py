@@ -42,7 +42,7 @@ class Number:
     source: str = ""
 
     def document(self) -> dict[str, Any]:
-        """As it stands in passport.json."""
+        """As it is in passport.json."""
         interval = None if self.ci95 is None else list(self.ci95)
         return {
             "value": self.value,

@@ -32,7 +32,7 @@ def _long(effect: Effect, whole: int) -> list[str]:
 
 
 def _axis(effect: Effect, name: str, whole: int) -> int | None:
-    """Which axis of a parameter's values counts joints; None where one number stands for all."""
+    """Which axis of a parameter's values counts joints; None where one number means all."""
     (p,) = (p for p in effect.parameters if p.name == name)
     value = effect.values[name]
     at = value.ndim - (len(p.dimensions) - p.dimensions.index("joint"))

@@ -51,7 +51,7 @@ class PowerModel:
         names = [e.name for e in self.effects]
         for name in names:
             if names.count(name) > 1:
-                raise BadInput(f"model of {self.robot}: effect {name!r} stands there twice; merge them into one")
+                raise BadInput(f"model of {self.robot}: effect {name!r} is given twice; merge them into one")
         drives = [e.name for e in self.effects if e.stage == "drive"]
         if len(drives) > 1:
             raise BadInput(f"model of {self.robot}: {' and '.join(drives)} both say what becomes of negative power")

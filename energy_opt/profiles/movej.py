@@ -99,7 +99,7 @@ def write_yaml(moves: StandardMoves, robot: Robot, path: Path) -> None:
         f"joints: {json.dumps(moves.trajectory.joints)}",
         f"start: {_list(chain.corners[0])}  # {unit}, at rest",
         f"duration: {chain.duration!r}  # s",
-        "moves:  # joint moves; at a blend the ramp from one line's velocity to the next's stands for the via point",
+        "moves:  # joint moves; at a blend the ramp from one line's velocity to the next's replaces the via point",
     ]
     for i, q in enumerate(chain.corners[1:]):
         lines += [

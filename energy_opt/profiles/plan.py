@@ -61,7 +61,7 @@ class StandardMoves:
         return len(self.chain.corners) - 2
 
     def document(self) -> dict[str, object]:
-        """As it stands in result.json."""
+        """As it is in result.json."""
         return {
             "kind": self.kind,
             "vias": self.vias,

@@ -40,7 +40,7 @@ def plotly() -> str:
 
 @cache
 def three() -> str:
-    """three.js, packed: what stands in trimesh's viewer page before that page's own few lines."""
+    """three.js, packed: what is in trimesh's viewer page before that page's own few lines."""
     archive = (_folder("trimesh") / "resources" / "templates" / "viewer.zip").read_bytes()
     with zipfile.ZipFile(io.BytesIO(archive)) as file:
         page = file.read("viewer.html.template").decode("utf-8")

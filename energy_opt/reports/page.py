@@ -60,7 +60,7 @@ class Report:
         return self._add(f"<p>{html.escape(text)}</p>")
 
     def warning(self, text: str) -> Report:
-        """Add a paragraph that stands out."""
+        """Add a paragraph that is out."""
         return self._add(f'<p class="warning">{html.escape(text)}</p>')
 
     def code(self, text: str) -> Report:

@@ -19,7 +19,7 @@ LEAST_POINTS = 12  # around one corner
 
 
 def drawn(cell: Cell | None) -> tuple[list[Solid], list[Solid]]:
-    """The arm with what it carries, and what stands around it; neither where no bodies are known."""
+    """The arm with what it carries, and what is around it; neither where no bodies are known."""
     arm: list[Solid] = []
     scene: list[Solid] = []
     if cell is None:

@@ -1,7 +1,7 @@
 """A commented joint_limits.yaml that works: what `--example limits` prints."""
 
 EXAMPLE = """\
-# Joint limits with the keys of MoveIt's joint_limits.yaml; what stands here overrides what is known of the robot.
+# Joint limits with the keys of MoveIt's joint_limits.yaml; what is here overrides what is known of the robot.
 # Units: rad, rad/s, rad/s^2, rad/s^3, N m. Joints that are left out keep theirs.
 joint_limits:
   panda_joint1:

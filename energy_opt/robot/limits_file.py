@@ -53,7 +53,7 @@ def overlay(
     """`limits` with those of a joint_limits.yaml in their place, and a warning for each factor that scales them.
 
     Args:
-        prefix: what stands before the robot's joint names in the file.
+        prefix: what is before the robot's joint names in the file.
         others: joints of the robot that do not move; limits for them are passed over.
 
     Raises:
@@ -165,7 +165,7 @@ def _apply(arrays: dict[str, np.ndarray], j: int, row: Mapping[str, Any], where:
 
 
 def _size(row: Mapping[str, Any], kind: str, lowest: str | None, where: str) -> float | None:
-    """The bound on a magnitude, from max_<kind> and what stands for the other direction; None where there is none."""
+    """The bound on a magnitude, from max_<kind> and what means the other direction; None where there is none."""
     if row.get(f"has_{kind}_limits") is False:
         return None
     largest = _number(row, f"max_{kind}")
@@ -181,7 +181,7 @@ def _size(row: Mapping[str, Any], kind: str, lowest: str | None, where: str) -> 
 
 
 def _number(row: Mapping[str, Any], key: str, where: str = "") -> float | None:
-    """A number of the row, None where it is not there; `where` is what stands before the key in a message."""
+    """A number of the row, None where it is not there; `where` is what is before the key in a message."""
     value = row.get(key)
     if value is None:
         return None

@@ -132,7 +132,7 @@ def load_robot(
     Args:
         limits: a MoveIt joint_limits.yaml that overrides URDF and published limits.
         lock: joints that do not take part, with their positions [rad or m].
-        prefix: what stands before the joints' names in the limits file.
+        prefix: what is before the joints' names in the limits file.
 
     Raises:
         BadInput: unknown name, unreadable file, unknown joint.

@@ -15,7 +15,7 @@ class Tool:
     """A frame fixed to a link.
 
     Attributes:
-        name: of the frame it stands on.
+        name: of the frame it is on.
         joint: index, among all of the tree, of the joint that carries it.
         pose: (4, 4) as nested tuples, in that joint's frame.
     """

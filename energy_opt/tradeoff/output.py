@@ -25,7 +25,7 @@ COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status"
 
 
 def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cycle: Cycle | None) -> dict[str, Any]:
-    """The front as it stands in tradeoff.json; energies in J, durations in s."""
+    """The front as it is in tradeoff.json; energies in J, durations in s."""
     out: dict[str, Any] = {
         "status": front.status,
         "robot": robot,

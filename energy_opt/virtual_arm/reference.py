@@ -11,7 +11,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Reference:
-    """Samples of a motion; the arm stands before the first and after the last.
+    """Samples of a motion; the arm is before the first and after the last.
 
     Attributes:
         name: what it is called in the set.

@@ -1,7 +1,7 @@
 """A commented scene that works: what `--example scene` prints."""
 
 EXAMPLE = """\
-# A scene: what stands around the arm, in the frame of the robot's base (or with --base in a frame of its own).
+# A scene: what is around the arm, in the frame of the robot's base (or with --base in a frame of its own).
 # Lengths in m; position is an object's centre; quaternion is x, y, z, w and may be left out.
 # MoveIt's PlanningScene messages (YAML, JSON) and .scene files are read as well.
 objects:

@@ -92,7 +92,7 @@ class _Frames:
             self.used = frame
         if frame and frame != self.used:
             raise BadInput(
-                f"stands in the frame {frame!r}, others in {self.used!r}; expected one frame, or fixed_frame_transforms"
+                f"is in the frame {frame!r}, others in {self.used!r}; expected one frame, or fixed_frame_transforms"
             )
         return np.eye(4)
 
@@ -129,7 +129,7 @@ def _apply(reading: Reading, entry: Mapping[str, Any], frames: _Frames) -> None:
         raise BadInput(f"operation is {operation}; expected 0 (add), 1 (remove), 2 (append) or 3 (move)")
     old = reading.objects.get(name)
     if old is None:
-        raise BadInput("is to be changed, but no object of that name stands before it")
+        raise BadInput("is to be changed, but no object of that name is before it")
     if operation == APPEND:
         added = tuple(replace(shape, pose=_into(old.pose, at @ shape.pose)) for shape in _shapes(reading, entry))
         reading.objects[name] = replace(old, shapes=(*old.shapes, *added))
@@ -143,7 +143,7 @@ def _into(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
 
 
 def _attach(reading: Reading, entry: Mapping[str, Any]) -> None:
-    """An object that a link carries; its pose stands in the frame that its header names, the link's by default."""
+    """An object that a link carries; its pose is in the frame that its header names, the link's by default."""
     thing = mapping(entry.get("object"), "object")
     if _operation(thing.get("operation")) == REMOVE:
         return

@@ -60,7 +60,7 @@ class Reading:
     def add(self, thing: SceneObject) -> None:
         """Take an object; BadInput where its name is taken or it has no shape."""
         if thing.name in self.objects:
-            raise BadInput("stands there twice; give each object its own name")
+            raise BadInput("is given twice; give each object its own name")
         if not thing.shapes:
             raise BadInput("has no shape")
         self.objects[thing.name] = thing

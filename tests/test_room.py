@@ -11,6 +11,7 @@ import yaml
 from independent import curve
 from poses import GOAL, START
 
+import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.robot import Robot
 
@@ -66,6 +67,7 @@ mode = "retime"
 [[step]]
 to = "home"
 mode = "retime"
+payload = 0.5
 """
 
 
@@ -75,6 +77,7 @@ def test_a_cycle_of_retimed_moves_holds_in_every_file(panda: Robot, tmp_path: Pa
     goal = [round(float(x), 4) for x in START + 0.5 * (GOAL - START)]
     file.write_text(JOB.format(cycle=2.5, home=START.tolist(), goal=goal, wait="[[step]]\nwait = 0.3"))
     words = ["job", str(file), "--compile", "never", "--model", "source-method-2", "--out", str(tmp_path / "out")]
+    words += ["--cycles-per-year", "500000"]
     assert main([*words, "--write", "yaml", "--rate", "100"]) == 0
     found = json.loads((tmp_path / "out" / "job.json").read_text())
     assert [(row["file"], row["rate"], row["valid"]) for row in found["written"]] == [
@@ -86,6 +89,9 @@ def test_a_cycle_of_retimed_moves_holds_in_every_file(panda: Robot, tmp_path: Pa
     t, jerk = rows["time"], panda.limits.jerk[0]
     change = np.abs(np.diff(rows["panda_joint1acceleration"])) / np.diff(t)
     assert t[-1] == pytest.approx(2.5, abs=1e-8) and change.max() <= jerk * (1 + 1e-6)
+    assert "energy saved in a year" in (tmp_path / "out" / "report.html").read_text()
+    (motion,) = eo.evaluate(tmp_path / "out", panda, "source-method-2").found  # it stands milliseconds beside its steps
+    assert [row.name for row in motion.baselines] == ["toppra", "scaled"] and motion.remark == ""
 
 
 def test_a_cycle_that_does_not_hold_ends_with_4(tmp_path: Path, capsys) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.effects import Payload
 from energy_opt.errors import Infeasible
-from energy_opt.evaluate.source import Recorded
+from energy_opt.evaluate.source import Recorded, Stretch
 from energy_opt.formats.judging import CycleJudging, Judging, Window
 from energy_opt.formats.program import Load, Part, standing
 from energy_opt.motion.judge.certificate import Certificate
@@ -23,6 +23,7 @@ from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Robot
 
 SHORT = 1e-7  # [s] shorter stretches are rounding
+BESIDE = 0.03  # [s] over which a cycle's accelerations are spread at most: two samples at 100 Hz, and a step
 AT_REST = 1e-6  # [rad/s] of a wait that a program may leave the servo for
 
 
@@ -128,9 +129,14 @@ def _scorers(robot: Robot, rival: Rival) -> Callable[[Load | None], Scorer]:
 
 
 def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
-    """The motion cut where it begins or ends to stand, and where what is carried changes."""
+    """The motion cut where it begins or ends to stand, and where what is carried changes.
+
+    A cycle whose accelerations are spread over milliseconds stands a few of them earlier or later than its steps say:
+    what is carried changes while it stands.
+    """
     end = motion.trajectory.duration
     marks = {0.0, end, *motion.waits.ravel().tolist()}
+    motion = replace(motion, stretches=_at_waits(motion))
     for before, after in zip(motion.stretches, motion.stretches[1:], strict=False):
         speed = np.abs(motion.trajectory(motion.trajectory.time[0] + np.array([after.start]), 1)).max()
         if (before.load, before.brakes) != (after.load, after.brakes) or speed < AT_REST:
@@ -145,6 +151,20 @@ def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
         stands = bool(((motion.waits[:, 0] < middle) & (middle < motion.waits[:, 1])).any())
         out.append(Interval(a, b, stands, None if payload else stretch.load, stretch.brakes and stands))
     return out
+
+
+def _at_waits(motion: Recorded) -> tuple[Stretch, ...]:
+    """The stretches with ends that lie a few milliseconds beside a wait moved to its end."""
+    edges = motion.waits.ravel()
+
+    def moved(time: float) -> float:
+        waits = bool(((motion.waits[:, 0] <= time) & (time <= motion.waits[:, 1])).any())
+        if waits or not len(edges):
+            return time
+        nearest = float(edges[np.argmin(np.abs(edges - time))])
+        return nearest if abs(nearest - time) < BESIDE else time
+
+    return tuple(replace(s, start=moved(s.start), end=moved(s.end)) for s in motion.stretches)
 
 
 def _energy(of: Callable[[Load | None], Scorer], trajectory: Trajectory, interval: Interval) -> Energy:

@@ -13,6 +13,7 @@ from energy_opt.folders import written_whole
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
+from energy_opt.reports.words import yearly
 
 COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
 PLAIN = ("evenly_slowed", "fastest_then_wait")
@@ -49,6 +50,8 @@ def page(found: Mapping[str, Any], shown: list[dict[str, Any]]) -> Report:
     knee = found["knee"]
     if knee is not None:
         report.headline(f"Knee at a cycle of {knee['duration']:.4g} s: {knee['energy_total']:.5g} J.")
+    if worth := yearly(found):
+        report.numbers(worth)
     time = np.array([row["duration"] for row in shown])
 
     def line(name: str, column: str, style: str) -> Line:

@@ -12,6 +12,7 @@ from energy_opt.reports.motion import Motion, Played, Solid, player
 from energy_opt.reports.optimize import assumed, motion_charts
 from energy_opt.reports.page import Report
 from energy_opt.reports.timeline import timeline
+from energy_opt.reports.words import yearly
 from energy_opt.robot import Robot
 
 COLUMNS = ("start", "duration", "energy_total", "payload", "source")
@@ -35,6 +36,8 @@ def page(
     """
     report = Report(f"{document['robot']}: a cycle of {document['cycle_time']:.4g} s")
     report.headline(headline(document))
+    if worth := yearly(document):
+        report.numbers(worth)
     if document["status"] != "solved":
         report.warning("Not every step is solved; the table says which.")
     for warning in document.get("warnings", ()):

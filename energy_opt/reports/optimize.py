@@ -11,7 +11,7 @@ from energy_opt.power.assumptions import Assumption, grouped
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
 from energy_opt.reports.page import Report
-from energy_opt.reports.words import clearance_words, input_words, limits_words, same
+from energy_opt.reports.words import clearance_words, input_words, limits_words, same, yearly
 from energy_opt.robot import Robot
 
 BESIDE = "scaled"  # the baseline that savings are stated against
@@ -87,10 +87,7 @@ def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
     for name, key in (("of the loss saved", "loss_percent"), ("of the total saved", "total_percent")):
         if saving.get(key) is not None:
             out[name] = f"{saving[key]:.3g} %"
-    for name, value in (document.get("per_year") or {}).items():
-        if value is not None:
-            unit = {"kwh": " kWh", "money": "", "co2_kg": " kg"}[name]
-            out[{"kwh": "energy", "money": "money", "co2_kg": "CO2"}[name] + " saved in a year"] = f"{value:.4g}{unit}"
+    out |= yearly(document)
     out["energy"] = f"{document['energy']['total']:.4g} J"
     out["duration"] = f"{document['duration']:.4g} s"
     if document.get("peak_power") is not None:

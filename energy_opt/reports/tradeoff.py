@@ -11,6 +11,7 @@ from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Motion, Played, Solid, player
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
+from energy_opt.reports.words import yearly
 from energy_opt.robot import Robot
 
 
@@ -31,6 +32,8 @@ def page(
     best = document["minimum"]
     if best is not None:
         report.headline(f"Least energy: {best['energy_total']:.4g} J at {best['duration']:.4g} s.")
+    if worth := yearly(document):
+        report.numbers(worth)
     for warning in document.get("warnings", ()):
         report.warning(warning)
     points = [p for p in document["points"] if p.get("energy_total") is not None]

@@ -90,3 +90,14 @@ def same(values: Sequence[Any], others: Sequence[Any]) -> bool:
         for a, b in zip(values, others, strict=True)
     ]
     return all(alike)
+
+
+def yearly(document: Mapping[str, Any]) -> dict[str, str]:
+    """What the saving is worth in a year, by what it is; empty where that was not asked for."""
+    names = {"kwh": ("energy", " kWh"), "money": ("money", ""), "co2_kg": ("CO2", " kg")}
+    found = document.get("per_year") or {}
+    return {
+        f"{name} saved in a year": f"{found[key]:.4g}{unit}"
+        for key, (name, unit) in names.items()
+        if found.get(key) is not None
+    }

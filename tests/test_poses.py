@@ -19,7 +19,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.estimate import curves
 from energy_opt.poses.freedom import improved
 from energy_opt.poses.given import Given, in_base, poses_of_request, scene_of
-from energy_opt.poses.inverse import ToolKinematics, reach
+from energy_opt.poses.inverse import ToolKinematics, jacobian_of, reach, solve
 from energy_opt.poses.pose import Freedom, Pose, missed, pose_from
 from energy_opt.poses.sets import Ring, layer
 from energy_opt.robot import load_robot
@@ -272,3 +272,30 @@ def test_place_says_that_joint_goals_do_not_change_with_the_base(
     assert "joint positions do not change with the base" in capsys.readouterr().err
     assert main(["place", str(path), "--base-box=0,1,0,1,0", "--out", str(tmp_path / "out")]) == 2
     assert "expected X0,X1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("free", [(), ("rz",), ("ry:-40:60", "x:-100:50")])
+def test_the_derivative_of_what_is_missed_is_that_of_differences(ur: ToolKinematics, free: tuple[str, ...]) -> None:
+    rng = np.random.default_rng(5)
+    pose = pose_at(ur, rng.uniform(-1, 1, 6), free=tuple(map(Freedom.of, free)))
+    q = rng.uniform(-1.5, 1.5, (20, 6))
+    steps = 1e-6 * np.eye(6)
+    apart = [(ur.missed(pose, q + d).both - ur.missed(pose, q - d).both) / 2e-6 for d in steps]
+    exact = jacobian_of(ur, pose, q, ur.missed(pose, q).both)
+    assert np.abs(exact - np.stack(apart, axis=2)).max() < 1e-7
+
+
+def test_a_panda_is_found_at_every_angle_of_its_redundancy() -> None:
+    """Fixing joint 7 on a fine grid leaves isolated branches: each angle that a grid search reaches is near a find."""
+    tool = ToolKinematics(load_robot("panda"))
+    limits = tool.robot.limits
+    pose = pose_at(tool, np.array([0.3, 0.2, -0.4, -1.8, 0.3, 2.0, 0.5]))
+    found = reach(tool, pose, near=limits.near_zero).positions[:, 6]
+    rng = np.random.default_rng(2)
+    for angle in np.linspace(limits.lower[6] + 0.05, limits.upper[6] - 0.05, 24):
+        starts = rng.uniform(limits.lower, limits.upper, (40, 7))
+        starts[:, 6] = angle
+        q, error = solve(tool, pose, starts)
+        held = q[(error < 1e-9) & (np.abs(q[:, 6] - angle) < 0.05)]
+        if len(held):
+            assert np.abs(found - held[0, 6]).min() < 0.35

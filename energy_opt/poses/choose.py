@@ -28,13 +28,13 @@ from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Target, unreached
 
 IMPROVED = 5  # goals that are moved along their freedom by the estimate
-SCREENED = 4  # goals that are solved roughly
+SCREENED = 3  # goals that are solved roughly
 HOPE = 1.5  # a goal is screened if its estimate, less so many of the largest gain so far, is below the best energy
 EQUAL = 1e-5  # relative: goals with estimates nearer than this differ by a joint that costs nothing
 WORTH = 2e-3  # of the loss: a step along the freedom that promises less is not made
 APART = 0.35  # [rad, m] distance of goals that are both screened
 LISTED = 40  # goals that an answer lists
-BENT = 2  # steps along the freedom
+BENT = 1  # steps along the freedom
 FREE = 60  # goals without contact among which is chosen
 
 Solve = Callable[[Move, Sequence[Trajectory]], Result]

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.cell import Cell
 from energy_opt.motion.judge.energy import Scorer
@@ -114,16 +115,10 @@ def _used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[
         parts.append(-part / size * (allowed - MARGIN) if size > 0 and allowed > WIDE else np.zeros(3))
     at = pose.matrix.copy()
     at[:3, 3] += at[:3, :3] @ parts[0]
-    at[:3, :3] = at[:3, :3] @ _turn(parts[1])
+    at[:3, :3] = at[:3, :3] @ Rotation.from_rotvec(parts[1]).as_matrix()
     shifted = replace(pose, matrix=at)
     found, error = solve(tool, shifted, q[None])
     return (shifted, found[0]) if error[0] < SMALL else None
-
-
-def _turn(vector: np.ndarray) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
 def _inside(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> bool:

@@ -2,8 +2,13 @@
 
     minimise |e(q)|^2,   (J^T J + lambda I) dq = -J^T e,   lower <= q <= upper
 
-for many starts at once. e is the error of the pose within its freedom; J follows by differences of e. Solutions of arms
-without redundancy are isolated (the branches); of others the starts sample the whole set.
+for many starts at once. e is the error of the pose within its freedom, shift and rotation vector in the wanted tool's
+frame. J follows from the joints' axes and the derivative of the rotation vector,
+
+    d log(R) = J_l(log R)^-1 w,   J_l(p)^-1 = 1 - [p]/2 + (1 - t/2 cot(t/2)) / t^2 [p]^2,   t = |p|
+
+(w: angular velocity in the wanted frame), or by differences where axes are coupled or several turns are free. Solutions
+of arms without redundancy are isolated (the branches); of others the starts sample the whole set.
 """
 
 from __future__ import annotations
@@ -11,14 +16,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from energy_opt.poses.pose import Missed, Pose, missed
+from energy_opt.poses.pose import Missed, Pose, missed, twist_of
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.tool import tool_of
 
-STARTS = 400
-STEPS = 80
+STARTS = 320
+STEPS = 40
 SMALL = 1e-9  # [m, rad] a smaller error is none
 DIFFERENCE = 1e-6  # [rad, m]
 SAME = 1e-3  # [rad, m] positions nearer than this are one
@@ -58,6 +64,22 @@ class ToolKinematics:
         poses = self._kinematics(q)
         r, p = poses.rotation[:, self._joint], poses.origin[:, self._joint]
         return r @ self._turn, p + r @ self._shift
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether `twists` knows the tool's velocity: no joint takes another along."""
+        return self._kinematics.count == self.robot.n
+
+    def twists(self, q: np.ndarray) -> np.ndarray:
+        """Velocity of the tool's origin and its angular velocity by each joint's, in the base frame, (N, 6, n)."""
+        poses = self._kinematics(q)
+        at = poses.origin[:, self._joint] + poses.rotation[:, self._joint] @ self._shift
+        axis, slides = poses.axis, np.array(self.robot.slides, dtype=bool)
+        turning = np.cross(axis, at[:, None] - poses.origin[:, :-1])
+        moves = self._kinematics.moves[self._joint]
+        shift = np.where(slides[:, None], axis, turning) * moves[:, None]
+        turn = np.where(slides[:, None], 0.0, axis) * moves[:, None]
+        return np.concatenate([shift, turn], axis=2).transpose(0, 2, 1)
 
     def missed(self, pose: Pose, q: np.ndarray) -> Missed:
         """By what the tool misses a pose at q (N, n)."""
@@ -105,11 +127,7 @@ def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[np.ndarray, 
         if not len(open_):
             break
         at, now = q[open_], e[open_]
-        jacobian = np.empty((len(open_), 6, n))
-        for j in range(n):
-            step = at.copy()
-            step[:, j] += DIFFERENCE
-            jacobian[:, :, j] = (tool.missed(pose, step).both * weight - now) / DIFFERENCE
+        jacobian = jacobian_of(tool, pose, at, now / weight) * weight[:, None]
         gradient = np.einsum("kij,ki->kj", jacobian, now)
         # a joint at its limit that is pushed outwards takes no part
         held = ((at <= lower) & (gradient > 0)) | ((at >= upper) & (gradient < 0))
@@ -122,6 +140,48 @@ def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[np.ndarray, 
         q[open_[better]], e[open_[better]] = trial[better], there[better]
         damping[open_] = np.clip(np.where(better, damping[open_] / 5, damping[open_] * 4), 1e-12, 1e6)
     return q, np.abs(e / weight).max(axis=1)
+
+
+def jacobian_of(tool: ToolKinematics, pose: Pose, q: np.ndarray, e: np.ndarray) -> np.ndarray:
+    """Derivative (N, 6, n) of the error e (N, 6) of a pose at q (N, n)."""
+    ranges = {freedom.axis: freedom for freedom in pose.free}
+    turns = [k for k, axis in enumerate("xyz") if f"r{axis}" in ranges]
+    if len(turns) > 1 or not tool.differentiable:
+        steps = q[:, None] + DIFFERENCE * np.eye(q.shape[1])
+        there = tool.missed(pose, steps.reshape(-1, q.shape[1])).both.reshape(*steps.shape[:2], 6)
+        return np.asarray((there - e[:, None]).transpose(0, 2, 1) / DIFFERENCE)
+    wanted = pose.matrix[:3, :3]
+    rotation, origin = tool(q)
+    twists = tool.twists(q)
+    shift, turn = wanted.T @ twists[:, :3], wanted.T @ twists[:, 3:]
+    inner = (origin - pose.matrix[:3, 3]) @ wanted
+    for k, axis in enumerate("xyz"):
+        if axis in ranges:
+            inside = (inner[:, k] >= ranges[axis].low) & (inner[:, k] <= ranges[axis].high)
+            shift[:, k] *= ~inside[:, None]
+    inverse = _log_derivative(e[:, 3:])
+    if not turns:
+        return np.concatenate([shift, inverse @ turn], axis=1)
+    k = turns[0]
+    angle, inside = twist_of(np.matmul(wanted.T, rotation), k, ranges[f"r{'xyz'[k]}"])
+    back = Rotation.from_rotvec(-angle[:, None] * np.eye(3)[k]).as_matrix()
+    moved = inverse @ back @ turn
+    along = inverse[:, :, k]  # what the free turn itself does to the error
+    follows = moved[:, k] / np.where(np.abs(along[:, k]) > 1e-9, along[:, k], 1.0)[:, None]
+    moved = moved - along[:, :, None] * follows[:, None] * inside[:, None, None]
+    return np.concatenate([shift, moved], axis=1)
+
+
+def _log_derivative(vector: np.ndarray) -> np.ndarray:
+    """J_l^-1 (N, 3, 3) at rotation vectors (N, 3)."""
+    t = np.linalg.norm(vector, axis=1)
+    half = np.maximum(t, 1e-6) / 2
+    factor = np.where(t > 1e-4, (1 - half / np.tan(half)) / np.maximum(t, 1e-4) ** 2, 1 / 12)
+    x, y, z = vector.T
+    cross = np.zeros((len(t), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross -= cross.transpose(0, 2, 1)
+    return np.asarray(np.eye(3) - cross / 2 + factor[:, None, None] * (cross @ cross))
 
 
 def turned_near(q: np.ndarray, near: np.ndarray | None, robot: Robot) -> np.ndarray:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.request import pose_of
 from energy_opt.errors import BadInput
@@ -176,6 +177,13 @@ class Missed:
         return np.hstack([self.shift, self.turn])
 
 
+def twist_of(turn: np.ndarray, axis: int, within: Freedom) -> tuple[np.ndarray, np.ndarray]:
+    """The angle (N,) [rad] of rotations (N, 3, 3) about an axis, held to a range, and whether it is inside of it."""
+    q = Rotation.from_matrix(turn).as_quat()
+    angle = (2 * np.arctan2(q[:, axis], q[:, 3]) + np.pi) % (2 * np.pi) - np.pi
+    return np.clip(angle, within.low, within.high), (angle >= within.low) & (angle <= within.high)
+
+
 def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> Missed:
     """How far the tool at `rotation` (N, 3, 3), `origin` (N, 3) misses a pose.
 
@@ -183,8 +191,6 @@ def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> Missed:
     actual tool, the angles of its free axes are taken out first (one axis by the twist of the quaternion, two as Euler
     angles), held to their ranges, and the rest is the error.
     """
-    from scipy.spatial.transform import Rotation
-
     wanted = pose.matrix[:3, :3]
     shift = (origin - pose.matrix[:3, 3]) @ wanted
     turned = Rotation.from_matrix(np.matmul(wanted.T, rotation))
@@ -198,9 +204,7 @@ def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> Missed:
         return Missed(shift, np.zeros_like(shift))
     if len(axes) == 1:
         k = axes[0]
-        q = turned.as_quat()
-        angle = 2 * np.arctan2(q[:, k], q[:, 3])
-        angle = np.clip((angle + np.pi) % (2 * np.pi) - np.pi, *limits[0])
+        angle, _ = twist_of(turned.as_matrix(), k, Freedom(f"r{'xyz'[k]}", *limits[0]))
         turned = Rotation.from_rotvec(-angle[:, None] * np.eye(3)[k]) * turned
     elif axes:
         order = [*axes, *(k for k in range(3) if k not in axes)]

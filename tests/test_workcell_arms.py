@@ -134,17 +134,21 @@ def test_the_bodies_of_an_arm_that_moves_are_where_it_is_at_that_instant(panda: 
 
 @pytest.mark.slow
 def test_an_arm_makes_way_where_both_must_move_at_once(tmp_path: Path) -> None:
-    def robot(name: str, base: list[float]) -> dict:
-        ends = [[s * 0.6, 0.45, 0.0, -1.7, 0.0, 2.1, 0.8] for s in (1, -1)]  # across the middle, past the other
-        steps = [{"name": "there", "to": ends[1]}, {"name": "back", "to": ends[0]}]
+    def robot(name: str, base: list[float], *ends: list[float]) -> dict:
+        steps = [{"name": step, "to": q} for step, q in zip(("there", "back"), ends, strict=True)]
         return {"name": name, "robot": "panda", "base": base, "step": steps}
 
+    one = [0.685, -0.096, 0.138, -1.761, 0.03, 1.846, 0.975], [-0.434, 0.397, -0.063, -2.172, 0.043, 1.913, 0.737]
+    two = [0.61, 0.033, 0.193, -1.957, -0.014, 1.884, 0.927], [-0.618, 0.3, 0.158, -2.175, 0.018, 1.998, 1.071]
     document = {
         "format": "energy-opt/job/2",
-        "cycle_time": 3.6,
-        "robot": [robot("a", [0.0] * 6), robot("b", [1.1, 0.0, 0.0, 0.0, 0.0, float(np.pi)])],
+        "cycle_time": 3.422,
+        "robot": [  # across the middle, past each other
+            robot("a", [0.0] * 6, *one),
+            robot("b", [0.739, -0.0919, 0.0, 0.0, 0.0, float(np.pi)], *two),
+        ],
         "lag": [
-            {"from": f"{x}.{step}", "to": f"{y}.{step}", "length": -0.05} for x, y in ("ab", "ba")
+            {"from": f"{x}.{step}", "to": f"{y}.{step}", "length": -0.1} for x, y in ("ab", "ba")
             for step in ("there", "back")
         ],
     }  # fmt: skip

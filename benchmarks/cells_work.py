@@ -17,7 +17,7 @@ import numpy as np
 from common import Case, cases
 from dense_judge import DenseJudge
 
-from energy_opt.bench.suite import load_suite
+from energy_opt.batches.suite import load_suite
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import read_scene

@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from common import finish, table
 
-from energy_opt.diagnose import diagnose
-from energy_opt.diagnose.data import Samples
-from energy_opt.diagnose.errors import errors
-from energy_opt.diagnose.predict import predict
-from energy_opt.diagnose.recordings import take_samples
+from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.errors import errors
+from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.effects import ALL_EFFECTS, Effect
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel

@@ -21,8 +21,8 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.files import to_json
-from energy_opt.job import Job, JobResult, load_job, run_job
-from energy_opt.job.example import EXAMPLE
+from energy_opt.jobs import Job, JobResult, load_job, run_job
+from energy_opt.jobs.example import EXAMPLE
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import source_method_2

@@ -24,8 +24,8 @@ from pathlib import Path
 
 import numpy as np
 
-from energy_opt.bench.moves import random_moves
-from energy_opt.diagnose import Diagnosis, diagnose
+from energy_opt.batches.moves import random_moves
+from energy_opt.diagnosis import Diagnosis, diagnose
 from energy_opt.effects import BY_NAME, Effect, Payload
 from energy_opt.files import write_json
 from energy_opt.measured import read_set

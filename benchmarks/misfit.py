@@ -24,7 +24,7 @@ import numpy as np
 from common import finish, table
 from misfit_world import ARMS, CAUSES, LAWS, NOISES, World, write_world
 
-from energy_opt.diagnose import diagnose
+from energy_opt.diagnosis import diagnose
 from energy_opt.files import write_json
 from energy_opt.measured import read_set
 

@@ -25,10 +25,10 @@ from poses import placed
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.front.rivals import rivals_from
-from energy_opt.job import load_job
+from energy_opt.jobs import load_job
 from energy_opt.motion import Settings
-from energy_opt.place import PlaceRequest, place
-from energy_opt.place.search import Search
+from energy_opt.placement import PlaceRequest, place
+from energy_opt.placement.search import Search
 from energy_opt.robot import load_robot
 
 MODEL = "source-method-2"

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import energy_opt as eo
-from energy_opt.bench.rows import read_parquet
+from energy_opt.batches.rows import read_parquet
 from energy_opt.cli.main import main
 from energy_opt.files import read_table
 
@@ -108,7 +108,7 @@ def measured(out: Path, work: Path) -> None:
     axes[1].set(xlabel="time [s]", ylabel="power [W]")
     figure.savefig(out / "simulate.png", dpi=110)
 
-    from energy_opt.diagnose.predict import predict
+    from energy_opt.diagnosis.predict import predict
 
     s = found.samples
     rows = s.slices[next(k for k, kind in enumerate(s.kinds) if kind == "motion")]

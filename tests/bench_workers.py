@@ -6,7 +6,7 @@ import os
 import signal
 import time
 
-from energy_opt.bench.rows import identity
+from energy_opt.batches.rows import identity
 
 
 def known(task):

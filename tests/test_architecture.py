@@ -19,8 +19,8 @@ MODULES = sorted(ROOT.rglob("*.py"))
 
 # Packages of the two sides; they meet in the power model, in `next_motion` above both, and in the command line, which
 # may import all.
-MOTION = {"motion", "profiles", "formats", "tradeoff", "bench", "job"}
-DATA = {"measured", "identify", "diagnose"}
+MOTION = {"motion", "profiles", "formats", "fronts", "batches", "jobs"}
+DATA = {"measured", "static_poses", "diagnosis"}
 ABOVE = {"next_motion", "virtual_arm"}
 
 
@@ -85,7 +85,7 @@ def test_data_and_motion_meet_only_in_the_power_model_and_above_both() -> None:
 def test_the_virtual_arm_takes_no_part_of_our_inverse_dynamics() -> None:
     for module in MODULES:
         if part(module) == "virtual_arm":
-            assert not parts_imported(module) & {"dynamics", "measured", "identify", "diagnose"}, module
+            assert not parts_imported(module) & {"dynamics", "measured", "static_poses", "diagnosis"}, module
 
 
 def test_dependencies_point_one_way() -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.bench import check_suite, load_suite
-from energy_opt.bench.task import Task
+from energy_opt.batches import check_suite, load_suite
+from energy_opt.batches.task import Task
 from energy_opt.cell.scene import Scene
 from energy_opt.cell.scene_files import carried, read_scene
 
@@ -117,7 +117,7 @@ def test_an_object_of_a_scene_that_is_faulty_is_named(folder: Path) -> None:
 
 def test_options_take_the_place_of_the_suites_cell(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the command line says of body and cell holds for every move, and what it does not say stays."""
-    from energy_opt.bench import batch
+    from energy_opt.batches import batch
     from energy_opt.cli.main import main
 
     (folder / "suite.toml").write_text(
@@ -129,7 +129,7 @@ def test_options_take_the_place_of_the_suites_cell(folder: Path, monkeypatch: py
         found.append(suite.tasks[0].surroundings)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("energy_opt.bench.run_batch", stop)
+    monkeypatch.setattr("energy_opt.batches.run_batch", stop)
     words = ["bench", str(folder / "suite.toml"), "--out", str(folder / "out"), "--quiet"]
     main(words)
     main(

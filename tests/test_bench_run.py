@@ -13,9 +13,9 @@ from pathlib import Path
 import bench_workers
 import pytest
 
-from energy_opt.bench import load_suite, run_batch
-from energy_opt.bench.journal import NAME, read_journal
-from energy_opt.bench.rows import TIMES, read_parquet
+from energy_opt.batches import load_suite, run_batch
+from energy_opt.batches.journal import NAME, read_journal
+from energy_opt.batches.rows import TIMES, read_parquet
 
 HERE = Path(__file__).parent
 COUNT = 12
@@ -24,7 +24,7 @@ import sys
 sys.path[:0] = [{str(HERE)!r}, {str(HERE.parent)!r}]
 import bench_workers
 from pathlib import Path
-from energy_opt.bench import load_suite, run_batch
+from energy_opt.batches import load_suite, run_batch
 if __name__ == "__main__":
     batch = run_batch(load_suite(Path(sys.argv[1])), Path(sys.argv[2]), jobs=2, resume=True, solve=bench_workers.slow)
     sys.exit(130 if batch.interrupted else 0)

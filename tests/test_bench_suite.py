@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.bench import check_suite, load_suite
-from energy_opt.bench.moves import random_moves
-from energy_opt.bench.task import Duration
+from energy_opt.batches import check_suite, load_suite
+from energy_opt.batches.moves import random_moves
+from energy_opt.batches.task import Duration
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory

@@ -15,7 +15,7 @@ from energy_opt.errors import BadInput
 from energy_opt.files import read_json
 from energy_opt.formats import write
 from energy_opt.front.sets import request_of_set
-from energy_opt.job.example import EXAMPLE
+from energy_opt.jobs.example import EXAMPLE
 from energy_opt.motion import Settings
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import DiagnoseRequest

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from energy_opt.fronts.dents import dents, mean_of
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import source_method_2
 from energy_opt.robot import load_robot
-from energy_opt.tradeoff.dents import dents, mean_of
 
 HOME, WAY = np.array([0.0, 1.0, -1.0, 0.0, 0.0, 0.0]), np.array([0.5, 0.6, -0.4, 0.3, 0.2, -0.3])
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from energy_opt.cli.main import main
-from energy_opt.diagnose import diagnose
-from energy_opt.diagnose.errors import Quality, halved
-from energy_opt.diagnose.evidence import without_steps
-from energy_opt.diagnose.predict import friction_torque
-from energy_opt.diagnose.recordings import take_samples
-from energy_opt.diagnose.words import next_step
+from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.errors import Quality, halved
+from energy_opt.diagnosis.evidence import without_steps
+from energy_opt.diagnosis.predict import friction_torque
+from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis.words import next_step
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby, StandbyDrift
 from energy_opt.files import read_table, read_toml, write_toml
 from energy_opt.measured import read_set

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.diagnose import diagnose
-from energy_opt.diagnose.predict import predict
-from energy_opt.diagnose.recordings import take_samples
-from energy_opt.diagnose.residual import follows
-from energy_opt.diagnose.verdict import infer
+from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis.residual import follows
+from energy_opt.diagnosis.verdict import infer
 from energy_opt.effects import CoulombFriction, GravitySpring
 from energy_opt.files import read_table, read_toml, write_table, write_toml
 from energy_opt.measured import read_set

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from energy_opt.cli.main import main
-from energy_opt.diagnose import clusters, diagnose
-from energy_opt.diagnose.errors import Quality
-from energy_opt.diagnose.findings import sign_flip
-from energy_opt.diagnose.joint_report import friction_findings
-from energy_opt.diagnose.joint_side import joint_side
-from energy_opt.diagnose.noise import Noise, Shared, Whitener
-from energy_opt.diagnose.recordings import take_samples
+from energy_opt.diagnosis import clusters, diagnose
+from energy_opt.diagnosis.errors import Quality
+from energy_opt.diagnosis.findings import sign_flip
+from energy_opt.diagnosis.joint_report import friction_findings
+from energy_opt.diagnosis.joint_side import joint_side
+from energy_opt.diagnosis.noise import Noise, Shared, Whitener
+from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.effects import Standby
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model

@@ -8,14 +8,14 @@ import subprocess
 import numpy as np
 import pytest
 
-from energy_opt.bench import load_suite
+from energy_opt.batches import load_suite
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.cli.examples import EXAMPLES
 from energy_opt.cli.main import VERBS, main, parsers
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
-from energy_opt.job import load_job
+from energy_opt.jobs import load_job
 from energy_opt.measured import check_set, read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot

@@ -9,10 +9,10 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.identify import Pose, identify, poses_of, suggest
 from energy_opt.measured import read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
+from energy_opt.static_poses import Pose, identify, poses_of, suggest
 from energy_opt.virtual_arm.sets import make_set
 
 

@@ -59,12 +59,12 @@ def pressed(monkeypatch: pytest.MonkeyPatch, place: str, times: int = 1) -> None
     ("place", "times", "known"),
     [
         ("energy_opt.front.diagnose:read_set", 1, False),
-        ("energy_opt.diagnose.diagnosis:take_samples", 1, True),
-        ("energy_opt.diagnose.search:Search.fitted", 1, True),
-        ("energy_opt.diagnose.search:Search.fitted", 2, True),
-        ("energy_opt.diagnose.claims:alternatives", 1, True),
-        ("energy_opt.diagnose.diagnosis:errors", 1, True),
-        ("energy_opt.diagnose.page:page", 1, True),
+        ("energy_opt.diagnosis.diagnosis:take_samples", 1, True),
+        ("energy_opt.diagnosis.search:Search.fitted", 1, True),
+        ("energy_opt.diagnosis.search:Search.fitted", 2, True),
+        ("energy_opt.diagnosis.claims:alternatives", 1, True),
+        ("energy_opt.diagnosis.diagnosis:errors", 1, True),
+        ("energy_opt.diagnosis.page:page", 1, True),
     ],
 )
 def test_what_a_diagnosis_knows_is_written(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from energy_opt.cli.main import main
-from energy_opt.job.over_time import knee
+from energy_opt.jobs.over_time import knee
 from energy_opt.motion import Planner
 
 JOB = """format = "energy-opt/job/1"

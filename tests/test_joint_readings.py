@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from energy_opt.cli.main import main
-from energy_opt.diagnose import diagnose
-from energy_opt.diagnose.joint_side import free_runs, joint_side, pushes
+from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.joint_side import free_runs, joint_side, pushes
 from energy_opt.measured import read_set
 from energy_opt.power import load_model
 

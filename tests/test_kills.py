@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from energy_opt.bench.journal import read_journal
-from energy_opt.bench.rows import TIMES, read_parquet
+from energy_opt.batches.journal import read_journal
+from energy_opt.batches.rows import TIMES, read_parquet
 from energy_opt.effects import CoulombFriction
 from energy_opt.files import read_json, read_table, read_toml
 from energy_opt.virtual_arm.sets import make_set

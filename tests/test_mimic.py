@@ -20,9 +20,9 @@ from energy_opt.cell.planes import Near
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cli.main import main
-from energy_opt.diagnose import predict
-from energy_opt.diagnose.links import deviations_of
-from energy_opt.diagnose.recordings import take_samples
+from energy_opt.diagnosis import predict
+from energy_opt.diagnosis.links import deviations_of
+from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.dynamics import torque_function
 from energy_opt.dynamics.tool import tool_state
 from energy_opt.effects import LinkInertia, Payload

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from energy_opt.diagnose import diagnose
-from energy_opt.diagnose.claims import likelier
-from energy_opt.diagnose.fit import Nuisance
-from energy_opt.diagnose.noise import Noise
+from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.claims import likelier
+from energy_opt.diagnosis.fit import Nuisance
+from energy_opt.diagnosis.noise import Noise
 from energy_opt.effects import (
     CopperLoss,
     CoulombFriction,

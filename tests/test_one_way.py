@@ -19,7 +19,7 @@ from energy_opt.files import to_json, write_table
 from energy_opt.front.effects import effects as described
 from energy_opt.front.run import asked_in
 from energy_opt.front.verbs import VERBS
-from energy_opt.job.example import EXAMPLE
+from energy_opt.jobs.example import EXAMPLE
 from energy_opt.requests.option import options_of
 
 # What differs from run to run, or is about files: times, the words of the command line, digests.

@@ -13,8 +13,8 @@ from scipy.stats import norm
 
 import energy_opt as eo
 from energy_opt.cli.main import main
-from energy_opt.passport import friction, loss, read_arm
-from energy_opt.passport.changes import changes_since
+from energy_opt.passports import friction, loss, read_arm
+from energy_opt.passports.changes import changes_since
 from energy_opt.power.model import Doubt
 
 DRY, OIL, HEAT = np.array([2.0, 3.0, 1.0, 0.5, 0.4, 0.3]), 0.7, 0.006

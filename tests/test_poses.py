@@ -14,7 +14,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.front.rivals import rivals_from
-from energy_opt.job import check_job, load_job
+from energy_opt.jobs import check_job, load_job
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.estimate import curves
 from energy_opt.poses.freedom import improved

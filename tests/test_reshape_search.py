@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from poses import GOAL, START
 
-from energy_opt.bench.moves import random_moves
+from energy_opt.batches.moves import random_moves
 from energy_opt.effects import CoulombFriction
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.candidates import first_line, task_of

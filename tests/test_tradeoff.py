@@ -14,6 +14,8 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.fronts import Cycle, trace
+from energy_opt.fronts.output import document, table, write
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.path import through
@@ -21,8 +23,6 @@ from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import load_robot
-from energy_opt.tradeoff import Cycle, trace
-from energy_opt.tradeoff.output import document, table, write
 from tests.poses import MIDDLE
 
 FASTEST = 1.0

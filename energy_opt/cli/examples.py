@@ -8,8 +8,8 @@ import importlib
 EXAMPLES = {
     "model": "energy_opt.power.example",
     "log": "energy_opt.measured.example",
-    "job": "energy_opt.job.example",
-    "suite": "energy_opt.bench.example",
+    "job": "energy_opt.jobs.example",
+    "suite": "energy_opt.batches.example",
     "limits": "energy_opt.robot.example",
     "scene": "energy_opt.cell.scene_files.example",
 }

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.bench import Batch, compare, comparison_text, load_suite, run_batch
-from energy_opt.bench.surroundings import KEYS
+from energy_opt.batches import Batch, compare, comparison_text, load_suite, run_batch
+from energy_opt.batches.surroundings import KEYS
 from energy_opt.errors import BadInput
 from energy_opt.files import to_json
 from energy_opt.front.desk import Desk, verb
@@ -24,7 +24,7 @@ MOST_JOBS = 1024  # on one machine
 
 @dataclass(frozen=True)
 class Comparison:
-    """What got better or worse between two runs of a suite: the document of `energy_opt.bench.compare`."""
+    """What got better or worse between two runs of a suite: the document of `energy_opt.batches.compare`."""
 
     found: Mapping[str, Any]
     exit_code: int = 0

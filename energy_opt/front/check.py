@@ -169,13 +169,13 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
         return check_workcell(file)
     if kind.startswith("energy-opt/job/"):
-        from energy_opt.job import check_job
+        from energy_opt.jobs import check_job
 
         def load(name: str) -> Robot:
             return robot_of(request, name)
 
         return check_job(file, load, allow_outside=request.allow_outside)
-    from energy_opt.bench.suite import check_suite
+    from energy_opt.batches.suite import check_suite
 
     return check_suite(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
 

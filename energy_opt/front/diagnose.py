@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from energy_opt.cell.load import load_cell
-from energy_opt.diagnose import Diagnosis
-from energy_opt.diagnose import diagnose as diagnosed
-from energy_opt.diagnose.words import next_step
+from energy_opt.diagnosis import Diagnosis
+from energy_opt.diagnosis import diagnose as diagnosed
+from energy_opt.diagnosis.words import next_step
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
 from energy_opt.files import to_json
@@ -28,7 +28,7 @@ from energy_opt.measured import MeasuredSet, read_set
 from energy_opt.motion.plan.robust import Rival
 from energy_opt.next_motion import propose, rivals_of
 from energy_opt.next_motion.worth import add_worth, worth_words
-from energy_opt.passport import changes_since
+from energy_opt.passports import changes_since
 from energy_opt.power import PowerModel, load_model, source_method_2
 from energy_opt.power.locked import of_joints
 from energy_opt.requests.verbs import DiagnoseRequest

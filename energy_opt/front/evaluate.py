@@ -12,11 +12,11 @@ import numpy as np
 
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
-from energy_opt.evaluate import Evaluation, Recorded, load
-from energy_opt.evaluate import evaluate as evaluated
-from energy_opt.evaluate.output import ANSWER, document, table
-from energy_opt.evaluate.output import write as saved
-from energy_opt.evaluate.source import Stretch, joints_in, robot_named
+from energy_opt.evaluations import Evaluation, Recorded, load
+from energy_opt.evaluations import evaluate as evaluated
+from energy_opt.evaluations.output import ANSWER, document, table
+from energy_opt.evaluations.output import write as saved
+from energy_opt.evaluations.source import Stretch, joints_in, robot_named
 from energy_opt.files import to_json
 from energy_opt.formats.output import Written
 from energy_opt.front.controllers import check_written

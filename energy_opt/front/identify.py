@@ -15,11 +15,11 @@ from energy_opt.files import plain, read_table, to_json, write_table
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, payload_from, robot_of
 from energy_opt.front.sets import request_of_set, robot_of_set
-from energy_opt.identify import Identification, Suggestion, poses_of, suggest
-from energy_opt.identify import identify as of_poses
 from energy_opt.measured import read_set
 from energy_opt.requests.verbs import IdentifyRequest
 from energy_opt.robot import PointMass, Robot
+from energy_opt.static_poses import Identification, Suggestion, poses_of, suggest
+from energy_opt.static_poses import identify as of_poses
 
 ANSWER = "identify.json"
 

@@ -21,9 +21,9 @@ from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import content_of, job_from, job_settings, resolved_job
 from energy_opt.front.rivals import rivals_of, said, with_careful
 from energy_opt.front.workcell import WORKCELL, CellAnswer, run_workcell_job
-from energy_opt.job import JobResult, run_job, run_posed
-from energy_opt.job.models import compared, grounded, mean_of, stated
-from energy_opt.job.program import with_room, write_programs
+from energy_opt.jobs import JobResult, run_job, run_posed
+from energy_opt.jobs.models import compared, grounded, mean_of, stated
+from energy_opt.jobs.program import with_room, write_programs
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import JobRequest
@@ -59,7 +59,7 @@ class JobAnswer:
 
     def document(self) -> dict[str, Any]:
         """job.json, less its files."""
-        from energy_opt.job.output import document
+        from energy_opt.jobs.output import document
 
         found = {**document(self.result), "request": {**self.request.document(), **self.stamp}}
         worth, slowed = self.request.worth, self.slowed
@@ -87,7 +87,7 @@ class JobAnswer:
 
     def kept(self, out: Path) -> JobAnswer:
         """The same; returns the answer with what is known of its programs."""
-        from energy_opt.job.output import write
+        from energy_opt.jobs.output import write
 
         with written_whole(out, ANSWER) as aside:
             rows = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
@@ -110,7 +110,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
     Raises:
         BadInput: a fault of the job; names the step. Infeasible: no motion keeps the limits in the time there is.
     """
-    from energy_opt.job.resume import Answers
+    from energy_opt.jobs.resume import Answers
 
     if content_of(request)[0].get("format") == WORKCELL:
         return run_workcell_job(request, desk)

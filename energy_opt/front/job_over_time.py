@@ -15,9 +15,9 @@ from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import job_from, resolved_job
 from energy_opt.front.moves import settings_of
 from energy_opt.front.rivals import rivals_of
-from energy_opt.job.models import mean_of, stated
-from energy_opt.job.over_time import document, over_time
-from energy_opt.job.resume import Answers
+from energy_opt.jobs.models import mean_of, stated
+from energy_opt.jobs.over_time import document, over_time
+from energy_opt.jobs.resume import Answers
 from energy_opt.power.assumptions import assumptions, said
 from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import TradeoffRequest
@@ -72,7 +72,7 @@ class JobFront:
 
     def kept(self, out: Path) -> JobFront:
         """The same; returns the front."""
-        from energy_opt.job.over_time_output import write
+        from energy_opt.jobs.over_time_output import write
 
         write(out, self.document)
         return self

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from energy_opt.files import read_toml
 from energy_opt.front.given import cell_of, named_robot, robot_of
 from energy_opt.front.moves import documents, payload_document
-from energy_opt.job.file import Job, Load, job_of
+from energy_opt.jobs.file import Job, Load, job_of
 from energy_opt.motion import Settings
 from energy_opt.motion.plan.robust import Kind, Rival
 from energy_opt.poses.given import poses_of_request

@@ -8,8 +8,8 @@ from typing import Any
 
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import several
-from energy_opt.passport import Passport
-from energy_opt.passport import passport as passport_of
+from energy_opt.passports import Passport
+from energy_opt.passports import passport as passport_of
 from energy_opt.power.model import model_from_document
 from energy_opt.requests.option import plain
 from energy_opt.requests.verbs import PassportRequest

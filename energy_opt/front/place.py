@@ -15,10 +15,10 @@ from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import job_from, job_settings, resolved_job
 from energy_opt.front.rivals import rivals_of
-from energy_opt.job.models import mean_of
-from energy_opt.place import Placement
-from energy_opt.place import PlaceRequest as Box
-from energy_opt.place import place as placed
+from energy_opt.jobs.models import mean_of
+from energy_opt.placement import Placement
+from energy_opt.placement import PlaceRequest as Box
+from energy_opt.placement import place as placed
 from energy_opt.requests.moves import PlaceRequest
 
 ANSWER = "place.json"
@@ -56,7 +56,7 @@ class PlaceAnswer:
 
     def text(self, out: Path) -> str:
         """A line for a terminal, of a placement that was saved into `out`."""
-        from energy_opt.place.output import headline
+        from energy_opt.placement.output import headline
 
         return f"{headline(read_json(out / ANSWER) if self.saved is None else self.saved)}\nfiles in {out}"
 
@@ -67,7 +67,7 @@ class PlaceAnswer:
 
     def kept(self, out: Path) -> PlaceAnswer:
         """The same; returns the answer with what was written."""
-        from energy_opt.place.output import write
+        from energy_opt.placement.output import write
 
         with written_whole(out, ANSWER) as aside:
             saved = write(self.placement, {**self.request.document(), **self.stamp}, aside)

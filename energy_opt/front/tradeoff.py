@@ -34,7 +34,7 @@ from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.robot import Robot
 
 if TYPE_CHECKING:
-    from energy_opt.tradeoff import Cycle, Front
+    from energy_opt.fronts import Cycle, Front
 
 ANSWER = "tradeoff.json"
 MOST = 1000  # durations of a front, each a solve or more: some minutes
@@ -75,7 +75,7 @@ class Tradeoff:
 
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a front that was saved into `out`."""
-        from energy_opt.tradeoff.output import text
+        from energy_opt.fronts.output import text
 
         return text(self.front, self.data, out).rstrip("\n")
 
@@ -96,7 +96,7 @@ class Tradeoff:
 
     def kept(self, out: Path) -> Tradeoff:
         """The same; returns the front."""
-        from energy_opt.tradeoff.output import write
+        from energy_opt.fronts.output import write
 
         write(out, self.front, dict(self.data), self.robot, self.cell)
         return self
@@ -224,13 +224,13 @@ def mean_of(planner: Planner | RobustPlanner) -> Planner:
 
 
 def traced(planner: Planner | RobustPlanner, move: Move, cycle: Cycle | None, **more: Any) -> Front:
-    """The front of a move, as `energy_opt.tradeoff.trace` makes it; of several models stated under the first.
+    """The front of a move, as `energy_opt.fronts.trace` makes it; of several models stated under the first.
 
     Args:
         cycle: under the first model; more: further arguments of `trace`.
     """
-    from energy_opt.tradeoff import trace
-    from energy_opt.tradeoff.models import stated
+    from energy_opt.fronts import trace
+    from energy_opt.fronts.models import stated
 
     if isinstance(planner, Planner):
         return trace(planner, move, cycle=cycle, **more)
@@ -253,8 +253,8 @@ def document_of(
     `worth` is for what is saved over the cycle against the fastest move and waiting; without a cycle, by the minimum
     against the same move slowed evenly.
     """
-    from energy_opt.tradeoff.models import models_of, models_of_front
-    from energy_opt.tradeoff.output import document
+    from energy_opt.fronts.models import models_of, models_of_front
+    from energy_opt.fronts.output import document
 
     robot = planner.robot
     found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
@@ -289,7 +289,7 @@ def cycle_for(
     Raises:
         BadInput: an idle power without a cycle, a move that does not end at rest, or values that no cycle has.
     """
-    from energy_opt.tradeoff import Cycle
+    from energy_opt.fronts import Cycle
 
     if length is None:
         if idle_power is not None:

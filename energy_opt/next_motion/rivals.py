@@ -8,10 +8,10 @@ from itertools import combinations
 
 import numpy as np
 
-from energy_opt.diagnose.data import Samples
-from energy_opt.diagnose.fit import Fit
-from energy_opt.diagnose.predict import predict
-from energy_opt.diagnose.verdict import Inference
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.fit import Fit
+from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.verdict import Inference
 from energy_opt.effects import Armature, CoulombFriction, ViscousFriction
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel

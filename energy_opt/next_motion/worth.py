@@ -12,7 +12,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.diagnose import Diagnosis
+from energy_opt.diagnosis import Diagnosis
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.measured import MeasuredSet
 from energy_opt.measured.segment import standstills

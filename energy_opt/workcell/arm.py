@@ -15,11 +15,11 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Regeneration
 from energy_opt.errors import Infeasible
-from energy_opt.job.cycle import Answer, standing_power
-from energy_opt.job.file import Job, Step
-from energy_opt.job.legs import Leg, legs_of
-from energy_opt.job.posed import Posed
-from energy_opt.job.work import Cells, Worker
+from energy_opt.jobs.cycle import Answer, standing_power
+from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.legs import Leg, legs_of
+from energy_opt.jobs.posed import Posed
+from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.ways import check_free

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.job.file import Job
-from energy_opt.job.file import job_of as read_job
+from energy_opt.jobs.file import Job
+from energy_opt.jobs.file import job_of as read_job
 from energy_opt.poses.pose import Pose
 from energy_opt.robot import Robot
 from energy_opt.workcell.file import PoseTable, RobotTable, StepTable, WorkCell, step_name

@@ -17,7 +17,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.moving import Frames, MovingCell, Others
 from energy_opt.cell.proof import Proof, Touch, prove
 from energy_opt.errors import Infeasible
-from energy_opt.job.cycle import Answer
+from energy_opt.jobs.cycle import Answer
 from energy_opt.motion.plan.candidates import task_of
 from energy_opt.motion.plan.clear import Clearing, mended_clear
 from energy_opt.motion.reshape.clear import TRUST

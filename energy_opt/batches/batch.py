@@ -1,0 +1,162 @@
+"""A whole batch: what is left of a suite is run, results are kept as they come, tables are made at the end."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from energy_opt.batches.executors import cluster, local
+from energy_opt.batches.journal import Journal, read_journal
+from energy_opt.batches.progress import Progress
+from energy_opt.batches.rows import Record, Row, write_parquet
+from energy_opt.batches.runner import Solver, run_tasks
+from energy_opt.batches.suite import Suite
+from energy_opt.batches.summary import summarize
+from energy_opt.batches.words import table
+from energy_opt.batches.work import solve_task
+from energy_opt.files import to_json, write_json
+from energy_opt.power.per_year import PerYear
+from energy_opt.requests.option import Request
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, repr=False)
+class Batch:
+    """A batch as far as it came.
+
+    Attributes:
+        rows: a record of every move, in the order of the suite. summary: summary.json.
+        interrupted: stopped early; resuming does what is left.
+        left_out: earlier records that belong to another version of the suite.
+        out: the folder of its results. request: what was asked, where that is known.
+    """
+
+    rows: list[Row]
+    summary: dict[str, Any]
+    interrupted: bool
+    left_out: int
+    out: Path = Path(".")
+    request: Request | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        if self.interrupted:
+            return 130
+        return 0 if self.summary["status"].get("solved") else 4
+
+    def document(self) -> dict[str, Any]:
+        """summary.json."""
+        return self.summary
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return to_json(self.summary)
+
+    def text(self, out: Path | None = None) -> str:
+        """A short table for a terminal."""
+        return table(self.summary, out or self.out)
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Copy the results into the folder `out`; returns it."""
+        if Path(out).resolve() != self.out.resolve():
+            shutil.copytree(self.out, Path(out), dirs_exist_ok=True)
+        return Path(out)
+
+    def __repr__(self) -> str:
+        solved = self.summary["status"].get("solved", 0)
+        return f"Batch({self.summary['suite']!r}, {solved} of {self.summary['moves']} solved, in {str(self.out)!r})"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.text())}</pre>"
+
+
+def run_batch(
+    suite: Suite,
+    out: str | Path,
+    *,
+    jobs: int = 1,
+    resume: bool = False,
+    force: bool = False,
+    scheduler: str | None = None,
+    quiet: bool = True,
+    solve: Solver = solve_task,
+    command: str | None = None,
+    worth: PerYear | None = None,
+) -> Batch:
+    """Run what is left of a suite: results.jsonl as it goes, then results.parquet, report.html and summary.json.
+
+    Each task is done exactly once over all resumed runs; Ctrl-C stops the workers and keeps what is done.
+
+    Args:
+        jobs: processes on this machine; ignored with `scheduler`.
+        resume: go on from what an earlier run left in `out`.
+        force: overwrite the finished results of another suite, or of another version of this one.
+        scheduler: address of a Dask cluster that computes instead.
+        solve: what workers do with a task; must be importable there.
+        command: the command line, for the report.
+        worth: how often in a year all moves are made, each once; the summary states what the savings are worth.
+
+    Raises:
+        BadInput: `out` holds an unfinished batch and `resume` is False, or results of another suite or version of it
+            and `force` is False, or the scheduler does not answer.
+    """
+    from energy_opt.batches.report import write_report
+
+    wanted = {task.key: task for task in suite.tasks}
+    header = {"suite": suite.name, "digest": suite.digest}
+    with Journal(Path(out), header, resume=resume, force=force) as journal:
+        records: dict[str, Record] = {}
+        for record in journal.records:
+            if record["key"] in wanted:
+                records.setdefault(record["key"], record)
+        left_out = sum(record["key"] not in wanted for record in journal.records)
+        (Path(out) / "summary.json").unlink(missing_ok=True)
+        progress = Progress(len(wanted), len(records), quiet=quiet)
+        place = partial(cluster, scheduler) if scheduler else partial(local, jobs)
+        left = [task for task in suite.tasks if task.key not in records]
+        log.info("%d moves to do, %d known; starting %s", len(left), len(records), scheduler or f"{jobs} processes")
+        interrupted = False
+        try:
+            for record in run_tasks(left, place, progress.show, solve):
+                journal.append(record)
+                records[record["key"]] = record
+                log.info("%s", _said(record["row"]))
+                progress.count(record["row"]["status"] == "solved")
+        except KeyboardInterrupt:
+            interrupted = True
+            for record in read_journal(journal.path)[1]:  # it may have come between the disk and `records`
+                if record["key"] in wanted:
+                    records.setdefault(record["key"], record)
+        progress.show(last=True)
+        rows = [records[key]["row"] for key in wanted if key in records]
+        run = {
+            "jobs": None if scheduler else jobs,
+            "scheduler": scheduler,
+            "seconds": progress.seconds,
+            "moves": progress.done - progress.before,
+            "moves_per_second": progress.rate,
+            "command": command,
+        }
+        log.info("writing results.parquet, report.html and summary.json")
+        summary = summarize(rows, len(wanted), run, worth)
+        write_parquet(Path(out) / "results.parquet", rows)
+        write_report(Path(out) / "report.html", rows, summary)
+        write_json(Path(out) / "summary.json", summary)
+    return Batch(rows, summary, interrupted, left_out, Path(out))
+
+
+def _said(row: Row) -> str:
+    """A finished move as a line: what it was, how it ended, and the seconds that building and solving took."""
+    named = " ".join(str(row[name]) for name in ("robot", "move", "mode", "timing") if row[name])
+    times = [
+        f"{kind} {row[f'{kind}_seconds']:.2f} s" for kind in ("build", "solve") if row[f"{kind}_seconds"] is not None
+    ]
+    return ", ".join([f"{named}: {row['status']}", *times, *([str(row["error"])] if row["error"] else [])])

@@ -1,0 +1,176 @@
+"""Two runs of a suite side by side: what got better or worse beyond noise."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.batches.rows import IDENTITY, Row, read_parquet
+from energy_opt.batches.summary import DEFECT, grouped
+from energy_opt.errors import BadInput
+from energy_opt.files import read_text
+
+ENERGY_NOISE = 1e-3  # share of the loss below which two solves of one move count as equal
+ENERGY_FLOOR = 1e-3  # J, the same for moves that lose next to nothing
+TIME_NOISE = 0.10  # share by which a median time may move from run to run on one machine
+SIGNIFICANCE = 0.01  # of the sign test that a change of times must pass as well
+RANKS = {"solved": 0, "not_converged": 1, "infeasible": 2, "failed": 3}
+
+
+def compare(old: Path, new: Path) -> dict[str, Any]:
+    """Compare two results (folders of `bench --out`, or their results.parquet).
+
+    Energies are compared move by move and counted beyond the solver's tolerance; a change of status or a new violation
+    of a limit counts by itself; times are compared as the median ratio over moves, with a sign test, and only where
+    both runs name the same machine.
+
+    Raises:
+        BadInput: a path holds no results, or the two have no move in common.
+    """
+    before, after = (_rows(path) for path in (old, new))
+    keys = [key for key in before if key in after]
+    if not keys:
+        raise BadInput(f"{old} and {new} have no move in common: nothing to compare")
+    pairs = [(before[key], after[key]) for key in keys]
+    changes = [change for a, b in pairs if (change := _change(a, b))]
+    machines = [_machine(path) for path in (old, new)]
+    same_machine = machines[0] is not None and machines[0] == machines[1]
+    return {
+        "old": str(old),
+        "new": str(new),
+        "common": len(pairs),
+        "only_old": len(before) - len(pairs),
+        "only_new": len(after) - len(pairs),
+        "better": [c for c in changes if c["verdict"] == "better"],
+        "worse": [c for c in changes if c["verdict"] == "worse"],
+        "energy": _energy(pairs),
+        "times": _times(pairs) if same_machine else [],
+        "same_machine": same_machine,
+    }
+
+
+def _rows(path: Path) -> dict[tuple[Any, ...], Row]:
+    file = path / "results.parquet" if path.is_dir() else path
+    return {tuple(row[name] for name in IDENTITY): row for row in read_parquet(file)}
+
+
+def _machine(path: Path) -> tuple[Any, ...] | None:
+    file = (path if path.is_dir() else path.parent) / "summary.json"
+    if not file.is_file():
+        return None
+    try:
+        found = json.loads(read_text(file))["machine"]
+        return found["cpu"], found["cores"], found["system"]
+    except (ValueError, KeyError, TypeError):
+        raise BadInput(f"{file}: not a summary of this program") from None
+
+
+def _change(a: Row, b: Row) -> dict[str, Any] | None:
+    """What changed for one move beyond noise, or None."""
+    named = {name: b[name] for name in IDENTITY}
+    if a["status"] != b["status"]:
+        verdict = "better" if RANKS.get(b["status"], 3) < RANKS.get(a["status"], 3) else "worse"
+        return {
+            **named,
+            "verdict": verdict,
+            "what": "status",
+            "old": a["status"],
+            "new": b["status"],
+            "why": b["error"],
+        }
+    for row, other, verdict in ((b, a, "worse"), (a, b, "better")):
+        if (row["max_violation"] or 0.0) > DEFECT >= (other["max_violation"] or 0.0):
+            old, new = a["max_violation"], b["max_violation"]
+            return {**named, "verdict": verdict, "what": "max_violation", "old": old, "new": new}
+    if a["energy_loss"] is None or b["energy_loss"] is None:
+        return None
+    same_duration = abs(a["duration"] - b["duration"]) <= 1e-3 * a["duration"]
+    if not same_duration and b["timing"] != "free":
+        return None  # the minimum time itself moved, so the energies answer different questions
+    what = "energy_loss" if same_duration else "energy_total"
+    old, new = a[what], b[what]
+    if abs(new - old) <= max(ENERGY_FLOOR, ENERGY_NOISE * abs(a["energy_loss"])):
+        return None
+    return {**named, "verdict": "better" if new < old else "worse", "what": what, "old": old, "new": new}
+
+
+def _energy(pairs: Sequence[tuple[Row, Row]]) -> dict[str, Any]:
+    both = [(a, b) for a, b in pairs if a["status"] == b["status"] == "solved"]
+    sums = {
+        f"{part}_{when}": sum(pair[k][f"energy_{part}"] for pair in both)
+        for part in ("total", "loss")
+        for k, when in enumerate(("old", "new"))
+    }
+    return {"moves": len(both), **sums}
+
+
+def _times(pairs: Sequence[tuple[Row, Row]]) -> list[dict[str, Any]]:
+    """Median ratio new/old of the solve times of each robot and mode, and whether it is beyond noise."""
+    out = []
+    old_of = {tuple(b[name] for name in IDENTITY): a for a, b in pairs}
+    for (robot, mode), rows in grouped([b for _, b in pairs], ("robot", "mode")).items():
+        ratios = [
+            b["solve_seconds"] / a["solve_seconds"]
+            for b in rows
+            if (a := old_of[tuple(b[name] for name in IDENTITY)])["solve_seconds"] and b["solve_seconds"]
+        ]
+        if not ratios:
+            continue
+        median, slower = float(np.median(ratios)), sum(ratio > 1 for ratio in ratios)
+        p_value = sign_test(slower, len(ratios))
+        beyond = abs(math.log(median)) > math.log(1 + TIME_NOISE) and p_value < SIGNIFICANCE
+        verdict = "same" if not beyond else "worse" if median > 1 else "better"
+        out.append(
+            {
+                "robot": robot,
+                "mode": mode,
+                "moves": len(ratios),
+                "ratio": median,
+                "p_value": p_value,
+                "verdict": verdict,
+            }
+        )
+    return out
+
+
+def sign_test(above: int, count: int) -> float:
+    """Two-sided p-value of `above` out of `count` under even odds.
+
+    >>> round(sign_test(8, 8), 6)
+    0.007812
+    >>> sign_test(4, 8)
+    1.0
+    """
+    tail = min(above, count - above)
+    return min(1.0, 2 * sum(math.comb(count, k) for k in range(tail + 1)) / 2**count)
+
+
+def comparison_text(found: dict[str, Any]) -> str:
+    """The comparison as lines for a terminal."""
+    lines = [f"{found['common']} moves in both; only in old {found['only_old']}, only in new {found['only_new']}"]
+    for verdict in ("worse", "better"):
+        lines.append(f"{verdict}: {len(found[verdict])}")
+        for change in found[verdict]:
+            where = " ".join(str(change[name]) for name in IDENTITY[1:] if change[name])
+            old, new = (f"{x:.6g}" if isinstance(x, float) else str(x) for x in (change["old"], change["new"]))
+            why = f" ({change['why']})" if change.get("why") else ""
+            lines.append(f"  {where}: {change['what']} {old} -> {new}{why}")
+    energy = found["energy"]
+    if energy["moves"]:
+        lines.append(
+            f"energy over {energy['moves']} moves: total {energy['total_old']:.6g} -> {energy['total_new']:.6g} J, "
+            f"loss {energy['loss_old']:.6g} -> {energy['loss_new']:.6g} J"
+        )
+    if not found["same_machine"]:
+        lines.append("solve times: not compared, the runs do not name the same machine")
+    for row in found["times"]:
+        lines.append(
+            f"solve time {row['robot']} {row['mode']}: x {row['ratio']:.3g} over {row['moves']} moves "
+            f"(p = {row['p_value']:.2g}): {row['verdict']}"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,116 @@
+"""Moves of a suite: given ones by joint name or in order, and random ones that a seed fixes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from energy_opt.batches.faults import Files, is_number
+from energy_opt.batches.surroundings import Surroundings
+from energy_opt.errors import BadInput, near
+from energy_opt.files import read_text
+from energy_opt.formats import read_path
+from energy_opt.robot import Limits, Robot
+
+
+@dataclass(frozen=True)
+class NamedMove:
+    """Start and goal (n,) [rad] under a name, with points to pass between, or a path: ending and text of its file.
+
+    Attributes:
+        ends: where they are poses of the tool, these as `Ends.to_text` has them; `start`, `goal` do not count then.
+    """
+
+    name: str
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
+    via: tuple[tuple[float, ...], ...] = ()
+    path: tuple[str, str] = ("", "")
+    ends: str = ""
+
+
+def joint_ranges(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper end (n,) of each joint's range; a joint without an end counts as one turn, [-pi, pi]."""
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    return np.where(bounded, limits.lower, -np.pi), np.where(bounded, limits.upper, np.pi)
+
+
+def random_moves(robot: Robot, count: int, seed: int, share: float = 0.6) -> list[NamedMove]:
+    """`count` moves with start and goal uniform within the middle `share` of each joint's range.
+
+    A longer list with the same seed begins with the shorter one.
+    """
+    lower, upper = joint_ranges(robot.limits)
+    middle, half = (lower + upper) / 2, (upper - lower) / 2 * share
+    draws = middle + half * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(count, 2, robot.n))
+    width = max(2, len(str(count)))
+    return [
+        NamedMove(f"random{seed}-{k:0{width}d}", tuple(start.tolist()), tuple(goal.tolist()))
+        for k, (start, goal) in enumerate(draws, start=1)
+    ]
+
+
+def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
+    """A configuration (n,) [rad] from a list in the robot's order, or from a table by joint name.
+
+    Raises:
+        BadInput: wrong count, unknown or missing joints, or a value that is not a finite number.
+    """
+    if isinstance(value, Mapping):
+        unknown = [name for name in value if name not in joints]
+        missing = [name for name in joints if name not in value]
+        if unknown:
+            hint = near(unknown[0], joints)
+            raise BadInput(f"unknown joint {unknown[0]!r}{hint}; the robot's joints are {', '.join(joints)}")
+        if missing:
+            raise BadInput(f"joint {missing[0]!r} is missing")
+        value = [value[name] for name in joints]
+    if not isinstance(value, list):
+        raise BadInput(f"{value!r} is not a list of joint positions")
+    if len(value) != len(joints):
+        raise BadInput(f"{len(value)} values; the robot has {len(joints)} joints")
+    for name, item in zip(joints, value, strict=True):
+        if not is_number(item):
+            raise BadInput(f"{name} = {item!r} is not a finite number")
+    return tuple(float(item) for item in value)
+
+
+def posed_move(name: str, table: Mapping[str, Any], robot: Robot, files: Files, around: Surroundings) -> NamedMove:
+    """A move between poses of the tool, or joint positions and such poses.
+
+    Raises:
+        BadInput: no such pose, or a frame that is not in the scene.
+    """
+    from energy_opt.cell.scene_files import carried
+    from energy_opt.poses.ends import Ends
+    from energy_opt.poses.given import Given, in_base, poses_of_scene
+
+    scene = carried.from_text(around.scene) if around.scene else None
+    reader = Given(files.path(".", "moves"), poses_of_scene(scene))
+    free, tolerance = table.get("free", ()), table.get("pose_tolerance")
+
+    def pose(value: Any, what: str, axes: Any = ()) -> Any:
+        return in_base(reader.pose(value, what, axes, tolerance), robot, scene, around.request.base_pose)
+
+    start = pose(table["start_pose"], "start_pose") if "start_pose" in table else None
+    goal = pose(table["goal_pose"], "goal_pose", free) if "goal_pose" in table else None
+    begin, end = (joint_values(table[e], robot.joints) if e in table else (0.0,) * robot.n for e in ("start", "goal"))
+    via = tuple(pose(value, "via_pose", free) for value in table.get("via_pose", ()))
+    ends = Ends(start, (np.array(end) if goal is None else goal,), via)
+    return NamedMove(name, begin, end, (), ("", ""), ends.to_text())
+
+
+def given_path(name: str, file: Any, joints: Sequence[str], files: Files) -> NamedMove:
+    """A move along the path in a file beside the suite.
+
+    Raises:
+        BadInput: no such file, or none that holds waypoints or a trajectory of these joints.
+    """
+    if not isinstance(file, str) or not files.path(file, "moves").is_file():
+        raise BadInput(f"path {file!r} is not a file beside the suite")
+    path = files.path(file, "moves")
+    found = read_path(path, joints)
+    return NamedMove(name, tuple(found.start.tolist()), tuple(found.goal.tolist()), (), (path.suffix, read_text(path)))

@@ -1,0 +1,171 @@
+"""What a batch comes to: failures first, then savings, proxies against energy, times, certificates, and the machine."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from energy_opt.batches.rows import IDENTITY, Row
+from energy_opt.motion.result import ROUNDING
+from energy_opt.power.per_year import PerYear
+
+PACKAGES = ("energy-opt", "casadi", "pin", "toppra", "numpy", "scipy")
+WORST = 5  # rows that a list of the worst holds
+DEFECT = 1e-6  # a violation beyond this share of a bound counts as one
+
+
+def distribution(values: Iterable[float | None]) -> dict[str, float | int | None]:
+    """Count, mean and quantiles of the values that are there."""
+    data = np.array([value for value in values if value is not None], dtype=float)
+    names = ("worst", "p10", "median", "p90", "best")
+    if data.size == 0:
+        return {"count": 0, "mean": None, **dict.fromkeys(names)}
+    quantiles = np.quantile(data, [0, 0.1, 0.5, 0.9, 1])
+    return {"count": data.size, "mean": float(data.mean()), **dict(zip(names, quantiles.tolist(), strict=True))}
+
+
+def grouped(rows: Iterable[Row], names: Sequence[str]) -> dict[tuple[Any, ...], list[Row]]:
+    """Rows by the values of some columns, in the order of first appearance."""
+    out: dict[tuple[Any, ...], list[Row]] = defaultdict(list)
+    for row in rows:
+        out[tuple(row[name] for name in names)].append(row)
+    return dict(out)
+
+
+def summarize(rows: Sequence[Row], expected: int, run: dict[str, Any], worth: PerYear | None = None) -> dict[str, Any]:
+    """The summary of a batch.
+
+    Args:
+        rows: in the order of the suite.
+        expected: how many the suite has; fewer rows mean an interrupted batch.
+        run: what is to be said of this run itself (jobs, wall seconds, moves per second).
+        worth: how often in a year all moves of the batch are made, each once.
+    """
+    solved = [row for row in rows if row["status"] == "solved"]
+    known = [row for row in solved if row["saving_total_percent"] is not None]
+    saved = sum(row["energy_scaled"] - row["energy_total"] for row in known) if known else None
+    return {
+        "suite": rows[0]["suite"] if rows else None,
+        "complete": len(rows) == expected,
+        "moves": expected,
+        "status": dict(Counter(row["status"] for row in rows)),
+        "failures": [
+            {name: row[name] for name in (*IDENTITY, "status", "error")} for row in rows if row["status"] != "solved"
+        ],
+        "savings": _savings(solved),
+        "proxies": _proxies(solved),
+        "times": _times(rows),
+        "certificates": _certificates(rows),
+        **({} if worth is None else {"per_year": {**worth.of(saved), "cycles_per_year": worth.cycles_per_year}}),
+        "run": run,
+        "machine": machine(),
+    }
+
+
+def _savings(solved: Sequence[Row]) -> list[dict[str, Any]]:
+    names = ("robot", "mode", "objective", "model", "payload", "timing")
+    return [
+        {
+            **dict(zip(names, key, strict=True)),
+            "loss_percent": distribution(row["saving_loss_percent"] for row in group),
+            "total_percent": distribution(row["saving_total_percent"] for row in group),
+            "loss_joules": sum(row["energy_loss"] for row in group),
+        }
+        for key, group in grouped(solved, names).items()
+    ]
+
+
+def _proxies(solved: Sequence[Row]) -> list[dict[str, Any]]:
+    """How much more loss each other objective leaves than energy itself, on the same move at the same duration."""
+    same = [name for name in IDENTITY if name != "objective"]
+    best = {tuple(row[name] for name in same): row for row in solved if row["objective"] == "energy"}
+    names = ("robot", "mode", "model", "timing", "objective")
+    out = []
+    for key, group in grouped((row for row in solved if row["objective"] != "energy"), names).items():
+        pairs = [(row, other) for row in group if (other := best.get(tuple(row[name] for name in same)))]
+        pairs = [(row, other) for row, other in pairs if abs(row["duration"] / other["duration"] - 1) < 1e-6]
+        more = [
+            100 * (row["energy_loss"] / other["energy_loss"] - 1)
+            for row, other in pairs
+            if other["energy_loss"] > ROUNDING * abs(other["energy_total"])
+        ]
+        joules = [row["energy_total"] - other["energy_total"] for row, other in pairs]
+        quantiles = distribution(more)
+        out.append(
+            {
+                **dict(zip(names, key, strict=True)),
+                "pairs": len(pairs),
+                "more_loss_percent": {
+                    "mean": quantiles["mean"],
+                    "median": quantiles["median"],
+                    "most": quantiles["best"],
+                },
+                "more_joules_mean": float(np.mean(joules)) if joules else None,
+            }
+        )
+    return out
+
+
+def _times(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    out = []
+    for (robot, mode), group in grouped(rows, ("robot", "mode")).items():
+        solve = [row["solve_seconds"] for row in group if row["solve_seconds"] is not None]
+        build = [row["build_seconds"] for row in group if row["build_seconds"] is not None]
+        if not solve:
+            continue
+        quantiles = distribution(solve)
+        out.append(
+            {
+                "robot": robot,
+                "mode": mode,
+                "count": len(solve),
+                "build_seconds_longest": max(build),
+                "solve_seconds_median": quantiles["median"],
+                "solve_seconds_p90": quantiles["p90"],
+                "solve_seconds_longest": quantiles["best"],
+                "solve_seconds_geometric_mean": float(np.exp(np.mean(np.log(np.maximum(solve, 1e-6))))),
+            }
+        )
+    return out
+
+
+def _certificates(rows: Sequence[Row]) -> dict[str, Any]:
+    judged = [row for row in rows if row["max_violation"] is not None]
+    worst = sorted(judged, key=lambda row: -row["max_violation"])[:WORST]
+    return {
+        "judged": len(judged),
+        "violated": sum(row["max_violation"] > DEFECT for row in judged),
+        "worst": [{name: row[name] for name in (*IDENTITY, "status", "max_violation")} for row in worst],
+    }
+
+
+def machine() -> dict[str, Any]:
+    """The machine and the versions that decide speed and digits."""
+    versions: dict[str, str | None] = {}
+    for name in PACKAGES:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            versions[name] = None
+    return {
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "python": platform.python_version(),
+        "versions": versions,
+    }
+
+
+def _cpu() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as stream:
+            names = (line.partition(":")[2].strip() for line in stream if line.startswith("model name"))
+            return next(names, platform.processor())
+    except OSError:
+        return platform.processor()

@@ -1,0 +1,152 @@
+"""What a worker does with a task: build once for tasks that share a problem, solve, and answer with a record."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import threading
+from collections import OrderedDict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from energy_opt.batches.rows import Record, failed, filled, identity
+from energy_opt.batches.task import Task
+from energy_opt.errors import EnergyOptError, Infeasible
+
+if TYPE_CHECKING:
+    from energy_opt.cell.cell import Cell
+    from energy_opt.motion import Move, Planner
+    from energy_opt.motion.path import JointPath
+    from energy_opt.robot import Robot
+
+KEPT = 4  # built problems that a worker holds; tasks come grouped by problem, so this is plenty
+
+_planners: OrderedDict[tuple[Any, ...], Planner] = OrderedDict()
+_cells: OrderedDict[tuple[Any, ...], Cell] = OrderedDict()
+_one_at_a_time = threading.Lock()  # a cluster's worker may have several threads; a built problem serves one move
+
+
+def solve_task(task: Task) -> Record:
+    """Solve a task; every failure becomes a row with its reason."""
+    with _one_at_a_time:
+        try:
+            record: Record = {"key": task.key, "row": _row(task), "worker": {}}
+        except Infeasible as error:
+            record = failed(task, str(error))
+            record["row"]["status"] = "infeasible"
+        except EnergyOptError as error:
+            record = failed(task, str(error))
+        except Exception as error:  # whatever a library throws at one move must not end the batch
+            record = failed(task, f"{type(error).__name__}: {error}")
+        record["worker"] = {"process": os.getpid(), "memory": resident_memory()}
+        return record
+
+
+def _planner(task: Task) -> Planner:
+    from energy_opt.motion import Planner, Settings
+
+    key, model = task.build, task.power()
+    if key not in _planners:
+        given = {"tool": task.surroundings.request.tool, **dict(task.settings)}
+        settings = Settings(objective=task.objective, compile=task.compile, **given)
+        while len(_planners) >= KEPT:
+            _planners.popitem(last=False)
+        _planners[key] = Planner(task.robot.load(), model, settings)
+    _planners.move_to_end(key)
+    _planners[key].set_model(model)
+    _planners[key].set_cell(_cell(task, _planners[key].robot))
+    return _planners[key]
+
+
+def _cell(task: Task, robot: Robot) -> Cell | None:
+    """The arm's body in its cell, built once for tasks that share it."""
+    around = task.surroundings
+    if not around.request.checks and not around.scene:
+        return None
+    key = (task.robot, around, task.payload if around.request.payload_size else ())
+    if key not in _cells:
+        while len(_cells) >= KEPT:
+            _cells.popitem(last=False)
+        _cells[key] = around.cell(robot, task.payload)
+    _cells.move_to_end(key)
+    return _cells[key]
+
+
+def _given_path(task: Task, robot: Robot) -> JointPath | None:
+    """The path that a suite gives with a move."""
+    from energy_opt.formats import read_path
+
+    ending, text = task.path
+    if not text:
+        return None
+    with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
+        file = Path(folder) / f"path{ending}"
+        file.write_text(text, encoding="utf-8")
+        return read_path(file, robot.joints)
+
+
+def _move(task: Task, robot: Robot, duration: float | None) -> Move:
+    """The move; a retimed one follows a path through its via points, a reshaped one passes them as it likes."""
+    from energy_opt.motion import Move
+    from energy_opt.motion.path import through
+
+    start, goal = np.array(task.start), np.array(task.goal)
+    given = _given_path(task, robot)
+    if given is not None:
+        return Move(given.start, given.goal, task.mode, duration, path=given)
+    via = tuple(np.array(point) for point in task.via)
+    if task.mode == "retime" and via:
+        return Move(start, goal, task.mode, duration, path=through(np.vstack([start, *via, goal])))
+    return Move(start, goal, task.mode, duration, via=via)
+
+
+def _row(task: Task) -> dict[str, Any]:
+    from energy_opt.motion.plan.robust import Rival, RobustPlanner
+
+    planner = _planner(task)
+    row = identity(task)
+    if task.ends:
+        return _posed(task, planner, row)
+    row["minimum_time"] = fastest = planner.minimum_time(_move(task, planner.robot, None))
+    duration = task.timing.seconds
+    if task.timing.multiple is not None:
+        duration = task.timing.multiple * fastest
+    move, powers = _move(task, planner.robot, duration), task.powers()
+    if len(powers) == 1:
+        return filled(row, planner.solve(move).document())
+    rivals = [Rival(name, model) for name, model in powers]
+    return filled(row, RobustPlanner(planner.robot, rivals, planner=planner).solve(move).document())
+
+
+def _posed(task: Task, planner: Planner, row: dict[str, Any]) -> dict[str, Any]:
+    """A move between poses of the tool; a multiple of the minimum time is one of the move to the nearest goal."""
+    from dataclasses import replace
+
+    from energy_opt.motion import Move
+    from energy_opt.motion.plan.robust import Rival, RobustPlanner
+    from energy_opt.poses.ends import ends_from_text
+    from energy_opt.poses.solve import nearest_move, solve_to
+
+    ends, robot, powers = ends_from_text(task.ends), planner.robot, task.powers()
+    move = Move(np.array(task.start), np.array(task.goal), task.mode, task.timing.seconds)
+    near = nearest_move(ends, move, robot, planner.cell, planner.settings)
+    row["minimum_time"] = fastest = planner.minimum_time(near)
+    if task.timing.multiple is not None:
+        move = replace(move, duration=task.timing.multiple * fastest)
+    solver: Any = planner
+    if len(powers) > 1:
+        solver = RobustPlanner(robot, [Rival(name, model) for name, model in powers], planner=planner)
+    models = [model for _, model in powers]
+    chosen = solve_to(ends, move, robot, models, planner.cell, planner.settings, solver.solve)
+    return filled(row, chosen.result.document())
+
+
+def resident_memory() -> int | None:
+    """Memory that this process holds, bytes; None where the system does not say."""
+    try:
+        with open("/proc/self/statm", encoding="ascii") as stream:
+            return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return None

@@ -1,5 +1,0 @@
-"""Tracing the residual of measured power to the effect that the declared model lacks."""
-
-from energy_opt.diagnose.diagnosis import Diagnosis, diagnose
-
-__all__ = ["Diagnosis", "diagnose"]

@@ -1,0 +1,259 @@
+"""What a hypothesis may take in next: every effect known, in each of its variants, and free functions of signals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.fit import Fit, Free
+from energy_opt.diagnosis.hypothesis import USUAL, Chart, Term, chart, sized
+from energy_opt.diagnosis.predict import predict, recorded
+from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, StoreEffect, known_effects, words_of
+
+ALLOWED_FOR = (LinkInertia.name, RunOffset.name)  # in every hypothesis, and never a cause
+MOST_SHAPES = 6  # trials of an effect's shapes
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A term that may be added: columns (M, c) of the readings by amounts x, and how x becomes its numbers.
+
+    precision, mean, low, high: of x before the data. z = origin + way x.
+    """
+
+    chart: Chart
+    columns: np.ndarray
+    precision: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    origin: np.ndarray
+    way: np.ndarray
+    mean: np.ndarray
+
+    def start(self, x: np.ndarray) -> np.ndarray:
+        """Numbers z by amounts x (c,)."""
+        return np.clip(self.origin + self.way @ x, self.chart.lower, self.chart.upper)
+
+
+def candidates(now: Fit) -> Iterator[Candidate]:
+    """Every effect that the hypothesis lacks or that the declared model has with fixed values."""
+    taken, model, declared = set(now.names), now.model, now.world.declared
+    drives = [e.name for e in model.effects if e.stage == "drive"]
+    absent: list[tuple[type[Effect], Term]] = []
+    for kind in known_effects().values():
+        if kind.name in taken or kind.name in ALLOWED_FOR or not kind.sought or not _sizes_known(kind):
+            continue
+        if declared.get(kind.name) is not None:
+            yield from _declared(kind, now)
+        elif kind.stage == "drive" and drives:
+            continue
+        elif issubclass(kind, MeterEffect | StoreEffect):
+            yield from _by_difference(kind, now)
+        elif all(model.get(name) is not None for name in kind.needs):
+            absent += [(kind, term) for term in _variants(kind, now.world.samples)]
+    yield from _absent(absent, now)
+
+
+def _sizes_known(kind: type[Effect]) -> bool:
+    """Are its tables' lengths said by what it is offered with?"""
+    return not any(p.free for p in kind.parameters) or bool(kind.free_options)
+
+
+def _variants(kind: type[Effect], s: Samples) -> list[Term]:
+    """The effect under each of the options that the recording allows, and trials of its shapes."""
+    out, n = [], s.n
+    tried = [p.trials if p.trials and (p.shapes or p.steps) else (None,) for p in kind.parameters]
+    for words in kind.offered(recorded(s)):
+        neutral = kind.neutral(n, **words).full(n)
+        lengths = {key: int(word) for key, word in words.items() if key not in kind.options}
+        entries = [p for p in kind.parameters for _ in range(p.count(n, lengths))]
+        options = tuple(f"{key}={word}" for key, word in sorted(words.items()))
+        for trial in list(product(*tried))[:MOST_SHAPES]:
+            value = dict(zip((p.name for p in kind.parameters), trial, strict=True))
+            tries = [value[p.name] for p in entries]
+            given = [x if at is None else at for x, at in zip(neutral, tries, strict=True)]
+            shaped = any(x is not None for x in trial)
+            out.append(Term(kind.name, options, tuple(float(x) for x in given) if shaped else ()))
+    return out
+
+
+def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Candidate]:
+    """Effects that the model lacks, at values where they change next to nothing: all at once, a variant a round."""
+    w, n = now.world, now.world.samples.n
+    rounds: dict[int, list[tuple[type[Effect], Term]]] = {}
+    seen: dict[str, int] = {}
+    for kind, term in kinds:
+        at = seen.get(kind.name, 0)
+        seen[kind.name] = at + 1
+        rounds.setdefault(at, []).append((kind, term))
+    push = w.links.ways @ now.amounts
+    for terms in rounds.values():
+        drives = [k for k, (kind, _) in enumerate(terms) if kind.stage == "drive"]
+        whole, charts = now.model, {}
+        for k, (kind, term) in enumerate(terms):
+            if k in drives[1:]:
+                continue
+            c = chart(term, w.declared, w.scale, n)
+            idle = kind.idle(n, **dict(word.split("=") for word in term.options)).full(n)
+            lengths = {k: int(w) for k, w in words_of(term.options).items() if k not in kind.options}
+            entries = [p for p in kind.parameters for _ in range(p.count(n, lengths))]
+            if term.trial:
+                chosen = np.array([p.shapes or p.steps for p in entries])
+                idle = np.where(chosen, term.trial, idle)
+            z0 = kind.to_chart(idle, n)[c.rows]
+            charts[kind.name] = (c, z0, [p.shapes and p.neutral != 0 for p in entries])
+            whole = whole.replaced(c.effect(z0))
+        jacobian = predict(whole, w.samples, push).jacobian
+        where = dict(zip((e.name for e in whole.effects), whole.slices(n), strict=True))
+        for name, (c, z0, shapes) in charts.items():
+            columns = jacobian[:, where[name]] @ c.slope(z0)
+            if not columns.any():  # as a dwell that no run has
+                continue
+            c = sized(c, columns, w.scale)
+            amount = ~np.array(shapes)[c.rows]
+            way = np.eye(len(z0))[:, amount]
+            covariance = np.linalg.inv(c.precision)[np.ix_(amount, amount)]
+            low, high = (c.lower - z0)[amount], (c.upper - z0)[amount]
+            mean = (c.mean - c.origin)[amount]
+            yield Candidate(c, columns[:, amount], np.linalg.inv(covariance), low, high, z0, way, mean)
+
+
+def _declared(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
+    """The declared values of an effect fitted anew."""
+    w, n = now.world, now.world.samples.n
+    held = w.declared.get(kind.name)
+    assert held is not None
+    options = tuple(f"{k}={v}" for k, v in sorted({**held.choices, **held.extents}.items()))
+    term = Term(kind.name, options, declared=True)
+    c = chart(term, w.declared, w.scale, n)
+    slope = c.slope(c.origin)
+    if not np.isfinite(slope).all():  # it has none where nothing is there, as at a payload of no mass
+        return
+    where = dict(zip((e.name for e in now.model.effects), now.model.slices(n), strict=True))
+    columns = now.prediction.jacobian[:, where[kind.name]] @ slope
+    c = sized(c, columns, w.scale)
+    low, high = np.minimum(c.lower - c.origin, 0.0), np.maximum(c.upper - c.origin, 0.0)
+    yield Candidate(c, columns, c.precision, low, high, c.origin, np.eye(len(c.origin)), c.mean - c.origin)
+
+
+def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
+    """Effects of one number in which the reading bends: what they do at each value tried, as one column."""
+    w = now.world
+    p, n = kind.parameters[0], w.samples.n
+    for tried in p.trials or (p.neutral + 0.05,):
+        c = chart(Term(kind.name), w.declared, w.scale, n)
+        if issubclass(kind, StoreEffect):
+            changed = predict(now.model.replaced(c.effect(np.array([tried]))), w.samples, w.links.ways @ now.amounts)
+            columns = (changed.reading - now.prediction.reading)[:, None]
+        else:
+            columns = _metered(kind, now, tried)[:, None]
+        if not np.any(columns):
+            continue
+        if issubclass(kind, StoreEffect):  # it is there or not; its size is another matter
+            c = _around(c, tried)
+            yield Candidate(
+                c, columns, np.eye(1), np.zeros(1), np.full(1, 1.2), np.array([tried]), np.zeros((1, 1)), np.zeros(1)
+            )
+            continue
+        width = abs(tried - p.neutral)
+        c = sized(c, columns / width, w.scale)
+        low, high = (0.0, 2.0) if p.trials else (-20.0, 20.0)
+        precision = c.precision * width**2
+        way = np.array([[tried - p.neutral]])
+        yield Candidate(c, columns, precision, np.array([low]), np.array([high]), c.origin, way, np.zeros(1))
+
+
+def _metered(kind: type[Effect], now: Fit, value: float) -> np.ndarray:
+    """What a meter's effect of some value would change in the readings (M,)."""
+    s, power = now.world.samples, now.prediction.power
+    assert issubclass(kind, MeterEffect)
+    changed = np.concatenate([kind.reading(s.t[rows], power[rows], value) - power[rows] for rows in s.slices])
+    return s.shown(changed)
+
+
+def _around(c: Chart, value: float) -> Chart:
+    """The chart with what is known before centred at a value tried, as wide as that."""
+    return Chart(
+        c.term, c.n, np.array([value]), c.rows, np.array([value]), np.array([value]), np.array([[value**-2]]), c.lower,
+        c.upper, np.zeros(1, dtype=bool),
+    )  # fmt: skip
+
+
+HATS, FEW_HATS = 32, 12  # pieces of a free function of position and speed; of others
+FASTEST_CHANGE = 1.0  # [s] between the knots of a free function of time
+MOST_KNOTS = 160
+SIZES = (0.3, 1.5)  # of a free function, over a usual friction or a usual power
+
+
+def functions(now: Fit) -> Iterator[Free]:
+    """Free functions of one signal: torque of position, of speed, of way since turning back; power of time."""
+    w, s = now.world, now.world.samples
+    by_tau = now.prediction.by_tau
+    usual = USUAL * w.scale.effort
+
+    def torques(signal: str, hats: list[np.ndarray]) -> Iterator[Free]:
+        columns = [s.shown(h * (by_tau[:, j] * usual[j])[:, None]) for j, h in enumerate(hats) if h.shape[1]]
+        if columns:
+            whole = np.column_stack(columns)
+            yield from (Free(signal, -1, whole, size) for size in SIZES)
+
+    moving = s.v != 0
+    yield from torques("position", [_hats(s.q[:, j], moving[:, j], HATS) for j in range(s.n)])
+    yield from torques("velocity", [_hats(s.v[:, j], moving[:, j], HATS) for j in range(s.n)])
+    way = travel(s.v, s.t, s.slices)
+    turned = [_hats(np.log10(np.clip(way[:, j], 1e-3, 1.0)), moving[:, j] & (way[:, j] < 1), 6) for j in range(s.n)]
+    yield from torques("way since reversal", [h * np.sign(s.v[:, [j]]) for j, h in enumerate(turned)])
+    power = 0.05 * w.scale.level
+    always = np.ones(len(s.t), dtype=bool)
+    for signal, columns in (
+        ("time", _in_time(s.t, s.slices)),
+        ("time since motion ended", _hats(s.idle, s.idle >= 0, FEW_HATS)),
+        ("torque", np.column_stack([_hats(x, always, FEW_HATS) for x in now.prediction.tau.T])),
+        *([("temperature", np.column_stack([_hats(x, always, 6) for x in s.temperature.T]))]
+          if np.isfinite(s.temperature).all() else []),
+    ):  # fmt: skip
+        if columns.shape[1]:
+            whole = s.shown(columns) * power
+            yield from (Free(signal, -1, whole, size) for size in SIZES)
+
+
+def _hats(x: np.ndarray, where: np.ndarray, count: int) -> np.ndarray:
+    """Piecewise linear functions (K, c) of x over where it counts; none where x hardly varies there."""
+    if where.sum() < 20 or np.ptp(x[where]) < 1e-3:
+        return np.zeros((len(x), 0))
+    knots = np.linspace(x[where].min(), x[where].max(), count)
+    place = np.clip((x - knots[0]) / (knots[1] - knots[0]), 0, count - 1)
+    out = np.maximum(0.0, 1 - np.abs(place[:, None] - np.arange(count)))
+    out[~where] = 0.0
+    return np.asarray(out[:, np.abs(out).sum(axis=0) > 0])
+
+
+def _in_time(t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
+    """Piecewise linear functions of recorded time (pauses between runs left out)."""
+    recorded, total = np.empty_like(t), 0.0
+    for rows in slices:
+        recorded[rows] = total + t[rows] - t[rows.start]
+        total = float(recorded[rows.stop - 1])
+    count = int(np.clip(total / FASTEST_CHANGE, 4, MOST_KNOTS))
+    return _hats(recorded, np.ones(len(t), dtype=bool), count)
+
+
+def travel(v: np.ndarray, t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
+    """Way since each joint last turned back within its run (K, n) rad; large before the first turn."""
+    out = np.full_like(v, 1e3)
+    for rows in slices:
+        step = np.gradient(t[rows]) if rows.stop - rows.start > 1 else np.ones(1)
+        for j in range(v.shape[1]):
+            own = v[rows, j]
+            heading = np.sign(own)
+            last = np.maximum.accumulate(np.where(heading != 0, np.arange(len(own)), -1))
+            heading = np.where(last >= 0, heading[np.maximum(last, 0)], 0.0)
+            turned = np.flatnonzero((heading[1:] * heading[:-1]) < 0) + 1
+            length = np.cumsum(np.abs(own) * step)
+            for a, b in zip(turned, np.append(turned[1:], len(own)) if turned.size else turned, strict=True):
+                out[rows.start + a : rows.start + b, j] = length[a:b] - length[a] + abs(own[a]) * step[a]
+    return out

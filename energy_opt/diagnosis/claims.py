@@ -1,0 +1,201 @@
+"""Claims and alternatives: which effects of the likeliest hypothesis are sure, and which other sets explain as well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.diagnosis.candidates import candidates
+from energy_opt.diagnosis.evidence import noise_of
+from energy_opt.diagnosis.fit import Fit, fit
+from energy_opt.diagnosis.noise import Noise
+from energy_opt.diagnosis.search import GAIN, Search, buildable, moved, root
+from energy_opt.power import PowerModel
+
+CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
+RIVAL = 3.0  # and within which another set explains as well: twenty to one
+LOOKED = 6.0  # alternatives this near when weighed linearly are fitted
+TURNS = 3
+WIDE_ENOUGH = 1.1  # times as wide, below which a law stays as it is
+CHANGES = 3  # of the accepted set for a likelier alternative
+
+
+@dataclass(frozen=True)
+class Claim:
+    """How surely an effect is there: logarithm of the odds, and the fit without it."""
+
+    odds: float
+    without: Fit
+
+
+def plain_fit(found: Search, f: Fit) -> Fit:
+    """A hypothesis less its free functions, which no plan can use."""
+    return found.fitted(list(f.charts), list(f.numbers), [], f.nuisance, f.amounts) if f.free else f
+
+
+def alike(a: Noise, b: Noise) -> bool:
+    return (
+        abs(np.log(a.white / b.white)) < 0.15
+        and abs(a.wave - b.wave) < 0.35 * max(a.wave, b.wave, 0.3 * a.white)
+        and abs(a.misfit - b.misfit) < 0.5 * max(a.misfit, b.misfit, 0.3 * a.white)
+        and (a.memory == b.memory or a.wave < 0.5 * a.white)
+    )
+
+
+def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
+    """The hypothesis less the effects that are not sure enough, the least sure first, and the claims that stay."""
+    while True:
+        claims = []
+        for k, c in enumerate(best.charts):
+            if c.term.name in found.world.given:
+                continue
+            less = without(found, best, k)
+            claims.append(Claim(_profiled(found, best) - _profiled(found, less), less))
+        if not claims:
+            return best, ()
+        weakest = min(claims, key=lambda c: c.odds)
+        if weakest.odds >= CLAIM:
+            return best, tuple(claims)
+        best = weakest.without
+
+
+def without_effects(found: Search, f: Fit) -> Fit:
+    """A hypothesis less all its effects."""
+    while any(c.term.name not in found.world.given for c in f.charts):
+        k = next(k for k, c in enumerate(f.charts) if c.term.name not in found.world.given)
+        f = without(found, f, k)
+    return f
+
+
+def without(found: Search, f: Fit, k: int) -> Fit:
+    charts = [c for i, c in enumerate(f.charts) if i != k and f.charts[k].term.name not in c.term.kind.needs]
+    kept = [z for c, z in zip(f.charts, f.numbers, strict=True) if c in charts]
+    return found.fitted(charts, kept, list(f.free), f.nuisance, f.amounts)
+
+
+def _profiled(found: Search, f: Fit) -> float:
+    """A hypothesis' score under the noise that suits it best: what it leaves may be noise with memory, or misfit."""
+    key = id(f)
+    if key not in found.profiled:
+        own = noise_of(f)
+        value = found.score(f)
+        if not alike(own, f.world.whiten.noise):
+            other = Search(f.world.under(own), variants=found.variants)
+            value = max(value, other.score(moved(f, other.world)))
+        found.profiled[key] = value
+    return found.profiled[key]
+
+
+def other_drives(found: Search, f: Fit) -> list[Fit]:
+    """Every other law of what becomes of negative power, for the one that there is and alone in place of all.
+
+    Stores are no straight step away, and what stands beside the wrong law may only make up for it. A store's size is
+    begun at each value tried, as readings bend in it.
+    """
+    at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
+    if at is None or f.charts[at].term.declared:
+        return []
+    bases = [without(found, f, at)]
+    if len(f.charts) > 1 or f.free:
+        bases.append(root(found.world, f.nuisance))
+    out = []
+    for c in candidates(bases[0]):
+        if c.chart.term.kind.stage == "drive" and c.chart.term.name != f.charts[at].term.name:
+            start = c.start(np.where(np.isfinite(c.low), c.low, c.high) / 2)
+            for base in bases:
+                charts, starts = [*base.charts, c.chart], [*base.numbers, start]
+                out.append(found.fitted(charts, starts, list(base.free), f.nuisance, f.amounts))
+    return out
+
+
+def likelier(found: Search, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[Fit, tuple[Claim, ...], tuple[Fit, ...]]:
+    """The accepted hypothesis, or the alternative that is likelier still once fitted; its claims and alternatives.
+
+    Laws that are the same to first order, as load friction and gears' efficiency are, tie where nothing is fitted yet:
+    rounding decides at which of them the search ends.
+    """
+    rivals = alternatives(found, accepted)
+    for _ in range(CHANGES):
+        better = max(rivals, key=found.score)
+        if found.score(better) <= found.score(accepted) + GAIN:
+            break
+        other, its = claimed(found, better)
+        if found.score(other) <= found.score(accepted):
+            break
+        accepted, claims, rivals = other, its, alternatives(found, other)
+    return accepted, claims, rivals
+
+
+def alternatives(found: Search, accepted: Fit) -> tuple[Fit, ...]:
+    """Sets of other effects whose evidence is as good: one for another."""
+    if all(c.term.name in found.world.given for c in accepted.charts):
+        return (accepted,)
+    bank = found.bank(accepted)
+    here = found.whole(bank)
+    value = bank.weigh(here).value
+    near = []
+    for k in here:
+        if bank.blocks[k].name in found.world.given:
+            continue
+        for j, b in enumerate(bank.blocks):
+            if j in here or b.name.startswith("free") or any(b.name == bank.blocks[i].name for i in here - {k}):
+                continue
+            option = (here - {k}) | {j}
+            if not buildable(bank, option):
+                continue
+            found_value = bank.weigh(option).value
+            if b.name != bank.blocks[k].name and found_value > value - LOOKED:
+                near.append((found_value, option))
+    out = {frozenset(accepted.names): accepted}
+    reached = found.score(accepted)
+    for new in other_drives(found, accepted):
+        if found.score(new) > reached - RIVAL:
+            out.setdefault(frozenset(new.names), new)
+    for _, option in sorted(near, key=lambda row: -row[0])[:6]:
+        new = found.refit(bank, option)
+        names = frozenset(new.names)
+        if names not in out and found.score(new) > reached - RIVAL:
+            out[names] = new
+    return tuple(out.values())
+
+
+def widened(f: Fit) -> Fit:
+    """The hypothesis fitted anew under laws as wide as its numbers ask for; itself where the usual ones are."""
+    measured = f.world.scale.measured
+    usual, widened = f.charts, f
+    widths = np.ones(len(usual))
+    for _ in range(TURNS):
+        wanted = np.ones(len(usual))
+        for k, (c, z) in enumerate(zip(usual, widened.numbers, strict=True)):
+            if c.term.name not in measured:
+                sizes = ((z - c.mean) ** 2 / np.diag(np.linalg.inv(c.precision)))[~c.shapes]
+                wanted[k] = max(1.0, float(np.sqrt(sizes.mean()))) if len(sizes) else 1.0
+        if (wanted <= WIDE_ENOUGH * widths).all():
+            break
+        widths = wanted
+        charts = [c.wider(width) for c, width in zip(usual, widths, strict=True)]
+        widened = fit(f.world, f.nuisance, charts, list(widened.numbers), list(f.free), widened.amounts)
+    return widened
+
+
+def written(f: Fit, links: bool | None = None, level: bool = True) -> PowerModel:
+    """The model of a fit as it is written: links where they show, and the runs' common level in `standby`.
+
+    Whatever an effect adds to the level, the fit takes back in the levels of the runs; a model without them must take
+    it back in its standby.
+    """
+    model = f.full_model(links_show(f) if links is None else links)
+    standby = model.get("standby")
+    if standby is None or "standby" in f.names or not level:
+        return model
+    power = float(standby.values["power"][0]) + float(np.mean(f.levels))
+    return model.replaced(type(standby)(power=max(power, 0.0)))
+
+
+def links_show(f: Fit) -> bool:
+    """Do the links' deviations show at all, beyond what is known before?"""
+    first = len(f.theta) - len(f.levels) - len(f.amounts)
+    rows = slice(first, first + len(f.amounts))
+    own = np.sqrt(np.diag(f.covariance[rows, rows]))
+    return bool(np.any(np.abs(f.amounts) > 3 * own))

@@ -1,0 +1,136 @@
+"""Distinct motions: repeats of one motion are one cluster, and stay together in every split.
+
+Also here: what is done to sets that are too long to fit, or too few motions to hold any out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.noise import Shared
+from energy_opt.diagnosis.recordings import per_bin
+from energy_opt.measured import MeasuredSet, Run
+from energy_opt.measured.meter import nodes
+from energy_opt.measured.segment import cut_at_standstill, pieces
+
+POINTS = 24  # of a run's path, by which motions are compared
+SAME = 0.05  # [rad] motions whose paths are this near at all points are repeats
+PACE = 0.1  # and their durations within this share
+SHARE = 0.25  # of the motions of each kind that are held out
+FEWEST = 3  # motions of a kind, of which one may be held out
+BY_TIME = 4  # pieces of a recording that never stands still
+KNOTS, MOST_KNOTS = 0.3, 40  # [s] between those of a motion's discrepancy
+MOST_NODES = 40_000  # at which models are evaluated: twenty minutes of a fast meter
+FEW_RUNS = 8  # of which none is left out; each is cut short instead
+
+
+def clusters(samples: Samples) -> list[list[int]]:
+    """Runs in groups: repeats of one motion, or of one pose, together."""
+    keys = []
+    for rows, kind in zip(samples.slices, samples.kinds, strict=True):
+        at = np.linspace(rows.start, rows.stop - 1, POINTS).round().astype(int)
+        keys.append((kind, samples.q[at], float(samples.t[rows.stop - 1] - samples.t[rows.start])))
+    out: list[list[int]] = []
+    for k, (kind, path, lasts) in enumerate(keys):
+        for group in out:
+            other, way, duration = keys[group[0]]
+            paced = kind == "static" or abs(duration - lasts) <= PACE * max(duration, lasts)
+            if kind == other and paced and np.abs(path - way).max() < SAME:
+                group.append(k)
+                break
+        else:
+            out.append([k])
+    return out
+
+
+def split(samples: Samples, seed: int = 0) -> tuple[list[int], list[int]]:
+    """Indices of training and holdout runs; repeats of a motion stay together.
+
+    Motions are ranked by where they lead, and drawn by rank: neither their order in the log nor their files' names
+    matter, nor rounding by other units. A kind with fewer than `FEWEST` motions is not split.
+    """
+    rng = np.random.default_rng(seed)
+    weights = np.random.default_rng(0).normal(size=(3, samples.n))
+
+    def rank(group: list[int]) -> float:
+        picked = [samples.q[[s.start, (s.start + s.stop) // 2, s.stop - 1]] for s in (samples.slices[r] for r in group)]
+        return float(np.sum(weights * np.mean(picked, axis=0)))
+
+    groups, holdout = clusters(samples), []
+    for kind in ("motion", "static"):
+        own = sorted((g for g in groups if samples.kinds[g[0]] == kind), key=rank)
+        if len(own) >= FEWEST:
+            drawn = rng.permutation(len(own))[: max(1, round(SHARE * len(own)))]
+            holdout += [r for k in drawn for r in own[int(k)]]
+    return [k for k in range(len(samples.kinds)) if k not in holdout], sorted(holdout)
+
+
+def shared_functions(samples: Samples) -> Shared:
+    """A piecewise linear function of phase for every motion that is repeated, a constant for every such pose.
+
+    What a model gets wrong in a motion recorded once is a wave of that run's own noise.
+    """
+    motions, columns = [], np.zeros((len(samples.power), MOST_KNOTS))
+    for group in clusters(samples):
+        if len(group) < 2:
+            continue
+        lasts = float(np.ptp(samples.at[samples.parts[group[0]]]))
+        count = 1 if samples.kinds[group[0]] == "static" else int(np.clip(round(lasts / KNOTS) + 1, 2, MOST_KNOTS))
+        for r in group:
+            part = samples.parts[r]
+            phase = (samples.at[part] - samples.at[part][0]) / max(float(np.ptp(samples.at[part])), 1e-9)
+            columns[part, :count] = np.maximum(0.0, 1 - np.abs(phase[:, None] * (count - 1) - np.arange(count)))
+        rows = [np.arange(samples.parts[r].start, samples.parts[r].stop) for r in group]
+        motions.append((np.concatenate(rows), count))
+    return Shared(columns[:, : max((count for _, count in motions), default=0)], tuple(motions))
+
+
+def parted(measured: MeasuredSet) -> MeasuredSet:
+    """The set with its recordings cut where there are too few to hold one out: at standstills, else by time."""
+    moving = [r for r in measured.runs if r.kind == "motion"]
+    if not 0 < len(moving) < FEWEST or any(r.meter == "total" for r in moving):
+        return measured
+    for cut, how in ((cut_at_standstill, "where the arm stands still"), (_by_time, "by time")):
+        runs = tuple(piece for run in measured.runs for piece in (cut(run) if run.kind == "motion" else [run]))
+        if sum(run.kind == "motion" for run in runs) >= FEWEST:
+            remark = f"{len(moving)} recording(s) cut {how}, so that some motions can be held out."
+            return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
+    return measured
+
+
+def _by_time(run: Run) -> list[Run]:
+    """A recording in `BY_TIME` pieces of the same length."""
+    edges = np.linspace(0, len(run.time) - 1, BY_TIME + 1).astype(int)
+    return pieces(run, list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)))
+
+
+def shortened(measured: MeasuredSet) -> MeasuredSet:
+    """The set less what is beyond `MOST_NODES`: runs left out evenly, or the ends of few long ones; with a remark."""
+    counts = [len(nodes(r)) if r.window.any() else len(r.power) // per_bin(r) for r in measured.runs]
+    share = MOST_NODES / max(sum(counts), 1)
+    if share >= 1:
+        return measured
+    runs = measured.runs
+    if share * len(runs) >= FEW_RUNS:
+        kept = tuple(r for k, r in enumerate(runs) if int((k + 1) * share) > int(k * share))
+        how = f"{len(kept)} of {len(runs)} runs, spread evenly, are looked at"
+    else:
+        kept = tuple(_first(run, share) for run in runs)
+        how = f"the first {100 * share:.0f} % of each run are looked at"
+    remark = f"The set is longer than {MOST_NODES} samples, the most that are fitted: {how}."
+    return replace(measured, runs=kept, remarks=(*measured.remarks, remark))
+
+
+def _first(run: Run, share: float) -> Run:
+    """The first share of a run."""
+    end = run.time[0] + share * (run.time[-1] - run.time[0])
+    rows, read = run.time <= end, run.power_time <= end
+    signals = {name: values[rows] for name, values in run.joint_signals()}
+    index = run.rows[rows] if len(run.rows) == len(run.time) else run.rows
+    return replace(
+        run, time=run.time[rows], rows=index, power_time=run.power_time[read], power=run.power[read],
+        window=run.window[read], logged=run.logged_at(rows), **signals,
+    )  # fmt: skip

@@ -1,0 +1,262 @@
+"""A diagnosis: a measured set and a declared model in; verdict, effects, calibrated model and errors out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.diagnosis.clusters import parted, shortened, split
+from energy_opt.diagnosis.errors import errors, foreseen, usable
+from energy_opt.diagnosis.findings import (
+    STUDENT,
+    WIDER,
+    Result,
+    candidate_rows,
+    evidence_rows,
+    findings_of,
+    nuisance_of,
+)
+from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_remarks, side_rows
+from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
+from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis.residual import Remainder, goes_with
+from energy_opt.diagnosis.verdict import NOISE, Inference, excited, infer, plain_fit
+from energy_opt.diagnosis.words import headline, joints_headline, next_step, remarks, speeds_seen, summary
+from energy_opt.effects import Payload, effect_class
+from energy_opt.errors import BadInput
+from energy_opt.files import write_json
+from energy_opt.measured import MeasuredSet
+from energy_opt.power import PowerModel
+from energy_opt.power.model import Doubt
+
+LEAST = 0.1  # of what is left, in rms, that a signal must hold to be named
+FEWEST = 20  # readings without which nothing can be said
+TOLERANCE = 3.0  # [%] of energy, within which a model is good enough to plan with
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Result):
+    """A diagnosis with what it was made from, see `Result`, ready to print and to save."""
+
+    @property
+    def verdict(self) -> str:
+        """As in diagnosis.json; "" where the search was stopped."""
+        return self.document["verdict"] or ""
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write diagnosis.json, model.toml and report.html into a folder."""
+        from energy_opt.diagnosis.page import page  # plots are slow to import
+
+        out = Path(out)
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(out / "diagnosis.json", self.document)
+        self.model.save(out / "model.toml")
+        page(self).write(out / "report.html")
+        return out
+
+    def __repr__(self) -> str:
+        names = ", ".join(x.name for x in self.effects)
+        return f"Diagnosis({self.verdict or 'stopped'!r}, {self.document['robot']!r}, effects=[{names}])"
+
+    def __str__(self) -> str:
+        return summary(self.document)
+
+
+def diagnose(
+    measured: MeasuredSet,
+    declared: PowerModel,
+    seed: int = 0,
+    tolerance: float = TOLERANCE,
+    given: tuple[str, ...] = (),
+    stopped: Callable[[], bool] = lambda: False,
+) -> Diagnosis:
+    """Find what the declared model lacks.
+
+    Args:
+        measured: the set. Without any reading of a meter, the joints' currents or torques alone are used.
+        declared: the owner's model of the same robot; a payload that the recorder states is added where it has none.
+        seed: of the split into training and holdout. tolerance: of energy, %, for `usable`.
+        given: declared effects whose values are free without being news.
+        stopped: asked on the way; True ends the search with what is known: "interrupted", and no verdict.
+
+    Raises:
+        BadInput: the model does not fit the robot, or the set is too small to say anything.
+    """
+    declared.check(measured.robot.n)
+    if measured.payload is not None and declared.get(Payload.name) is None:
+        declared = declared.replaced(Payload(mass=measured.payload.mass, com=measured.payload.com))
+    if not any(len(run.power) for run in measured.runs):
+        return _of_joints(measured, declared)
+    measured = parted(shortened(_metered(measured)))
+    side = joint_side(measured, declared)
+    found_pushes = pushes(side, measured) if side is not None else []
+    measured, enough = free_runs(measured, found_pushes)
+    if found_pushes and enough:
+        side = joint_side(measured, declared)
+    prior = prior_of(side, measured.robot.limits) if enough else {}
+    samples, _ = take_samples(measured)
+    if len(samples.power) < FEWEST:
+        raise BadInput(f"{measured.path}: {len(samples.power)} readings in all; a diagnosis needs at least {FEWEST}")
+    train, holdout = split(samples, seed)
+    held = samples.part(holdout) if holdout else None
+    limits, joints = measured.robot.limits, measured.robot.joints
+    found = infer(
+        samples.part(train), declared, limits, excited(samples, limits), held, given, stopped, prior, blind=not enough
+    )
+    model = replace(found.model, doubt=_covariance(found))
+    before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
+    after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
+    effects, left = findings_of(found), _remainder(found, joints)
+    nuisance, fits = found.best.nuisance, found.after.ratio < NOISE  # else levels may be misfit, too
+    offset = float(np.hypot(nuisance.offset, nuisance.drift)) if fits else 0.0
+    ahead = foreseen(model, samples, found.still, offset)
+    floor = found.after.noise
+    rows = side_rows(side, joints, limits, found.accepted if enough else None)
+    document: dict[str, Any] = {
+        "verdict": found.verdict or None,
+        "interrupted": stopped(),
+        "headline": "",
+        "effects": [x.document() for x in effects],
+        "alternatives": [_news(f) for f in found.rivals] if len(found.rivals) > 1 else [],
+        "nuisance": nuisance_of(found),
+        "explained_share": explained_share(before, after, floor),
+        "usable": usable(ahead, after["holdout"] or after["train"], tolerance),
+        "tolerance": tolerance,
+        "foreseen": {"difference_percent": ahead.percent, "motions": ahead.motions},
+        "residual_goes_with": [{"signal": r.signal, "joint": r.joint, "strength": r.strength} for r in left],
+        "remainder": [{"signal": r.signal, "joint": r.joint, "watts": r.watts} for r in left],
+        "error": {"before": before, "after": after, "noise_floor": floor, "beside_noise": found.after.document()},
+        "noise_floor": floor,
+        "noise": vars(found.noise),
+        "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
+        "declared_effects": [e.name for e in declared.effects],
+        "model_effects": [e.name for e in model.effects],
+        "fitted": list(given),
+        "joint_side": rows,
+        "next_motion": None,
+        "worth": None,
+        "remarks": remarks(found, measured, declared),
+        "evidence": evidence_rows(found),
+        "candidates": candidate_rows(found),
+        "robot": measured.robot.name,
+        "joints": list(joints),
+    }
+    if samples.group > 1:
+        document["remarks"].append(
+            f"Long set: each {samples.group} neighbouring readings are averaged to one, {len(samples.power)} in all."
+        )
+    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, limits, rows)
+    document["remarks"] += speeds_seen(found, joints)
+    document["headline"] = headline(document)
+    document["next_step"] = next_step(document)
+    return Diagnosis(
+        measured, declared, model, tuple(effects), tuple(left), document, side, samples, tuple(train), tuple(holdout),
+        found,
+    )  # fmt: skip
+
+
+def _metered(measured: MeasuredSet) -> MeasuredSet:
+    """The set less the runs without any reading of the meter."""
+    runs = tuple(run for run in measured.runs if len(run.power))
+    less = len(measured.runs) - len(runs)
+    if not less:
+        return measured
+    remark = f"{less} run(s) without a reading of the meter left out"
+    return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
+
+
+def _news(f: Any) -> list[str]:
+    """The effects of a fit that are news: not those that were free from the start."""
+    return [name for name in f.names if name not in f.world.given]
+
+
+def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:
+    """Share of the mean square above the noise floor that the calibrated model takes away, on runs held out."""
+    part = "holdout" if before["holdout"] is not None else "train"
+    was = before[part]["power_rmse"] ** 2 - floor**2
+    now = after[part]["power_rmse"] ** 2 - floor**2
+    return float(np.clip(1 - now / was, 0.0, 1.0)) if was > 0.02 * floor**2 else 0.0
+
+
+def _remainder(found: Inference, joints: tuple[str, ...]) -> list[Remainder]:
+    """What the residual goes with, where more than noise is left."""
+    if not found.follows or found.blind or found.verdict not in ("partly", "unexplained"):
+        return []
+    left = max(found.after.rmse**2 - found.after.noise**2, 0.0) ** 0.5
+    rows = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints)
+    kept = [row for row in rows if row.watts > LEAST * left]
+    return kept or [Remainder("no signal that was recorded", None, 1.0, left)]
+
+
+def _covariance(found: Inference) -> Doubt | None:
+    """The parameter covariance of what is written, and the models that explain the same data as well."""
+    f, model, at = found.accepted, found.model, 0
+    names: list[str] = []
+    slopes = []
+    for c, z in zip(f.charts, f.numbers, strict=True):
+        effect = model.get(c.term.name)
+        assert effect is not None
+        names += [f"{effect.name}.{p.name}.{k}" for p in effect.parameters for k in range(effect.values[p.name].size)]
+        block = np.zeros((c.values(z).size, f.count))
+        block[:, at : at + len(z)] = c.slope(z)
+        slopes.append(block)
+        at += len(z)
+    others = tuple(r.full_model(links=False) for r in found.rivals[1:])
+    if not slopes:
+        return Doubt((), np.zeros((0, 0)), others) if others else None
+    slope = np.vstack(slopes)
+    matrix = slope @ (f.covariance[: f.count, : f.count] * WIDER**2) @ slope.T
+    return Doubt(tuple(names), (matrix + matrix.T) / 2, others)
+
+
+def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
+    """What the joints' currents or torques alone say: friction, rotor inertia and drive constants.
+
+    Raises:
+        BadInput: the set has neither.
+    """
+    side = joint_side(measured, declared)
+    if side is None:
+        raise BadInput(f"{measured.path}: no readings of power, energy, currents or torques; nothing can be said")
+    found = pushes(side, measured)
+    kept, enough = free_runs(measured, found)
+    if found and enough:
+        side = joint_side(kept, declared) or side
+    limits, joints = measured.robot.limits, measured.robot.joints
+    effects, said = friction_findings(side, limits, joints, STUDENT) if enough else ([], [])
+    model = declared
+    for x in effects:
+        model = model.replaced(effect_class(x.name)(**x.parameters))
+    rows = side_rows(side, joints, limits, None)
+    nothing = {"train": None, "holdout": None}
+    document: dict[str, Any] = {
+        "verdict": "insufficient",
+        "headline": joints_headline([x.name for x in effects], side.unit),
+        "effects": [x.document() for x in effects],
+        "alternatives": [],
+        "nuisance": ["link_inertia"],
+        "explained_share": None,
+        "usable": False,
+        "residual_goes_with": [],
+        "remainder": [],
+        "error": {"before": nothing, "after": nothing, "noise_floor": None},
+        "noise_floor": None,
+        "split": {"train": [r.file for r in kept.runs], "holdout": []},
+        "model_effects": [e.name for e in model.effects],
+        "joint_side": rows,
+        "next_motion": None,
+        "worth": None,
+        "remarks": [
+            *measured.remarks, *push_words(found, enough), *side_remarks(side, limits, rows), *said,
+            "No meter: the model's other effects are as declared or borrowed, not measured.",
+        ],
+        "robot": measured.robot.name,
+        "joints": list(joints),
+        "next_step": "Next: record the power (a meter's file, or supply voltage and current) beside such motions.",
+    }  # fmt: skip
+    return Diagnosis(measured, declared, model, tuple(effects), (), document, side)

@@ -1,0 +1,277 @@
+"""Evidence of sets of effects around one fitted hypothesis, where everything enters linearly.
+
+With A the white columns of blocks (effects that are there, effects that may be, free functions), U those of links and
+run levels with precision L before the data, and r the white residual with all effects, links and
+levels taken back to where they change nothing, integrating links and levels out leaves
+
+    G = A^T A - A^T U (U^T U + L)^{-1} U^T A,     g = A^T r - A^T U (U^T U + L)^{-1} U^T r
+
+and a set S of blocks with amounts x ~ N(m, P^{-1}) has the evidence
+
+    log Z(S) = x*^T h - 1/2 x*^T H x* - 1/2 m^T P m + 1/2 log |P| - 1/2 log |H|,   H = G_SS + P,  h = g_S + P m
+
+(x* the best amounts within bounds). A set costs microseconds to milliseconds once G is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from energy_opt.diagnosis.candidates import Candidate
+from energy_opt.diagnosis.clusters import clusters
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance, bounded_step
+from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, likeliest
+
+SPREADS = (0.003, 0.025, 0.05, 0.085)  # of links around their URDF
+SPREAD_ODDS = (0.2, 0.2, 0.3, 0.3)  # before the data: most arms are off by 3 to 10 %
+# Run levels over the white noise of a reading; their slow drift over the arm's level, s over which it is correlated,
+# and whether it is smooth: what bends as slowly as a warm-up must be open to a meter too, else warm-ups are claimed.
+LEVELS = (
+    (0.03, 3e-4, DRIFTS, False), (0.3, 3e-3, DRIFTS, False), (0.3, 0.012, DRIFTS, False), (1.5, 0.012, DRIFTS, False),
+    (0.03, 3e-3, DRIFTS / 2, True), (0.03, 3e-3, DRIFTS, True),
+    (0.03, 0.012, DRIFTS / 2, True), (0.03, 0.012, DRIFTS, True),
+)  # fmt: skip
+STEADY = 50.0  # [W] added to the level, as meters of small arms drift as much
+DRIFT = 0.025  # of the arm's level, that a meter drifts at most
+FEW_LEVELS = 4  # runs, of fewer of which no drift can be seen
+JUMP = 6.0  # times the usual change of level between neighbouring runs, beyond which it is a step, no drift
+LEVEL_ODDS = (0.35, 0.15, 0.15, 0.1, 0.05, 0.05, 0.075, 0.075)
+
+Subset = frozenset[int]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Columns that enter or leave together, by amounts x that are 0 where the effect changes nothing.
+
+    `odds` is the logarithm of what they are worth before the data; `present` the amounts that the fit has, if any.
+    """
+
+    name: str
+    white: np.ndarray
+    precision: np.ndarray
+    mean: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    odds: float
+    source: Candidate | Free | int  # a number: the effect of that index in the fit
+    present: np.ndarray | None = None
+
+    def lean(self) -> Block:
+        """The same less its columns, of which only products are asked for: banks are kept."""
+        source = self.source
+        if not isinstance(source, int):
+            source = replace(source, columns=np.zeros((0, source.columns.shape[1])))
+        return replace(self, white=np.zeros((0, self.white.shape[1])), source=source)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A set's evidence with its odds (over all nuisances), the likeliest nuisance, and the amounts there."""
+
+    value: float
+    nuisance: Nuisance
+    amounts: tuple[np.ndarray, ...]
+
+
+@dataclass
+class Bank:
+    """Blocks around a fit, ready to be weighed in any combination."""
+
+    fit: Fit
+    blocks: Sequence[Block]
+    seen: dict[Subset, Weighed] = field(default_factory=dict)
+    glanced: dict[Subset, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        f = self.fit
+        whites = {id(b.white): b.white for b in self.blocks}  # variants may share their columns
+        ends = np.cumsum([0, *(w.shape[1] for w in whites.values())])
+        places = {key: np.arange(a, b) for key, a, b in zip(whites, ends[:-1], ends[1:], strict=True)}
+        self._rows = [places[id(b.white)] for b in self.blocks]
+        a = np.column_stack(list(whites.values())) if whites else np.zeros((len(f.residual), 0))
+        ds, os = len(f.amounts), len(f.levels)
+        u = f.jacobian[:, f.jacobian.shape[1] - ds - os :]
+        r = f.world.whiten(f.residual) + u @ np.concatenate([f.amounts, f.levels])
+        for b in self.blocks:
+            if b.present is not None:
+                r = r + b.white @ b.present
+        self._logs = [float(np.linalg.slogdet(b.precision)[1]) for b in self.blocks]
+        self._aa, self._au, self._uu = a.T @ a, a.T @ u, u.T @ u
+        self._ar, self._ur, self._rr = a.T @ r, u.T @ r, float(r @ r)
+        self._grids: dict[Nuisance, tuple[np.ndarray, np.ndarray, float]] = {}
+        white = f.world.whiten.noise.white
+        self.nuisances = {
+            Nuisance(s, o * white, d * (f.world.scale.level + STEADY), over, smooth): float(np.log(p * w))
+            for s, p in zip(SPREADS, SPREAD_ODDS, strict=True)
+            for (o, d, over, smooth), w in zip(LEVELS, LEVEL_ODDS, strict=True)
+        }
+        self.likely: list[Nuisance] = list(self.nuisances)
+        self.blocks = [b.lean() for b in self.blocks]
+
+    def _under(self, nuisance: Nuisance) -> tuple[np.ndarray, np.ndarray, float]:
+        """What is taken from A^T A by its product with itself, g, and what links and levels themselves are worth."""
+        if nuisance not in self._grids:
+            before = self.fit.world.before(nuisance)
+            lower = np.linalg.cholesky(self._uu + before)
+            x, y = np.linalg.solve(lower, self._au.T), np.linalg.solve(lower, self._ur)
+            worth = 0.5 * float(y @ y) + 0.5 * float(np.linalg.slogdet(before)[1]) - float(np.log(np.diag(lower)).sum())
+            self._grids[nuisance] = x, self._ar - x.T @ y, worth - 0.5 * self._rr
+        return self._grids[nuisance]
+
+    def under(self, chosen: Iterable[int], nuisance: Nuisance) -> tuple[float, np.ndarray]:
+        """Evidence of a set under one nuisance, and the best amounts, block after block."""
+        chosen = sorted(chosen)
+        taken, small, worth = self._under(nuisance)
+        rows = np.concatenate([self._rows[k] for k in chosen] or [np.zeros(0, int)]).astype(int)
+        blocks = [self.blocks[k] for k in chosen]
+        odds = sum(b.odds for b in blocks)
+        if not len(rows):
+            return worth + odds, np.zeros(0)
+        precision = np.zeros((len(rows), len(rows)))
+        at = 0
+        for b in blocks:
+            end = at + len(b.mean)
+            precision[at:end, at:end] = b.precision
+            at = end
+        mean = np.concatenate([b.mean for b in blocks])
+        low, high = np.concatenate([b.low for b in blocks]), np.concatenate([b.high for b in blocks])
+        own = taken[:, rows]
+        h = self._aa[np.ix_(rows, rows)] - own.T @ own + precision
+        g = small[rows] + precision @ mean
+        lower = np.linalg.cholesky(h)
+        x = np.linalg.solve(lower.T, np.linalg.solve(lower, g))
+        if (x < low - 1e-9).any() or (x > high + 1e-9).any():
+            x = bounded_step(h, g, np.minimum(low, 0.0), np.maximum(high, 0.0))
+        determinant = sum(self._logs[k] for k in chosen) / 2
+        value = float(x @ g - 0.5 * x @ h @ x - 0.5 * mean @ precision @ mean)
+        return worth + odds + value + determinant - float(np.log(np.diag(lower)).sum()), x
+
+    def glance(self, chosen: Subset) -> float:
+        """A set's evidence under the nuisance that is likeliest for the fit itself: for comparing many sets.
+
+        Or under the same links and a meter that stays, where that is more: an effect may be what the fit without it
+        can only take for a drift of the meter.
+        """
+        if chosen not in self.glanced:
+            first = self.likely[0]
+            stays = min((n for n in self.nuisances if n.spread == first.spread), key=lambda n: n.drift)
+            self.glanced[chosen] = max(
+                self.nuisances[n] + self.under(chosen, n)[0] for n in dict.fromkeys((first, stays))
+            )
+        return self.glanced[chosen]
+
+    def weigh(self, chosen: Subset) -> Weighed:
+        """A set's evidence over all nuisances that are likely at all."""
+        if chosen not in self.seen:
+            rows = [(self.nuisances[n] + (found := self.under(chosen, n))[0], n, found[1]) for n in self.likely]
+            best = max(rows, key=lambda row: row[0])
+            total = best[0] + float(np.log(sum(np.exp(row[0] - best[0]) for row in rows)))
+            cuts = np.cumsum([self.blocks[k].white.shape[1] for k in sorted(chosen)])[:-1]
+            self.seen[chosen] = Weighed(total, best[1], tuple(np.split(best[2], cuts)) if chosen else ())
+        return self.seen[chosen]
+
+
+def links_odds(bank: Bank) -> float:
+    """Logarithm of the odds that links deviate from their URDF, for the effects that a bank's fit has."""
+    here = frozenset(k for k, b in enumerate(bank.blocks) if isinstance(b.source, int))
+    worth = {n: bank.nuisances[n] + bank.under(here, n)[0] for n in bank.nuisances}
+    exact = max(value for n, value in worth.items() if n.spread == SPREADS[0])
+    return max(value for n, value in worth.items() if n.spread != SPREADS[0]) - exact
+
+
+def left_out(f: Fit) -> np.ndarray:
+    """Sum of squared white residuals of every cluster of runs (C,), by the hypothesis fitted without it.
+
+    The fit is repeated from what is known before the data, around the same linearisation; the cluster's own levels are
+    not known to it.
+    """
+    s = f.world.samples
+    white = f.world.whiten(f.residual)
+    jacobian, off = f.jacobian, f.theta - f.mean
+    whole = jacobian.T @ jacobian + f.precision
+    right = jacobian.T @ (white + jacobian @ off)
+    out = []
+    for group in clusters(s):
+        rows = np.concatenate([np.arange(s.parts[r].start, s.parts[r].stop) for r in group])
+        own = jacobian[rows]
+        found = np.linalg.solve(whole - own.T @ own, right - own.T @ (white[rows] + own @ off))
+        out.append(float(np.sum((white[rows] - own @ (found - off)) ** 2)))
+    return np.array(out)
+
+
+def noise_of(f: Fit) -> Noise:
+    """The noise under which a fit's residual is likeliest, its numbers integrated out (empirical Bayes).
+
+    First the wave and its memory beside the discrepancy as it was, then the discrepancy.
+    """
+    s, count = f.world.samples, len(f.residual)
+    times = [s.at[p] for p in s.parts]
+    old = f.world.whiten.noise
+    raw = np.column_stack([f.residual, _unwhitened(f)])
+    off = f.theta - f.mean
+    penalty = float(off @ f.precision @ off)
+    here = [w for w in WAVES if 0.2 * old.wave <= w * old.white <= 5 * max(old.wave, 0.6 * old.white)] or list(WAVES)
+
+    def worth(wave: float, memory: float, misfit: float) -> tuple[float, float]:
+        whiten = Whitener(Noise(1.0, wave, memory, misfit), times, s.weight, f.world.shared)
+        w = whiten(raw)
+        white = max((float(w[:, 0] @ w[:, 0]) + penalty) / count, 1e-12)
+        hessian = w[:, 1:].T @ w[:, 1:] / white + f.precision
+        value = -0.5 * count * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(hessian)[1])
+        return value, white**0.5
+
+    held = old.misfit / old.white
+    found = likeliest(lambda wave, memory: worth(wave, memory, held), s.noise, here)
+    wave, memory = found.wave / found.white, found.memory
+    if not f.world.shared.motions:
+        return found
+    _, white, misfit = max((*worth(wave, memory, m), m) for m in MISFITS)
+    white = max(white, 0.8 * s.noise)
+    return Noise(white, wave * white, memory, misfit * white)
+
+
+def _unwhitened(f: Fit) -> np.ndarray:
+    """Columns (M, P) of a fit by theta, W."""
+    p, s = f.prediction, f.world.samples
+    where = dict(zip((e.name for e in f.model.effects), f.model.slices(s.n), strict=True))
+    own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(f.charts, f.numbers, strict=True)]
+    return np.column_stack([*own, *(g.columns for g in f.free), p.pushed, f.world.offsets])
+
+
+def drift_of(f: Fit, samples: Samples) -> np.ndarray:
+    """(R,) W by which the meter's drift, as the fitted runs show it, moves the level of some runs.
+
+    Only what neighbouring runs have in common counts as drift, no more than meters drift, and no step: a load that is
+    switched is a cause of its own.
+    """
+    own = np.array([f.world.samples.at[part].mean() for part in f.world.samples.parts])
+    order = np.argsort(own)
+    levels = without_steps(own[order], f.levels[order])
+    whole = float(np.mean(levels**2))
+    if len(levels) < FEW_LEVELS or whole == 0:
+        return np.zeros(len(samples.parts))
+    common = max(0.0, 1 - float(np.mean(np.diff(levels) ** 2)) / 2 / whole) ** 0.5
+    most = DRIFT * (f.world.scale.level + STEADY)
+    at = np.array([samples.at[part].mean() for part in samples.parts])
+    return np.asarray(np.clip(common * np.interp(at, own[order], levels), -most, most))
+
+
+def without_steps(time: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """Levels (R,) W of runs at ascending times (R,) s less their steps, as the stretch of lowest levels has them.
+
+    A step is a change that is far beyond the median of all, each over the root of the time that passed, as in a
+    random walk.
+    """
+    if len(levels) < FEW_LEVELS:
+        return levels
+    changes = np.diff(levels)
+    pace = np.abs(changes) / np.sqrt(np.maximum(np.diff(time), 1e-6))
+    usual = float(np.median(pace)) / NORMAL_MEDIAN
+    steps = np.concatenate([[0.0], np.cumsum(np.where(pace > JUMP * usual, changes, 0.0))])
+    own = levels - steps
+    return np.asarray(min((own + s for s in steps), key=lambda x: float(np.mean(x**2))))

@@ -1,0 +1,194 @@
+"""What a diagnosis found, as types: effects with values and intervals, and how they are written into diagnosis.json."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.evidence import left_out
+from energy_opt.diagnosis.fit import Fit
+from energy_opt.diagnosis.joint_side import JointSide
+from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.residual import Remainder
+from energy_opt.diagnosis.verdict import Inference
+from energy_opt.effects import Effect, LinkInertia
+from energy_opt.measured import MeasuredSet
+from energy_opt.power import PowerModel
+
+STUDENT = 1.96
+WIDER = 1.1  # of intervals, for errors of smoothing and clocks that repeat; from misfit sets, seeds 61 and 62
+FLIPS = 4999  # of signs, for p-values
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect that is claimed.
+
+    Attributes:
+        parameters, ci95, units: values, 95 % intervals and units by parameter.
+        share_of_residual: of the squares that all effects explain together, those that are left without this one.
+        p_value: of the gain on motions left out, by flipping its signs. log_odds: for the effect, None where not known.
+        refit: the declared model has it. motions_improved: how many of how many motions left out are foreseen better.
+    """
+
+    name: str
+    parameters: dict[str, Any]
+    ci95: dict[str, Any]
+    units: dict[str, str]
+    share_of_residual: float
+    p_value: float | None
+    log_odds: float | None
+    refit: bool
+    motions_improved: tuple[int, int] | None = None
+
+    def document(self) -> dict[str, Any]:
+        """As in diagnosis.json."""
+        return asdict(self)
+
+
+def findings_of(found: Inference) -> list[Finding]:
+    """The claimed effects, largest first."""
+    if found.links:
+        return [_of_links(found)]
+    if not found.claims:
+        return []
+    f, n = found.accepted, found.accepted.world.samples.n
+    samples, declared = f.world.samples, f.world.declared
+    rest = f.residual - (samples.power - f.prediction.reading)  # levels of runs, with the other sign
+
+    def size(model: PowerModel) -> float:
+        own = samples.power - predict(model, samples, f.world.links.ways @ f.amounts).reading + rest
+        return float(np.sum((own * samples.weight) ** 2))
+
+    here = size(f.model)
+    explained = max(size(declared) - here, 1e-9)
+    spread, held = f.covariance, left_out(f)
+    rows, at = [], 0
+    for c, z in zip(f.charts, f.numbers, strict=True):
+        part = slice(at, at + len(z))
+        at += len(z)
+        claim = next((x for x in found.claims if c.term.name not in x.without.names), None)
+        if c.term.name in f.world.given or claim is None:
+            continue
+        slope = c.slope(z)
+        deviation = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread[part, part], slope), 0.0))
+        effect = f.model.get(c.term.name)
+        assert effect is not None
+        gained = left_out(claim.without) - held
+        before = declared.get(c.term.name)
+        less = f.model.without(c.term.name) if before is None else f.model.replaced(before)
+        values = _values(effect, deviation, n)
+        values[0].update(effect.choices)
+        share = float(np.clip((size(less) - here) / explained, 1e-6, 1.0))
+        improved = int((gained > 0).sum()), len(gained)
+        rows.append(Finding(c.term.name, *values, share, sign_flip(gained), claim.odds, c.term.declared, improved))
+    return sorted(rows, key=lambda row: -row.share_of_residual)
+
+
+def _of_links(found: Inference) -> Finding:
+    """The links' deviations as an effect."""
+    f, samples = found.accepted, found.accepted.world.samples
+    first = len(f.theta) - len(f.levels) - len(f.amounts)
+    rows = slice(first, first + len(f.amounts))
+
+    def values(d: np.ndarray) -> np.ndarray:
+        return f.world.links.effect(d, samples).full(samples.n)
+
+    steps = np.sqrt(np.diag(f.covariance[rows, rows]))
+    slope = np.column_stack([(values(f.amounts + s * e) - values(f.amounts - s * e)) / (2 * s)
+                             for s, e in zip(steps, np.eye(len(steps)), strict=True)])  # fmt: skip
+    deviation = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, f.covariance[rows, rows], slope), 0.0))
+    effect = found.model.get(LinkInertia.name)
+    assert effect is not None
+    return Finding(LinkInertia.name, *_values(effect, deviation, samples.n), 1.0, None, None, False)
+
+
+def _values(effect: Effect, deviation: np.ndarray, n: int) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
+    """Values, 95 % intervals and units by parameter; the values are those of the model that is written."""
+    values: dict[str, Any] = {}
+    intervals: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    full, at = effect.full(n), 0
+    for p in effect.parameters:
+        count = p.count(n, effect.extents)
+        value, width = full[at : at + count], WIDER * STUDENT * deviation[at : at + count]
+        low, high = np.maximum(value - width, p.lower), np.minimum(value + width, p.upper)
+        at += count
+        units[p.name] = p.unit
+        single = count == 1
+        values[p.name] = float(value[0]) if single else value.tolist()
+        intervals[p.name] = [float(low[0]), float(high[0])] if single else np.column_stack([low, high]).tolist()
+    return values, intervals, units
+
+
+def sign_flip(gains: np.ndarray, seed: int = 0) -> float:
+    """Chance of a mean gain as large by flipping the signs of independent gains (C,): exact where none is the truth."""
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (FLIPS, len(gains)))
+    return float((1 + np.sum(signs @ gains >= gains.sum() * (1 - 1e-12))) / (1 + FLIPS))
+
+
+def nuisance_of(found: Inference) -> list[str]:
+    """What was allowed for, where it shows, without being called a cause."""
+    f: Fit = found.accepted
+    out = [LinkInertia.name] if found.model.get(LinkInertia.name) is not None and not found.links else []
+    own = np.sqrt(np.maximum(np.diag(f.covariance)[len(f.theta) - len(f.levels) :], 0.0))
+    if np.any(np.abs(f.levels) > 4 * own) and float(np.std(f.levels)) > 0.2 * f.world.whiten.noise.white:
+        out.append("run_offset")
+    return out
+
+
+def evidence_rows(found: Inference, most: int = 15) -> list[dict[str, Any]]:
+    """The hypotheses that were fitted, likeliest first: what they add, and the logarithm of their odds."""
+    base = found.search.score(found.root)
+    rows = [
+        {
+            "effects": list(f.names),
+            "structures": [g.signal for g in f.free],
+            "numbers": f.count,
+            "loss_per_sample": float(np.mean(f.world.whiten(f.residual) ** 2)),
+            "score": found.search.score(f) - base,
+        }
+        for f in found.search.fits.values()
+    ]
+    return sorted(rows, key=lambda row: -float(row["score"]))[:most]  # type: ignore[arg-type]
+
+
+def candidate_rows(found: Inference) -> list[dict[str, Any]]:
+    """Every effect that might be added: logarithm of the odds for it, alone and beside the accepted ones.
+
+    The strongest alone come first. None where the effect is accepted already.
+    """
+    if not found.follows or not found.verdict or found.blind:
+        return []
+    alone, beside = (found.search.odds_of_candidates(f) for f in (found.root, found.accepted))
+    rows = [{"name": name, "alone": value, "beside_accepted": beside.get(name)} for name, value in alone.items()]
+    return sorted(rows, key=lambda row: -alone[str(row["name"])])
+
+
+@dataclass(frozen=True, repr=False)
+class Result:
+    """A diagnosis with what it was made from.
+
+    Attributes:
+        measured, declared, model: the set, the model handed in, and the calibrated one.
+        effects, remainder: what is claimed, and what the rest of the residual goes with.
+        document: the content of diagnosis.json.
+        samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
+        inference: what the search found, None without a meter.
+        side: what the joints' own readings say, None where there are none.
+    """
+
+    measured: MeasuredSet
+    declared: PowerModel
+    model: PowerModel
+    effects: tuple[Finding, ...]
+    remainder: tuple[Remainder, ...]
+    document: dict[str, Any]
+    side: JointSide | None
+    samples: Samples | None = None
+    train: tuple[int, ...] = ()
+    holdout: tuple[int, ...] = ()
+    inference: Inference | None = None

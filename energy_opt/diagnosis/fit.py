@@ -1,0 +1,347 @@
+"""The likeliest numbers of a hypothesis, and how well the data speak for it.
+
+A hypothesis is a set of effects with numbers z and of free functions with weights w; allowed for in every one are
+links that deviate from their URDF (amounts d) and a level that differs from run to run (o). With the noise made white,
+
+    phi = 1/2 |y - f(z, d, o) - F w|^2 + 1/2 (theta - mean)^T precision (theta - mean),    theta = (z, w, d, o)
+
+is lowered by Gauss-Newton steps within bounds, and Laplace's integral of exp(-phi) over theta is the evidence: it grows
+with the fit and falls with every number that the data had to choose.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+
+import numpy as np
+
+from energy_opt.diagnosis.clusters import shared_functions
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.hypothesis import Chart, Scale
+from energy_opt.diagnosis.links import Links
+from energy_opt.diagnosis.noise import Noise, Shared, Whitener
+from energy_opt.diagnosis.predict import Prediction, predict
+from energy_opt.power import PowerModel
+
+ITERATIONS = 12
+ENOUGH = 0.05  # a step that lowers phi by less ends the fit
+DRIFTS = 150.0  # [s] over which a meter's level drifts
+MOST_HELD = 400e6  # bytes
+ROUNDS = 30  # of the search for the bounds that a step touches
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """How far links spread from the URDF, as a share; levels from run to run [W]; their slow drift over the set [W].
+
+    `over`: s after which the drift's correlation is 1/e. `smooth`: it bends slowly, as with the meter's temperature;
+    otherwise it walks at random. Either way runs share a level: a meter need not have been right when they began.
+    """
+
+    spread: float
+    offset: float
+    drift: float = 0.01
+    over: float = DRIFTS
+    smooth: bool = False
+
+    def levels(self, times: np.ndarray) -> np.ndarray:
+        """Covariance (R, R) [W^2] of the levels of runs at `times`."""
+        apart = np.abs(np.subtract.outer(times, times)) / self.over
+        slow = np.exp(-(apart**2)) if self.smooth else np.exp(-apart)
+        return np.asarray(self.offset**2 * np.eye(len(times)) + self.drift**2 * slow)
+
+
+@dataclass(frozen=True)
+class Free:
+    """A free function: columns (M, c) [W per unit weight], weights ~ N(0, size^2)."""
+
+    signal: str
+    joint: int
+    columns: np.ndarray
+    size: float
+
+    @property
+    def key(self) -> tuple[str, int]:
+        return self.signal, self.joint
+
+
+class Recent:
+    """Predictions and Jacobians of the fits last asked for, up to `MOST_HELD`; those of others are worked out again."""
+
+    def __init__(self) -> None:
+        self._held: OrderedDict[int, tuple[Prediction, np.ndarray]] = OrderedDict()
+        self._size = 0
+
+    def get(self, token: int) -> tuple[Prediction, np.ndarray] | None:
+        """Those of a fit, where they are still there."""
+        if token in self._held:
+            self._held.move_to_end(token)
+        return self._held.get(token)
+
+    def put(self, token: int, value: tuple[Prediction, np.ndarray]) -> None:
+        """Keep those of a fit, and let the oldest go."""
+        self._held[token] = value
+        self._size += _bytes(value)
+        while self._size > MOST_HELD and len(self._held) > 1:
+            self._size -= _bytes(self._held.popitem(last=False)[1])
+
+
+def _bytes(value: tuple[Prediction, np.ndarray]) -> int:
+    return sum(x.nbytes for x in (*vars(value[0]).values(), value[1]))
+
+
+class Stopped(Exception):
+    """The work was asked to end; what was fitted so far stands in the search."""
+
+
+@dataclass(frozen=True)
+class World:
+    """What all hypotheses on the same data share."""
+
+    samples: Samples
+    declared: PowerModel
+    scale: Scale
+    links: Links
+    whiten: Whitener
+    offsets: np.ndarray = field(repr=False)  # (M, R)
+    shared: Shared = field(repr=False)
+    given: tuple[str, ...] = ()  # effects of the declared model whose values are free and no news
+    stopped: Callable[[], bool] = lambda: False  # asked while fits are made
+    recent: Recent = field(default_factory=Recent, repr=False)
+
+    def go_on(self) -> None:
+        """Raises Stopped where the work is to end."""
+        if self.stopped():
+            raise Stopped
+
+    @classmethod
+    def of(
+        cls,
+        samples: Samples,
+        declared: PowerModel,
+        scale: Scale,
+        links: Links,
+        noise: Noise,
+        given: tuple[str, ...] = (),
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> World:
+        offsets = np.zeros((len(samples.power), len(samples.parts)))
+        for r, part in enumerate(samples.parts):
+            offsets[part, r] = 1.0
+        shared = shared_functions(samples)
+        return cls(samples, declared, scale, links, whitener(samples, noise, shared), offsets, shared, given, stopped)
+
+    def before(self, nuisance: Nuisance) -> np.ndarray:
+        """Precision (c, c) of links' amounts and runs' levels before the data."""
+        from scipy.linalg import block_diag
+
+        s = self.samples
+        times = np.array([s.at[p].mean() for p in s.parts])
+        links = nuisance.spread**-2 * np.eye(self.links.basis.shape[1])
+        return np.asarray(block_diag(links, np.linalg.inv(nuisance.levels(times))))
+
+    def under(self, noise: Noise) -> World:
+        """The same under another noise."""
+        return replace(self, whiten=whitener(self.samples, noise, self.shared))
+
+
+def whitener(samples: Samples, noise: Noise, shared: Shared) -> Whitener:
+    """The map that makes a noise white on these readings."""
+    return Whitener(noise, [samples.at[p] for p in samples.parts], samples.weight, shared)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted hypothesis.
+
+    Attributes:
+        charts, numbers: of its effects. free, weights: of its free functions. amounts, levels: of links and runs.
+        model: the declared model with the effects' values. residual: (M,) what remains, W, levels and free functions
+            taken out. mean, precision: of theta before the data. hessian: of phi.
+        phi: at the likeliest numbers. evidence: logarithm, less the density of the readings' own unit.
+    """
+
+    world: World
+    nuisance: Nuisance
+    charts: tuple[Chart, ...]
+    numbers: tuple[np.ndarray, ...]
+    free: tuple[Free, ...]
+    weights: np.ndarray
+    amounts: np.ndarray
+    levels: np.ndarray
+    model: PowerModel
+    residual: np.ndarray
+    mean: np.ndarray
+    precision: np.ndarray
+    hessian: np.ndarray
+    phi: float
+    evidence: float
+    token: int = field(default_factory=count().__next__)
+
+    @property
+    def prediction(self) -> Prediction:
+        """What the meter shows under the model, links and all."""
+        return self._linearised()[0]
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """(M, P) white, by theta."""
+        return self._linearised()[1]
+
+    def _linearised(self) -> tuple[Prediction, np.ndarray]:
+        held = self.world.recent.get(self.token)
+        if held is None:
+            _, p, _, white = linearised(self.world, self.charts, columns_of(self.world, self.free), self.theta)
+            held = p, white[:, 1:]
+            self.world.recent.put(self.token, held)
+        return held
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(c.term.name for c in self.charts)
+
+    @property
+    def theta(self) -> np.ndarray:
+        return np.concatenate([*self.numbers, self.weights, self.amounts, self.levels])
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of all numbers after the data (P, P)."""
+        return np.linalg.inv(self.hessian)
+
+    @property
+    def count(self) -> int:
+        """Numbers of the effects."""
+        return sum(len(z) for z in self.numbers)
+
+    def full_model(self, links: bool = True) -> PowerModel:
+        """The model with its links where they deviate."""
+        if not links or not np.any(self.amounts):
+            return self.model
+        return self.model.replaced(self.world.links.effect(self.amounts, self.world.samples))
+
+
+def fit(
+    world: World,
+    nuisance: Nuisance,
+    charts: Sequence[Chart],
+    starts: Sequence[np.ndarray],
+    free: Sequence[Free] = (),
+    amounts: np.ndarray | None = None,
+    iterations: int = ITERATIONS,
+) -> Fit:
+    """Fit a hypothesis from `starts` (one vector per chart)."""
+    mean, precision, low, high = _before(world, nuisance, charts, free)
+    cuts = np.cumsum([len(c.mean) for c in charts]).astype(int)
+    zs, ws = int(cuts[-1]) if charts else 0, sum(f.columns.shape[1] for f in free)
+    ds, os = world.links.basis.shape[1], len(world.samples.parts)
+    theta = np.concatenate([*starts, np.zeros(ws), np.zeros(ds) if amounts is None else amounts, np.zeros(os)])
+    theta = np.clip(theta, low, high)
+    drawn = columns_of(world, free)
+
+    def state(theta: np.ndarray) -> tuple[PowerModel, Prediction, np.ndarray, np.ndarray, float]:
+        model, p, residual, white = linearised(world, charts, drawn, theta)
+        off = theta - mean
+        phi = 0.5 * float(white[:, 0] @ white[:, 0]) + 0.5 * float(off @ precision @ off)
+        return model, p, residual, white, phi
+
+    model, p, residual, white, phi = state(theta)
+    for _ in range(iterations):
+        jacobian, r = white[:, 1:], white[:, 0]
+        hessian = jacobian.T @ jacobian + precision
+        step = bounded_step(hessian, jacobian.T @ r - precision @ (theta - mean), low - theta, high - theta)
+        for share in (1.0, 0.4, 0.1, 0.02):
+            trial = np.clip(theta + share * step, low, high)
+            new = state(trial)
+            if np.isfinite(new[4]) and new[4] < phi:
+                break
+        else:
+            break
+        gained = phi - new[4]
+        theta, (model, p, residual, white, phi) = trial, new
+        if gained < ENOUGH:
+            break
+    jacobian = white[:, 1:]
+    hessian = jacobian.T @ jacobian + precision
+    evidence = (
+        -phi
+        - 0.5 * world.whiten.log_determinant
+        + 0.5 * float(np.linalg.slogdet(precision)[1] - np.linalg.slogdet(hessian)[1])
+    )
+    found = Fit(
+        world, nuisance, tuple(charts), tuple(np.split(theta[:zs], cuts[:-1])) if charts else (), tuple(free),
+        theta[zs : zs + ws], theta[zs + ws : zs + ws + ds], theta[zs + ws + ds :], model, residual, mean, precision,
+        hessian, phi, evidence,
+    )  # fmt: skip
+    world.recent.put(found.token, (p, jacobian))
+    return found
+
+
+def columns_of(world: World, free: Sequence[Free]) -> np.ndarray:
+    """Columns (M, c) of free functions side by side."""
+    return np.column_stack([f.columns for f in free]) if free else np.zeros((len(world.samples.power), 0))
+
+
+def linearised(
+    world: World, charts: Sequence[Chart], drawn: np.ndarray, theta: np.ndarray
+) -> tuple[PowerModel, Prediction, np.ndarray, np.ndarray]:
+    """Model and prediction at theta, the residual (M,), and residual and Jacobian by theta made white (M, 1 + P).
+
+    Args:
+        drawn: columns (M, w) of the free functions.
+    """
+    s, links, model = world.samples, world.links, world.declared
+    cuts = np.cumsum([len(c.mean) for c in charts]).astype(int)
+    zs, ws, ds = int(cuts[-1]) if charts else 0, drawn.shape[1], links.basis.shape[1]
+    parts = np.split(theta[:zs], cuts[:-1]) if charts else []
+    for c, z in zip(charts, parts, strict=True):
+        model = model.replaced(c.effect(z))
+    d = theta[zs + ws : zs + ws + ds]
+    p = predict(model, s, links.ways @ d, links.ways)
+    where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
+    own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(charts, parts, strict=True)]
+    jacobian = np.column_stack([*own, drawn, p.pushed, world.offsets])
+    residual = s.power - p.reading - drawn @ theta[zs : zs + ws] - world.offsets @ theta[zs + ws + ds :]
+    return model, p, residual, world.whiten(np.column_stack([residual, jacobian]))
+
+
+def _before(
+    world: World, nuisance: Nuisance, charts: Sequence[Chart], free: Sequence[Free]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, precision and bounds of theta before the data."""
+    from scipy.linalg import block_diag
+
+    loose = sum(f.columns.shape[1] for f in free)
+    ds, os = world.links.basis.shape[1], len(world.samples.parts)
+    weights = np.concatenate([np.full(f.columns.shape[1], f.size**-2) for f in free] or [np.zeros(0)])
+    mean = np.concatenate([*(c.mean for c in charts), np.zeros(loose + ds + os)])
+    inf = np.full(loose + ds + os, np.inf)
+    low = np.concatenate([*(c.lower for c in charts), -inf])
+    high = np.concatenate([*(c.upper for c in charts), inf])
+    return mean, block_diag(*(c.precision for c in charts), np.diag(weights), world.before(nuisance)), low, high
+
+
+def bounded_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """min 1/2 x^T H x - g^T x with low <= x <= high (low <= 0 <= high), by an active set."""
+    held = np.zeros(len(gradient), dtype=bool)
+    x = np.zeros(len(gradient))
+    for _ in range(ROUNDS):
+        loose = np.flatnonzero(~held)
+        x[loose] = np.linalg.solve(
+            hessian[np.ix_(loose, loose)], gradient[loose] - hessian[np.ix_(loose, np.flatnonzero(held))] @ x[held]
+        )
+        broken = ~held & ((x < low - 1e-12) | (x > high + 1e-12))
+        if broken.any():
+            held |= broken
+            x[broken] = np.where(x[broken] < low[broken], low[broken], high[broken])
+            continue
+        pull = gradient - hessian @ x  # would a number that is held rather go back inside?
+        back = held & (((x <= low) & (pull > 1e-9)) | ((x >= high) & (pull < -1e-9)))
+        if not back.any():
+            break
+        worst = int(np.argmax(np.where(back, np.abs(pull), -1.0)))
+        held[worst] = False
+    return np.clip(x, low, high)

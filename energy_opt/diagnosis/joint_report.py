@@ -1,0 +1,197 @@
+"""The joints' own readings beside the power: priors for the fit, rows of the document, sets without a meter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from energy_opt.diagnosis.findings import Finding
+from energy_opt.diagnosis.fit import Fit, fit
+from energy_opt.diagnosis.hypothesis import ROTOR, USUAL, Chart, Measured, Scale, chart
+from energy_opt.diagnosis.joint_side import STRANGE, JointSide
+from energy_opt.diagnosis.predict import friction_torque
+from energy_opt.effects import TorqueEffect, effect_class
+from energy_opt.robot import Limits
+
+LAWS = ("coulomb_friction", "viscous_friction", "armature")  # in the order of `JointSide.values`
+WIDER = 1.5  # of the readings' own deviations, as laws of friction are simpler than friction
+APART = 0.1  # share by which both sides may differ: gears' losses under load, constants of the drives
+LEAST = 0.03  # of a usual size, that is not known better
+SHOWN = 0.05  # of usual dry friction, that readings must show before they speak of friction at all
+STUDENT = 1.96
+DISAGREE = 3.0  # standard deviations between both sides, from which that is said
+
+
+def shows_friction(side: JointSide, limits: Limits) -> bool:
+    """False where the readings hold no friction, as torques measured behind the gears do."""
+    known = np.flatnonzero(side.known)
+    seen = [side.friction(int(j), float(side.usual[j])) for j in known]
+    above = [f - 4 * d > SHOWN * USUAL * limits.effort[j] for j, (f, d) in zip(known, seen, strict=True)]
+    return bool(len(above) and np.mean(above) >= 0.5)
+
+
+def prior_of(side: JointSide | None, limits: Limits) -> dict[str, Measured]:
+    """What the joints' readings tell the fit of the power; nothing where they hold no friction."""
+    if side is None or not shows_friction(side, limits):
+        return {}
+    known = np.flatnonzero(side.known)
+    cruise = Scale.of(limits, np.zeros(1)).usual_speed
+    usual = (USUAL * limits.effort, USUAL * limits.effort / cruise, ROTOR * limits.effort)
+    out = {}
+    for k, name in enumerate(LAWS):
+        values = np.maximum(side.values[k][known], 0.0)
+        share = APART if k < 2 else 0.5  # rotors hide behind links and smoothed accelerations
+        own = WIDER**2 * side.covariance[k][np.ix_(known, known)]
+        least = LEAST * usual[k][known]
+        out[name] = Measured(known, values, own + np.diag((share * values) ** 2 + least**2))
+    return out
+
+
+def by_power_alone(f: Fit) -> Fit:
+    """The same hypothesis fitted as if the joints had no readings."""
+    w = f.world
+    bare = replace(w.scale, measured={})
+    charts = [c if c.term.name not in w.scale.measured else chart(c.term, w.declared, bare, c.n) for c in f.charts]
+    return fit(w, f.nuisance, charts, list(f.numbers), f.free, f.amounts)
+
+
+def friction_of(f: Fit, joint: int, speed: float) -> tuple[float, float] | None:
+    """Friction [N m] of a fit at a joint's speed [rad/s], and its standard deviation; None where it has none."""
+    n = f.world.samples.n
+    value = float(friction_torque(f.model, n)(np.array([speed]), joint)[0])
+    slope = np.zeros(len(f.theta))
+    at = 0
+    found = False
+    for c, z in zip(f.charts, f.numbers, strict=True):
+        if issubclass(c.term.kind, TorqueEffect) and c.term.kind.dissipates:
+            found = True
+            for k in range(len(z)):
+                slope[at + k] = _slope(f, c, z, k, joint, speed, value)
+        at += len(z)
+    if not found:
+        return None
+    return value, float(np.sqrt(max(slope @ f.covariance @ slope, 0.0)))
+
+
+def _slope(f: Fit, c: Chart, z: np.ndarray, k: int, joint: int, speed: float, value: float) -> float:
+    """d friction / d z_k by a difference."""
+    step = 1e-4 * max(abs(z[k]), float(c.precision[k, k]) ** -0.5)
+    moved = z.copy()
+    moved[k] += step
+    model = f.model.replaced(c.effect(moved))
+    return (float(friction_torque(model, f.world.samples.n)(np.array([speed]), joint)[0]) - value) / step
+
+
+def side_rows(
+    side: JointSide | None, joints: Sequence[str], limits: Limits, chosen: Fit | None
+) -> list[dict[str, Any]]:
+    """Per joint: constant of the drive, friction and inertia by its readings, and the power's word beside."""
+    if side is None:
+        return []
+    alone = by_power_alone(chosen) if chosen is not None else None
+    rows = []
+    for j, joint in enumerate(joints):
+        row: dict[str, Any] = {"joint": joint, "unit": "N m/A" if side.unit == "A" else "1"}
+        row["scale"], row["scale_ci95"] = _number(side.scale[j], side.scale_deviation[j])
+        for k, name in enumerate(("coulomb", "viscous", "inertia")):
+            deviation = float(np.sqrt(side.covariance[k, j, j]))
+            row[name], row[f"{name}_ci95"] = _number(side.values[k, j], deviation, least=0.0)
+        row.update(speed=None, own=None, power=None, together=None, disagreement=None)
+        if side.known[j]:
+            speed = float(side.usual[j])
+            own = side.friction(j, speed)
+            row.update(speed=speed, own=_word(own))
+            power = friction_of(alone, j, speed) if alone is not None else None
+            if power is not None and chosen is not None:
+                row["power"], row["together"] = _word(power), _word(friction_of(chosen, j, speed) or power)
+                apart = np.linalg.norm([WIDER * own[1], power[1], APART * own[0], LEAST * USUAL * limits.effort[j]])
+                row["disagreement"] = float(abs(own[0] - power[0]) / apart)
+        rows.append(row)
+    return rows
+
+
+def _number(value: float, deviation: float, least: float = -np.inf) -> tuple[float | None, list[float] | None]:
+    if not np.isfinite(value):
+        return None, None
+    wide = STUDENT * WIDER * deviation
+    return float(value), [float(max(value - wide, least)), float(max(value + wide, least))]
+
+
+def _word(seen: tuple[float, float]) -> dict[str, Any]:
+    value, ci = _number(*seen)
+    return {"friction": value, "ci95": ci}
+
+
+def side_remarks(side: JointSide | None, limits: Limits, rows: Sequence[dict[str, Any]]) -> list[str]:
+    """What the reader should know of both sides."""
+    if side is None:
+        return []
+    out = []
+    seen = any(row["power"] is not None and row["power"]["ci95"][0] > row["own"]["ci95"][1] for row in rows)
+    if side.known.any() and not shows_friction(side, limits) and seen:
+        what = "torques" if side.unit == "N m" else "currents"
+        out.append(f"The logged {what} hold no friction (measured behind the gears, or computed): not used for it.")
+    off = [row["joint"] for row in rows if row["unit"] == "1" and row["scale"] and abs(row["scale"] - 1) > STRANGE]
+    if off:
+        out.append(f"The logged torques of {', '.join(off)} are no torques in N m; currents, by their size.")
+    for row in rows:
+        if row["disagreement"] is not None and row["disagreement"] > DISAGREE:
+            out.append(
+                f"{row['joint']}: friction at {row['speed']:.2g} rad/s is {row['own']['friction']:.3g} N m by its own "
+                f"readings and {row['power']['friction']:.3g} N m by the power: the two sides disagree."
+            )
+    return out
+
+
+GUESS = 3.0  # times the median share, up to which a joint that says nothing may have
+SURE = 4.0  # standard deviations of some joint's number from 0, from which the law is claimed
+
+
+def friction_findings(
+    side: JointSide, limits: Limits, joints: Sequence[str], student: float
+) -> tuple[list[Finding], list[str]]:
+    """Dry and viscous friction where some joint surely has it, and what is to be said of the other joints.
+
+    A joint whose readings do not say gets the others' median share of the effort limit, with a wide interval, and no
+    more than the largest torque that was read there.
+    """
+    if not shows_friction(side, limits):
+        return [], []
+    known = np.flatnonzero(side.known)
+    unknown = np.flatnonzero(~side.known)
+    left = float(np.nansum(side.left[:, known] ** 2))
+    largest = np.full(len(limits.effort), np.inf)
+    if side.unit == "N m":
+        largest = np.nan_to_num(np.nanmax(np.abs(side.rows.reading), axis=0), nan=np.inf)
+    out, said = [], []
+    for k, name in enumerate(LAWS[:2]):
+        values, spread = side.values[k][known], WIDER**2 * side.covariance[k][np.ix_(known, known)]
+        deviation = np.sqrt(np.diag(spread))
+        if not (values > SURE * deviation).any():
+            continue
+        shares = np.maximum(values, 0.0) / limits.effort[known]
+        most = largest if k == 0 else largest / np.maximum(np.abs(side.rows.v).max(axis=0), 1e-3)
+        full = np.minimum(float(np.median(shares)) * limits.effort, most)
+        low, high = np.zeros_like(full), np.minimum(max(GUESS * float(np.median(shares)), float(shares.max()))
+                                                    * limits.effort, most)  # fmt: skip
+        full[known] = np.maximum(values, 0.0)
+        low[known] = np.maximum(full[known] - student * deviation, 0.0)
+        high[known] = full[known] + student * deviation
+        direction = np.sign(side.rows.v[:, known]) if k == 0 else side.rows.v[:, known]
+        own = float(np.nansum((direction * full[known]) ** 2))
+        parameter = effect_class(name).parameters[0]
+        out.append(
+            Finding(
+                name, {parameter.name: full.tolist()}, {parameter.name: np.column_stack([low, high]).tolist()},
+                {parameter.name: parameter.unit}, own / (own + left), None, None, False,
+            )
+        )  # fmt: skip
+    if out and unknown.size:
+        names = ", ".join(joints[int(j)] for j in unknown)
+        said.append(
+            f"Friction of {names} is not in the readings: guessed as the others' median share of the effort limit."
+        )
+    return sorted(out, key=lambda row: -row.share_of_residual), said

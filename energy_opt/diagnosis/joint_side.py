@@ -1,0 +1,347 @@
+"""What the joints' own readings say, currents or torques beside the motion: drive constants, friction, rotor inertia.
+
+    y_j = k_j (tau_j(q, v, a, d) + c_j sign(v_j) + b_j v_j + J_j a_j) + o_j + noise
+
+y is current (then 1 / k is Kt, N m/A at the joint side) or torque (then k should be 1), d the links' deviations from
+their URDF, o an offset. Joints of the same limits have like drives: one that gravity does not load hardly tells its k,
+which is then taken to be near the others', as near as those are to each other. Everything enters linearly once k stands
+before d; rows are weighed down where they lie far off (Huber), and counted by how long their noise remembers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.diagnosis.hypothesis import ROTOR
+from energy_opt.diagnosis.links import USUAL_SPREAD, deviations_of
+from energy_opt.measured import MeasuredSet, Run, choose_smoothing, coarse, kinematics
+from energy_opt.power import PowerModel
+from energy_opt.power.rigid import body_of, rigid_torque
+from energy_opt.robot import Limits
+
+STEP = 0.03  # [s] between rows; readings in between are averaged
+MOST = 6000  # rows that take part
+STILL, SLOWEST = 0.02, 0.004  # [rad/s] slower joints are held by dry friction; width of the sign's edge
+HELD = 0.15  # trust in a joint's row where it stands: dry friction may carry any part of its load
+HUBER = 1.5  # standard deviations from which a row counts less
+OFFSET = 0.05  # of the effort limit that a reading's offset may be
+TORQUES = 0.3  # standard deviation of k around 1 where torques are logged, until gravity has spoken
+STRANGE = 0.5  # by which k of logged torques may be off 1, before they are taken to be something else
+EXACT = 1e-4  # standard deviation of k where torques are read as they are
+SURE = 5.0  # standard deviations of k from 0, from which torques in N m follow
+FEW = 20  # rows in motion without which a joint's friction is not there
+TURNS = 4  # of the fit, before and after drives of the same kind are taken to be alike
+KNOWN = 0.1  # relative deviation within which a joint tells its k itself
+ALIKE = 0.1  # by which k differs among drives of the same kind, at least
+LONGEST = 60  # rows over which noise's memory is followed
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of all runs with joint readings: run (K,), and per joint (K, n) v, a, torque, reading; ways (K, n, c)."""
+
+    run: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    tau: np.ndarray
+    reading: np.ndarray
+    ways: np.ndarray
+
+
+@dataclass(frozen=True)
+class JointSide:
+    """What the joints' readings say, per joint (n,); nan where they say nothing.
+
+    Attributes:
+        unit: of the readings, "A" or "N m". scale, scale_deviation: torque by reading, N m/A (Kt) or 1.
+        values: (3, n) dry friction [N m], viscous friction [N m s/rad], rotor inertia [kg m^2].
+        covariance: (3, n, n) of each across the joints. pair: (n,) covariance of the first two.
+        usual: [rad/s] the median speed in motion. noise: [N m] rms of what is left.
+        left: (K, n) what is left, N m, of `rows`.
+    """
+
+    unit: str
+    scale: np.ndarray
+    scale_deviation: np.ndarray
+    values: np.ndarray
+    covariance: np.ndarray
+    pair: np.ndarray
+    usual: np.ndarray
+    noise: np.ndarray
+    left: np.ndarray
+    rows: Rows
+
+    @property
+    def known(self) -> np.ndarray:
+        """(n,) True for joints whose friction is known in N m."""
+        return np.isfinite(self.values[0])
+
+    def friction(self, joint: int, speed: float) -> tuple[float, float]:
+        """Dry and viscous friction [N m] of a joint at a speed [rad/s], and its standard deviation."""
+        c, b = self.values[:2, joint]
+        variance = self.covariance[0, joint, joint] + 2 * speed * self.pair[joint]
+        return float(c + b * speed), float(max(variance + speed**2 * self.covariance[1, joint, joint], 0.0) ** 0.5)
+
+
+def joint_side(measured: MeasuredSet, declared: PowerModel) -> JointSide | None:
+    """Fit the joints' readings of a set; None where there are hardly any."""
+    runs = [r for r in measured.runs if r.current is not None] or [r for r in measured.runs if r.effort is not None]
+    if not runs or sum(len(r.time) for r in runs) < FEW:
+        return None
+    unit = "A" if runs[0].current is not None else "N m"
+    rows = _rows(measured, runs, declared)
+    return _fit(rows, measured, unit)
+
+
+def _rows(measured: MeasuredSet, runs: list[Run], declared: PowerModel) -> Rows:
+    smoothing = choose_smoothing(measured.runs)
+    index = {id(r): k for k, r in enumerate(measured.runs)}
+    total = sum(float(r.time[-1] - r.time[0]) for r in runs)
+    step = max(STEP, total / MOST, float(np.median(np.concatenate([np.diff(r.time) for r in runs]))))
+    of, parts = [], []
+    for run in runs:
+        count = max(2, int((run.time[-1] - run.time[0]) / step))
+        edges = np.linspace(run.time[0], run.time[-1], count + 1)
+        at = (edges[1:] + edges[:-1]) / 2
+        k = kinematics(run, at, smoothing)
+        logged = run.current if run.current is not None else run.effort
+        assert logged is not None
+        area = np.vstack(
+            [np.zeros(logged.shape[1]), np.cumsum((logged[1:] + logged[:-1]) / 2 * np.diff(run.time)[:, None], 0)]
+        )
+        whole = np.column_stack([np.interp(edges, run.time, column) for column in area.T])
+        moved = np.ptp(run.position, axis=0) > 2e-3
+        parts.append(
+            (
+                k.q,
+                np.where(moved, k.v, 0.0),
+                np.where(moved, k.a, 0.0),
+                np.diff(whole, axis=0) / np.diff(edges)[:, None],
+            )
+        )
+        of.append(np.full(count, index[id(run)]))
+    q, v, a, reading = (np.concatenate(x) for x in zip(*parts, strict=True))
+    body = measured.robot.body
+    tau = rigid_torque(declared, body, q, v, a)
+    ways = body_of(declared, body).link_regressor(q, v, a) @ deviations_of(body)
+    return Rows(np.concatenate(of), v, a, tau, reading, ways)
+
+
+def _fit(rows: Rows, measured: MeasuredSet, unit: str) -> JointSide:
+    limits, n = measured.robot.limits, measured.robot.n
+    s = np.tanh(rows.v / SLOWEST)
+    used = [np.flatnonzero(np.isfinite(rows.reading[:, j])) for j in range(n)]
+    still = np.abs(rows.v) < STILL
+    trust, memory = np.where(still, HELD, 1.0), np.ones(n)
+    noise = np.array([max(float(np.std(rows.reading[u, j])), 1e-6) for j, u in enumerate(used)])
+    k = _slopes(rows) if unit == "A" else np.ones(n)
+    flat = np.full(n, 1e-12) if unit == "A" else np.full(n, TORQUES**-2)
+    middle = np.zeros(n) if unit == "A" else np.ones(n)
+    tight = flat
+    size = 5 * n + rows.ways.shape[2]
+    x, h = np.zeros(size), np.eye(size)
+    residual = np.zeros_like(rows.reading)
+    for turn in range(2 * TURNS):
+        if turn == TURNS:  # every joint has spoken for itself: now drives of the same kind
+            own = np.sqrt(np.diag(np.linalg.inv(h))[:n])
+            if unit == "A":
+                middle, tight = _kinds(k, own, np.column_stack([limits.effort, limits.velocity]), middle, flat)
+            else:  # what is logged in N m is read as it is, unless gravity surely says that it is something else
+                plain = (np.abs(k - 1) <= STRANGE) | (np.abs(k - 1) < SURE * own)
+                tight = np.where(plain, EXACT**-2, flat)
+        by = np.maximum(np.abs(k), 1e-6) * limits.effort  # reading at the effort limit
+        usual = np.column_stack([by / 3, by / 3, 3 * ROTOR * by, OFFSET * by])
+        h = np.diag(np.concatenate([tight, usual.ravel() ** -2.0, np.full(size - 5 * n, USUAL_SPREAD**-2)]))
+        right = np.concatenate([tight * middle, np.zeros(size - n)])
+        for j, u in enumerate(used):
+            columns = np.zeros((len(u), size))
+            columns[:, j] = rows.tau[u, j]
+            at = n + 4 * j
+            columns[:, at : at + 4] = np.column_stack([s[u, j], rows.v[u, j], rows.a[u, j], np.ones(len(u))])
+            columns[:, 5 * n :] = k[j] * rows.ways[u, j]
+            weight = np.sqrt(trust[u, j] / memory[j]) / noise[j]
+            columns *= weight[:, None]
+            h += columns.T @ columns
+            right += columns.T @ (rows.reading[u, j] * weight)
+        x = np.linalg.solve(h, right)
+        k, laws = x[:n], x[n : 5 * n].reshape(n, 4)
+        rigid = k * (rows.tau + rows.ways @ x[5 * n :])
+        residual = rows.reading - rigid - laws[:, 0] * s - laws[:, 1] * rows.v - laws[:, 2] * rows.a - laws[:, 3]
+        for j, u in enumerate(used):
+            live = u[~still[u, j]] if (~still[u, j]).sum() >= FEW else u
+            r = residual[:, j]
+            noise[j] = max(1.4826 * float(np.median(np.abs(r[live]))), 1e-9)
+            trust[:, j] = np.where(still[:, j], HELD, 1.0) * np.minimum(1.0, HUBER * noise[j] / np.abs(r).clip(1e-12))
+            memory[j] = _memory(rows.run[u], r[u])
+    return _side(rows, unit, x, np.linalg.inv(h), residual, noise, used)
+
+
+def _slopes(rows: Rows) -> np.ndarray:
+    """Reading by torque of every joint (n,), by plain regression: to begin with."""
+    tau = rows.tau - rows.tau.mean(axis=0)
+    reading = np.nan_to_num(rows.reading)
+    return np.asarray(np.sum(tau * reading, axis=0) / np.maximum(np.sum(tau**2, axis=0), 1e-9))
+
+
+def _kinds(
+    k: np.ndarray, deviation: np.ndarray, limits: np.ndarray, middle: np.ndarray, flat: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and precision (n,) of every joint's k before its own readings, by those of the same limits (n, 2)."""
+    middle, tight = middle.copy(), flat.copy()
+    known = deviation < KNOWN * np.abs(k)
+    for j in range(len(k)):
+        like = np.flatnonzero(known & (limits == limits[j]).all(axis=1) & (np.arange(len(k)) != j))
+        if like.size:
+            middle[j] = float(np.average(k[like], weights=deviation[like] ** -2.0))
+            others = np.append(k[like], k[j]) if known[j] else k[like]
+            tight[j] = max(ALIKE * abs(middle[j]), float(np.std(others))) ** -2.0
+    return middle, tight
+
+
+def _memory(run: np.ndarray, r: np.ndarray) -> float:
+    """How many rows say as much as one that is independent: 1 + 2 times the sum of the noise's correlations."""
+    r = r - np.median(r)
+    spread = 1.4826 * float(np.median(np.abs(r)))
+    r = np.clip(r, -3 * spread, 3 * spread)
+    whole, total = float(r @ r), 1.0
+    if whole <= 0:
+        return 1.0
+    for lag in range(1, min(LONGEST, len(r) // 3)):
+        same = run[lag:] == run[:-lag]
+        value = float(np.sum(r[lag:][same] * r[:-lag][same])) / whole
+        if value <= 0.02:
+            break
+        total += 2 * value
+    return total
+
+
+def _side(
+    rows: Rows,
+    unit: str,
+    x: np.ndarray,
+    spread: np.ndarray,
+    residual: np.ndarray,
+    noise: np.ndarray,
+    used: list[np.ndarray],
+) -> JointSide:
+    """Values in N m with their covariance: c = beta / k, to first order."""
+    n = len(used)
+    k, deviation = x[:n], np.sqrt(np.diag(spread)[:n])
+    sure = np.abs(k) > SURE * deviation
+    values, covariance, usual = np.full((3, n), np.nan), np.full((3, n, n), np.nan), np.full(n, np.nan)
+    slopes = np.zeros((3, n, len(x)))
+    for j, u in enumerate(used):
+        live = np.abs(rows.v[u, j]) > STILL
+        if not sure[j] or live.sum() < FEW:
+            continue
+        usual[j] = float(np.median(np.abs(rows.v[u, j][live])))
+        own = x[n + 4 * j : n + 4 * j + 3]
+        values[:, j] = own / k[j]
+        for p in range(3):
+            slopes[p, j, n + 4 * j + p] = 1 / k[j]
+            slopes[p, j, j] = -own[p] / k[j] ** 2
+    known = np.isfinite(values[0])
+    for p in range(3):
+        covariance[p][np.ix_(known, known)] = (slopes[p] @ spread @ slopes[p].T)[np.ix_(known, known)]
+    pair = np.where(known, np.einsum("jx,xy,jy->j", slopes[0], spread, slopes[1]), np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return JointSide(
+            unit, np.where(sure, 1 / k, np.nan), np.where(sure, deviation / k**2, np.nan), values, covariance, pair,
+            usual, np.where(sure, noise / np.abs(k), np.nan), np.where(sure, residual / k, np.nan), rows,
+        )  # fmt: skip
+
+
+LASTS = 0.3  # [s] over which a push is averaged
+PUSH = 0.1  # of a joint's effort limit, from which torque of unknown origin is a push; links off by 10 % leave 0.06
+BEYOND = 4.0  # times what the readings leave usually
+LED, SURELY = 0.01, 5.0  # of the effort limit, half of usual dry friction; standard deviations
+ENOUGH = 0.3  # of the runs in motion, that must be left to say anything
+
+
+@dataclass(frozen=True)
+class Push:
+    """The strongest push of a run: its file, joint, torque [N m] and time [s in the run's file]."""
+
+    run: int
+    file: str
+    joint: str
+    torque: float
+
+
+def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
+    """One for every run that was pushed; none where rows are too far apart to tell inertia from a push."""
+    if any(coarse(run) for run in measured.runs):
+        return []
+    limits, joints = measured.robot.limits, measured.robot.joints
+    led = _led(side, limits)
+    if led is not None:
+        j, torque = led
+        moving = [k for k in np.unique(side.rows.run) if measured.runs[k].kind == "motion"]
+        return [Push(int(k), measured.runs[k].file, joints[j], torque) for k in moving]
+    excess = side.left.copy()
+    carried = np.abs(np.nan_to_num(side.values[0]))
+    still = np.abs(side.rows.v) < STILL
+    excess = np.where(still, np.sign(excess) * np.maximum(np.abs(excess) - 1.5 * carried, 0.0), excess)
+    excess = np.nan_to_num(excess)
+    step = _step(side, measured)
+    width = max(1, round(LASTS / step))
+    slow = {int(r): _means(excess[side.rows.run == r], width) for r in np.unique(side.rows.run)}
+    usual = 1.4826 * np.median(np.abs(np.concatenate(list(slow.values()))), axis=0)
+    least = np.minimum(np.maximum(PUSH * limits.effort, BEYOND * usual), 2 * PUSH * limits.effort)
+    out = []
+    for r, own in slow.items():
+        share = np.abs(own).max(axis=0) / least
+        j = int(np.argmax(share))
+        if share[j] > 1:
+            out.append(Push(r, measured.runs[r].file, joints[j], float(np.abs(own[:, j]).max())))
+    return out
+
+
+def _led(side: JointSide, limits: Limits) -> tuple[int, float] | None:
+    """A joint whose friction comes out negative, and by how much [N m]: a hand that leads the arm does its work."""
+    for j in np.flatnonzero(side.known):
+        friction, deviation = side.friction(int(j), float(side.usual[j]))
+        if friction + SURELY * deviation < -LED * limits.effort[j]:
+            return int(j), -friction
+    return None
+
+
+def _step(side: JointSide, measured: MeasuredSet) -> float:
+    runs, counts = np.unique(side.rows.run, return_counts=True)
+    return float(np.median([np.ptp(measured.runs[r].time) / k for r, k in zip(runs, counts, strict=True)]))
+
+
+def _means(x: np.ndarray, width: int) -> np.ndarray:
+    """Means (K', n) over `width` rows, or over all where there are fewer."""
+    if len(x) <= width:
+        return np.asarray(x.mean(axis=0, keepdims=True))
+    total = np.vstack([np.zeros(x.shape[1]), np.cumsum(x, axis=0)])
+    return np.asarray((total[width:] - total[:-width]) / width)
+
+
+def free_runs(measured: MeasuredSet, found: list[Push]) -> tuple[MeasuredSet, bool]:
+    """The set less the runs that were pushed, and whether enough is left; the whole set where not."""
+    gone = {p.run for p in found}
+    moving = [k for k, r in enumerate(measured.runs) if r.kind == "motion"]
+    left = [k for k in moving if k not in gone]
+    if not gone:
+        return measured, True
+    if len(left) < max(2, ENOUGH * len(moving)):
+        return measured, False
+    return replace(measured, runs=tuple(r for k, r in enumerate(measured.runs) if k not in gone)), True
+
+
+def push_words(found: list[Push], enough: bool) -> list[str]:
+    """What to say of them."""
+    if not found:
+        return []
+    worst = max(found, key=lambda p: p.torque)
+    what = f"{worst.torque:.3g} N m on {worst.joint} in {worst.file}"
+    begin = (
+        f"Something outside pushed the arm in {len(found)} run(s), which shows as torque without power (up to {what})"
+    )
+    if enough:
+        return [f"{begin}: left out are {', '.join(p.file for p in found)}."]
+    return [f"{begin}: no cause can be claimed of such a set. Record it with nobody and nothing touching the arm."]

@@ -1,0 +1,107 @@
+"""Links around their URDF: what deviations within some percent do to the readings, as a few directions.
+
+A link's mass m is off by a share, its centre of mass c by a share of its distance and a little more, its inertia by
+twice the share; with the inertial parameters phi these are Gaussian deviations B d, d ~ N(0, spread^2). Only directions
+that the readings show are kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.predict import predict
+from energy_opt.effects import (
+    LinkInertia,
+)
+from energy_opt.power import PowerModel
+from energy_opt.robot import RigidBody
+
+ASIDE, NEAR = 0.6, 0.01  # of a centre's distance, and [m], by which each of its coordinates moves at a spread of 1
+TURNED = 0.5  # of the mean moment of inertia, by which products of inertia move
+LIGHTEST, FARTHEST = 0.4, 0.5  # what a link may become: of its mass, and by a share of its centre's distance
+USUAL_SPREAD = 0.06  # by which links usually are off their URDF, as a share
+SHOWN = 0.02  # of the noise of a reading: directions below, at a spread of 1, over the root of their count, are left
+
+
+@dataclass(frozen=True)
+class Links:
+    """Directions of deviation.
+
+    Attributes:
+        basis: (10 L, c) inertial parameters of all links by amounts d of the directions, each of standard deviation
+            `spread`.
+        ways: (K, n, c) torque by the amounts.
+    """
+
+    basis: np.ndarray
+    ways: np.ndarray
+
+    def effect(self, d: np.ndarray, samples: Samples) -> LinkInertia:
+        """The deviation of amounts d (c,) as an effect."""
+        change = (self.basis @ d).reshape(-1, 10)[samples.body.coupling.own]
+        mass, com, inertia = [], [], []
+        for link, phi in zip(samples.body.plain.own_links(), change, strict=True):
+            m = max(link.mass + phi[0], LIGHTEST * link.mass, 1e-6)
+            far = FARTHEST * float(np.linalg.norm(link.lever)) + NEAR * 5
+            c = link.lever + np.clip((link.mass * link.lever + phi[1:4]) / m - link.lever, -far, far)
+            about = _symmetric(phi[4:]) + link.inertia + link.mass * _apart(link.lever)
+            i = about - m * _apart(c)
+            values, axes = np.linalg.eigh(i)
+            i = axes @ np.diag(np.maximum(values, 1e-3 * max(np.trace(link.inertia), 1e-9))) @ axes.T
+            mass.append(m - link.mass)
+            com.append(c - link.lever)
+            inertia.append((i - link.inertia)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+        return LinkInertia(mass=np.array(mass), com=np.array(com), inertia=np.array(inertia))
+
+
+def links_of(samples: Samples, model: PowerModel) -> Links:
+    """The directions that the readings show under a model."""
+    basis = deviations_of(samples.body)
+    ways = samples.deviating(basis)
+    shown = predict(model, samples, None, ways).pushed / samples.noise
+    values, vectors = np.linalg.eigh(shown.T @ shown / len(shown))
+    kept = vectors[:, values > SHOWN**2][:, ::-1]
+    return Links(basis @ kept, ways @ kept)
+
+
+def deviations_of(body: RigidBody) -> np.ndarray:
+    """Inertial parameters (10 L, 10 n) of all links by deviations of their masses, centres and inertias.
+
+    Of links that joints of their own carry: those that follow others are taken as the URDF has them.
+    """
+    basis = np.zeros((10 * len(body.tree()), 10 * body.n))
+    for j, (k, link) in enumerate(zip(body.coupling.own, body.plain.own_links(), strict=True)):
+        basis[10 * k : 10 * k + 10, 10 * j : 10 * j + 10] = _deviations(link.mass, link.lever, link.inertia)
+    return basis
+
+
+def _deviations(m: float, c: np.ndarray, i: np.ndarray) -> np.ndarray:
+    """Inertial parameters (10, 10) by deviations of mass, centre (3) and inertia (6), each of its size."""
+    out = np.zeros((10, 10))
+    out[0, 0], out[1:4, 0] = m, m * c
+    out[4:, 0] = _six(i + m * _apart(c))  # as heavier alike
+    size = ASIDE * float(np.linalg.norm(c)) + NEAR
+    for k, unit in enumerate(np.eye(3)):
+        out[1:4, 1 + k] = m * size * unit
+        turned = 2 * float(c @ unit) * np.eye(3) - np.outer(c, unit) - np.outer(unit, c)
+        out[4:, 1 + k] = _six(m * size * turned)
+    mean = float(np.trace(i)) / 3
+    out[4:, 4:] = np.diag([2 * i[0, 0], TURNED * mean, 2 * i[1, 1], TURNED * mean, TURNED * mean, 2 * i[2, 2]])
+    return out
+
+
+def _apart(c: np.ndarray) -> np.ndarray:
+    """Inertia (3, 3) of a unit mass at c."""
+    return np.asarray(float(c @ c) * np.eye(3) - np.outer(c, c))
+
+
+def _six(i: np.ndarray) -> np.ndarray:
+    return np.asarray(i[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+
+
+def _symmetric(six: np.ndarray) -> np.ndarray:
+    xx, xy, yy, xz, yz, zz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,0 +1,213 @@
+"""Noise of the readings: white, with memory, and a model discrepancy that repeats of a motion share.
+
+    y_k = w_k + x_k + d_c(phase),   w_k ~ N(0, white^2 / weight_k^2),
+    x_{k+1} = e^{-h/memory} x_k + ...,   x ~ N(0, wave^2)
+
+w and x are independent between runs. d_c is a random smooth function of a distinct motion's phase with standard
+deviation `misfit`: what every model of an arm gets wrong there. Repeats of that motion share it, so ten repeats of a
+misfit are one piece of evidence. Whitening is the Kalman filter of w and x, then a low-rank step for d_c: the same
+linear map for residuals and for the columns of their derivatives, so that ordinary least squares on what comes out is
+the likelihood of the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.predict import Prediction
+
+NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
+EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight
+SLACK = 2e-3  # [s] by which motion and meter may be apart
+SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings of a slow meter; its noise over the level
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations white, wave and misfit [W], and the wave's memory [s]."""
+
+    white: float
+    wave: float = 0.0
+    memory: float = 1.0
+    misfit: float = 0.0
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Smooth functions of distinct motions: columns (M, k) of unit variance, and each motion's readings and count."""
+
+    columns: np.ndarray
+    motions: tuple[tuple[np.ndarray, int], ...]
+
+
+class Whitener:
+    """The map that makes the noise of R runs white with variance 1.
+
+    Args:
+        times: (M_r,) s of every run's readings. weights: (M,) trust in each reading, run after run, 1 is whole.
+        shared: the smooth functions of which `noise.misfit` is the standard deviation.
+    """
+
+    def __init__(
+        self, noise: Noise, times: Sequence[np.ndarray], weights: np.ndarray, shared: Shared | None = None
+    ) -> None:
+        self.noise = noise
+        keep = np.concatenate([np.concatenate([[0.0], np.exp(-np.diff(t) / noise.memory)]) for t in times])
+        variance = (noise.white / np.maximum(weights, 1e-6)) ** 2
+        gain, total, prior = [], [], 0.0
+        for k, v in zip(keep.tolist(), variance.tolist(), strict=True):  # plain numbers: a run may have 1e4 readings
+            prior = k * k * prior + (1 - k * k) * noise.wave**2
+            total.append(prior + v)
+            gain.append(prior / total[-1])
+            prior *= 1 - gain[-1]
+        self._scale = 1 / np.sqrt(total)
+        self._feed = keep[1:] * gain[:-1]
+        self._band = np.ones((2, len(keep)))  # of the recursion: its diagonal, and what a state keeps of the one before
+        self._band[1, :-1] = self._feed - keep[1:]
+        self.log_determinant = float(np.sum(np.log(total)))
+        self._low_rank: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        if shared is not None and noise.misfit > 0:
+            columns = noise.misfit * self._filtered(shared.columns)
+            for rows, count in shared.motions:
+                u, s, _ = np.linalg.svd(columns[rows, :count], full_matrices=False)
+                self._low_rank.append((rows, u, 1 - 1 / np.sqrt(1 + s**2)))
+                self.log_determinant += float(np.sum(np.log1p(s**2)))
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """White innovations (M, ...) of readings (M, ...)."""
+        out = self._filtered(x.reshape(len(x), -1))
+        for rows, u, less in self._low_rank:
+            own = out[rows]
+            out[rows] = own - u @ (less[:, None] * (u.T @ own))
+        return out.reshape(x.shape)
+
+    def _filtered(self, flat: np.ndarray) -> np.ndarray:
+        from scipy.linalg import solve_banded
+
+        if self.noise.wave == 0:
+            return np.asarray(flat * self._scale[:, None])
+        state = np.zeros_like(flat, dtype=float, order="F")
+        state[1:] = self._feed[:, None] * flat[:-1]
+        state = solve_banded((1, 0), self._band, state, overwrite_b=True, check_finite=False)
+        return np.asarray((flat - state) * self._scale[:, None])
+
+
+WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)  # over white noise; s
+MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # over white noise
+
+
+def standing_noise(samples: Samples) -> Noise:
+    """The meter's noise while the arm stands still, each stretch's own mean taken out."""
+    stretches: list[tuple[np.ndarray, np.ndarray]] = []
+    for part in samples.parts:
+        still = np.concatenate([[False], ~samples.moving[part], [False]]).astype(int)
+        edges = np.flatnonzero(np.diff(still))
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            a, b = a + 2, b - 2  # what is doubted of a motion's ends
+            if b - a >= 6:
+                stretches.append((samples.at[part][a:b], samples.power[part][a:b]))
+    count = sum(len(t) for t, _ in stretches)
+    if count < 40:
+        return Noise(samples.noise, 0.3 * samples.noise, 0.5)
+    times = [t for t, _ in stretches]
+    y = np.concatenate([p for _, p in stretches])
+    levels = np.zeros((count, len(times)))
+    at = 0
+    for k, t in enumerate(times):
+        levels[at : at + len(t), k] = 1.0
+        at += len(t)
+
+    def worth(wave: float, memory: float) -> tuple[float, float]:
+        whiten = Whitener(Noise(1.0, wave, memory), times, np.ones(count))
+        w = whiten(np.column_stack([y, levels]))
+        q, _ = np.linalg.qr(w[:, 1:])
+        r = w[:, 0] - q @ (q.T @ w[:, 0])
+        free = count - len(times)
+        white = max(float(r @ r) / free, 1e-12)
+        gram = w[:, 1:].T @ w[:, 1:]
+        value = -0.5 * free * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(gram)[1])
+        return value, white**0.5
+
+    return likeliest(worth, samples.noise)
+
+
+def likeliest(
+    worth: Callable[[float, float], tuple[float, float]], least: float, waves: Sequence[float] = WAVES
+) -> Noise:
+    """The noise of greatest worth, (value, white) by the wave over white noise and its memory, on a grid."""
+    rows = [(*worth(w, m), w, m) for w, m in product(waves, MEMORIES) if w or m == MEMORIES[0]]
+    _, white, wave, memory = max(rows)
+    white = max(white, 0.8 * least)
+    return Noise(white, wave * white, memory)
+
+
+def weighted(samples: Samples, now: Prediction) -> Samples:
+    """The same samples, trusted less where clocks, positions or the motion's ends leave a model's power open.
+
+    Clocks and motion are known to `SLACK` only, and velocities and accelerations to `Samples.blur`. Where a motion
+    begins or ends, smoothed positions do not say to the sample when; `EDGE` samples are trusted less there.
+
+    Args:
+        now: a model's prediction, by whose slopes such errors become watts.
+    """
+    weight, allowed = np.ones(len(samples.power)), np.zeros(len(samples.power))
+    moving = (samples.v != 0).any(axis=1)
+    noise = samples.noise * samples.group**0.5
+    open_power = _open_power(samples, now)
+    for rows, part, op in zip(samples.slices, samples.parts, samples.operators, strict=True):
+        grouped = op is not None and (rows.stop - rows.start) // samples.group == part.stop - part.start
+        if op is not None and not (samples.group > 1 and grouped):
+            continue
+        slope = np.gradient(now.power[rows], samples.t[rows]) if rows.stop - rows.start > 1 else np.zeros(1)
+        variance = (SLACK * slope) ** 2 + open_power[rows] ** 2
+        own = 1 / np.sqrt(1 + variance / noise**2)
+        for k in 1 + np.flatnonzero(moving[rows][1:] != moving[rows][:-1]):
+            own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
+        weight[part] = group_weight(own, samples.group) if grouped else own / samples.group**0.5
+        whole = len(variance) // samples.group * samples.group
+        allowed[part] = variance[:whole].reshape(-1, samples.group).mean(axis=1) if grouped else variance
+    return replace(samples, weight=weight, allowed=allowed)
+
+
+def _open_power(samples: Samples, now: Prediction) -> np.ndarray:
+    """Standard deviation (K,) [W] of a model's power by errors of velocities and accelerations."""
+    n, blur = samples.n, samples.blur
+    if not blur.any():
+        return np.zeros(len(samples.q))
+    rest = np.zeros_like(samples.v)
+    inertia = [samples.body.torque(samples.q, rest, rest + unit, None, np.zeros(3))[:, j]
+               for j, unit in enumerate(np.eye(n))]  # fmt: skip
+    by_state = np.column_stack([now.tau_m, now.by_tau * np.column_stack(inertia)])
+    return np.asarray(np.sqrt(np.sum((by_state * blur) ** 2, axis=1)))
+
+
+def group_weight(weight: np.ndarray, group: int) -> np.ndarray:
+    """Trust in means of `group` neighbours whose variances grow by 1 / weight^2: variances add up."""
+    whole = len(weight) // group
+    return np.asarray(np.mean(weight[: whole * group].reshape(whole, group) ** -2.0, axis=1) ** -0.5)
+
+
+def meter_noise(readings: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Standard deviation of a reading's noise, W, from third differences: what no smooth power explains.
+
+    Robust twice: by the median within a run, so that kinks and steps of the true power do not count, and over the runs.
+    Coarse readings, whose median difference is zero, go by their rms. Between readings of a slow meter power is not
+    smooth: there the noise is taken to be no more than `SLOW_NOISE` of the level, or 1 W, and the fit finds it.
+    """
+    levels, steps = [], []
+    for t, x in readings:
+        if len(x) > 12:
+            third = np.diff(x, 3)
+            middle = float(np.median(np.abs(third))) / NORMAL_MEDIAN
+            levels.append((middle if middle > 0 else float(np.sqrt(np.mean(third**2)))) / np.sqrt(20))
+            steps.append(float(np.median(np.diff(t))))
+    if not levels:
+        return 1.0
+    level = float(np.median(np.abs(np.concatenate([x for _, x in readings]))))
+    most = max(1.0, SLOW_NOISE * level) if np.median(steps) > SLOW_METER else np.inf
+    return max(min(float(np.median(levels)), most), 1e-3)

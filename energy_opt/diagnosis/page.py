@@ -1,0 +1,260 @@
+"""report.html of a diagnosis: power over time, the residual against what it may go with, evidence and errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.errors import reading_of
+from energy_opt.diagnosis.findings import Result
+from energy_opt.diagnosis.joint_side import STILL, JointSide
+from energy_opt.diagnosis.predict import friction_torque, predict
+from energy_opt.power.draws import draws_of
+from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.page import Report
+from energy_opt.robot import Robot
+from energy_opt.robot.units import sliding
+
+WORDS = {
+    "explained": "Effects were found, and nothing is left above the noise.",
+    "partly": "Effects were found that hold on motions held out, and more is left than the noise.",
+    "ambiguous": "The data cannot tell some effects apart; they are listed together.",
+    "nothing_missing": "The declared model is as good as the noise allows.",
+    "unexplained": "More is left than the noise, and no known effect accounts for it.",
+    "insufficient": "The data do not excite what would be needed.",
+}
+SHOWN = 12  # runs drawn
+WILD = 3.0  # times the largest friction of a joint, beyond which a measured point says nothing (slow, noisy)
+MOSTLY = 0.5  # of all joints' speed, beyond which a reading is shown as one joint's friction
+
+
+def page(result: Result) -> Report:
+    """The report."""
+    d = result.document
+    report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict'] or 'stopped'}")
+    report.headline(d["headline"])
+    report.text(WORDS.get(d["verdict"], "Stopped before there was a verdict; this is what was known."))
+    report.text(d["next_step"])
+    for remark in d["remarks"]:
+        report.warning(remark)
+    if result.samples is None:
+        _effects(report, result)
+        assert result.side is not None
+        joints_section(report, d["joint_side"], result.side)
+        return report.command(d.get("request"))
+    _effects(report, result)
+    if d["alternatives"]:
+        report.text("Sets that fit equally well: " + "; ".join(" + ".join(names) for names in d["alternatives"]))
+    report.section("Error before and after")
+    rows = []
+    for when in ("before", "after"):
+        for part in ("train", "holdout"):
+            e = d["error"][when][part]
+            if e is not None:
+                rows.append([f"{when}, {part}", e["energy_percent"], e["energy_percent_ci95"], e["power_rmse"],
+                             e["power_rmse_ci95"]])  # fmt: skip
+    report.table(["", "error of energy [%]", "95 % [%]", "power RMSE [W]", "95 % [W]"], rows)
+    report.facts({"noise floor [W]": d["error"]["noise_floor"]})
+    worth = d.get("worth")
+    if worth is not None:
+        report.section("What the diagnosis is worth")
+        report.text(
+            f"The longest move of the set ({worth['file']}, {worth['duration']:.3g} s), planned and evaluated anew. "
+            "All energies are under the diagnosed model."
+        )
+        report.table(
+            ["the move", "energy [J]"],
+            [
+                ["planned with the diagnosed model", worth["diagnosed_plan"]],
+                ["planned with the declared model", worth["declared_plan"]],
+                ["fastest timing, slowed evenly", worth["evenly_slowed"]],
+            ],
+        )
+    report.section("What the residual goes with")
+    if d["residual_goes_with"]:
+        watts = [r["watts"] for r in d["remainder"]]
+        goes = d["residual_goes_with"]
+        rows = [[r["signal"], r["joint"], r["strength"], w] for r, w in zip(goes, watts, strict=True)]
+        report.table(["signal", "joint", "share of what is left [1]", "rms [W]"], rows, 3)
+    else:
+        report.text("With nothing beyond the noise.")
+    report.charts(*_residuals(result, result.samples))
+    if any(e.stage == "torque" and e.dissipates for e in result.model.effects):
+        report.section("Friction against speed")
+        report.text(
+            "Friction of the calibrated model with its 95 % band; dots are what is measured beside it where a joint "
+            "does most of the motion."
+        )
+        report.charts(*_friction(result, result.samples))
+    if result.side is not None:
+        joints_section(report, d["joint_side"], result.side)
+    report.section("Power over time")
+    report.charts(*_power(result, result.samples))
+    report.section("Evidence for each candidate")
+    report.text(
+        "Logarithm of the odds for each effect, added to the declared model or to the accepted effects (linearised; "
+        "above 0 it is rather there than not)."
+    )
+    report.table(
+        ["effect", "alone", "beside the accepted"],
+        [[row["name"], row["alone"], row["beside_accepted"]] for row in d["candidates"]],
+    )
+    report.text(
+        "Hypotheses that were fitted, likeliest first. Loss is the mean square of the whitened residual, 1 where only "
+        "noise is left; the score is the logarithm of the odds against the declared model."
+    )
+    report.table(
+        ["effects", "structures outside the table", "numbers", "loss per sample", "score"],
+        [[", ".join(r["effects"]) or "declared model", ", ".join(r["structures"]), r["numbers"], r["loss_per_sample"],
+          r["score"]] for r in d["evidence"]],
+    )  # fmt: skip
+    return report.command(d.get("request"))
+
+
+def _effects(report: Report, result: Result) -> None:
+    """What is claimed, with every number."""
+    report.section("Effects")
+    if not result.effects:
+        report.text("None is claimed.")
+        return
+    improved = [f"{x.motions_improved[0]} of {x.motions_improved[1]}" if x.motions_improved else None
+                for x in result.effects]  # fmt: skip
+    report.table(
+        ["effect", "share of what is explained [%]", "p (sign flips over motions)", "left-out motions improved"],
+        [[x.name, 100 * x.share_of_residual, x.p_value, y] for x, y in zip(result.effects, improved, strict=True)],
+        digits=3,
+    )
+    header = ["effect", "parameter", "joint", "value", "95 % interval", "unit"]
+    report.table(header, [line for x in result.effects for line in _values(x.document(), result.measured.robot)])
+
+
+def _values(row: Mapping[str, Any], robot: Robot) -> list[list[object]]:
+    """A line for every number of an effect."""
+    out: list[list[object]] = []
+    for name, value in row["parameters"].items():
+        unit, interval = row["units"].get(name), row["ci95"].get(name)
+        if not isinstance(value, list):
+            out.append([row["name"], name, None, value, interval, unit])
+            continue
+        each = len(value) == robot.n
+        owners = robot.joints if each else [str(k) for k in range(1, len(value) + 1)]
+        units = [sliding(unit or "") if each and robot.slides[k] else unit for k in range(len(value))]
+        for line in zip(owners, value, interval or [None] * len(value), units, strict=True):
+            out.append([row["name"], name, *line])
+    return out
+
+
+def _power(result: Result, samples: Samples) -> list[Chart]:
+    """Measured, declared and calibrated power of every run (the first `SHOWN` of them)."""
+    moving = [k for k, kind in enumerate(samples.kinds) if kind == "motion"] or list(range(len(samples.kinds)))
+    declared, after = reading_of(result.declared, samples), reading_of(result.model, samples)
+    charts = []
+    for run in moving[:SHOWN]:
+        time, power = samples.single[run]
+        where = "held out" if run in result.holdout else "train"
+        lines = [
+            Line("measured", time, power, "faint"),
+            Line("declared", time, declared[run]),
+            Line("calibrated", time, after[run]),
+        ]
+        charts.append(Chart(f"{samples.files[run]} ({where})", "set time [s]", "power [W]", lines))
+    return charts
+
+
+def _residuals(result: Result, samples: Samples) -> list[Chart]:
+    """The residual before and after against time, speed, torque and temperature."""
+    p = predict(result.model, samples)
+    before, after = samples.power - predict(result.declared, samples).reading, samples.power - p.reading
+    speed = samples.shown(np.abs(samples.v).max(axis=1))
+    torque = samples.shown(np.linalg.norm(p.tau, axis=1))
+    panels = [("set time [s]", samples.at), ("fastest joint [rad/s]", speed), ("torque, norm [N m]", torque)]
+    if np.isfinite(samples.temperature).all():
+        panels.append(("mean joint temperature [degC]", samples.shown(samples.temperature.mean(axis=1))))
+    return [
+        Chart(
+            f"Residual against {name.partition(' [')[0]}",
+            name,
+            "measured - model [W]",
+            [Line("declared", x, before, "points"), Line("calibrated", x, after, "points")],
+        )
+        for name, x in panels
+    ]
+
+
+def _friction(result: Result, samples: Samples) -> list[Chart]:
+    """Friction of every joint over speed: the model's with its band, and what single joints' motion shows."""
+    model, n = result.model, samples.n
+    p = predict(model, samples)
+    bare = model.kept(lambda e: not (e.stage == "torque" and e.dissipates))
+    excess = samples.power - predict(bare, samples).reading
+    mean = friction_torque(model, n)
+    draws = [friction_torque(drawn, n) for drawn in draws_of(model, 60)]
+    rest = samples.power - p.reading
+    charts = []
+    robot = result.measured.robot
+    for j, joint in enumerate(robot.joints):
+        v = samples.shown(samples.v[:, j])
+        fastest = max(float(np.abs(v).max()), 0.05)
+        grid = np.linspace(-fastest, fastest, 121)
+        own = mean(grid, j)
+        low = high = None
+        if draws:
+            low, high = np.quantile([draw(grid, j) for draw in draws], [0.025, 0.975], axis=0)
+        lines = []
+        share = np.abs(v) / np.maximum(samples.shown(np.abs(samples.v).sum(axis=1)), 1e-9)
+        mostly = (share > MOSTLY) & (np.abs(v) > 0.05)
+        if mostly.any() and np.any(excess[mostly]):
+            measured = mean(v[mostly], j) + rest[mostly] / v[mostly]
+            near = np.abs(measured) < WILD * max(float(np.abs(own).max()), 0.05)
+            lines.append(Line("measured", v[mostly][near], measured[near], "points"))
+        lines.append(Line("calibrated", grid, own, low=low, high=high))
+        speed, force = (robot.unit(kind, joint) for kind in ("velocity", "effort"))
+        charts.append(Chart(f"Friction of {joint}", f"speed [{speed}]", f"friction [{force}]", lines))
+    return charts
+
+
+def joints_section(report: Report, rows: Sequence[dict[str, Any]], side: JointSide) -> None:
+    """What the joints' readings say beside the power, and what is measured of friction."""
+    report.section("The joints' own readings")
+    table = []
+    for row in rows:
+        words = [row[key] for key in ("own", "power", "together")]
+        shown = [x for w in words for x in ((w["friction"], w["ci95"]) if w else (None, None))]
+        table.append([row["joint"], row["scale"], row["scale_ci95"], row["speed"], *shown])
+    what = "Kt [N m/A]" if side.unit == "A" else "reading / torque"
+    report.table(
+        ["joint", what, "95 %", "speed [rad/s]", "friction there [N m]", "95 %", "by the power alone", "95 %",
+         "by both", "95 %"],
+        table,
+        digits=3,
+    )  # fmt: skip
+    report.charts(*_charts(rows, side))
+
+
+def _charts(rows: Sequence[dict[str, Any]], side: JointSide) -> list[Chart]:
+    charts = []
+    for j, row in enumerate(rows):
+        if row["own"] is None:
+            continue
+        v = side.rows.v[:, j]
+        moves = np.abs(v) > STILL
+        grid = np.linspace(v.min(), v.max(), 121)
+        seen = [side.friction(j, abs(x)) for x in grid]
+        own, wide = (np.array([s[k] for s in seen]) for k in (0, 1))
+        way = np.sign(grid)
+        here = np.array([side.friction(j, abs(x))[0] for x in v[moves]]) * np.sign(v[moves])
+        charts.append(
+            Chart(
+                f"Friction of {row['joint']} by its own readings",
+                "speed [rad/s]",
+                "friction [N m]",
+                [
+                    Line("measured", v[moves], here + side.left[moves, j], "points"),
+                    Line("fitted", grid, own * way, low=own * way - 2 * wide, high=own * way + 2 * wide),
+                ],
+            )
+        )
+    return charts

@@ -1,0 +1,292 @@
+"""What a model says the meter shows at the samples, with exact derivatives by every parameter of every effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from energy_opt.diagnosis.data import Samples, pieces
+from energy_opt.effects import (
+    EXACT,
+    MeterEffect,
+    RigidEffect,
+    Signals,
+    SoakingEffect,
+    TorqueEffect,
+    of_form,
+)
+from energy_opt.numerics.batch import Batch
+from energy_opt.power import PowerModel, drive_terms
+from energy_opt.power.past import heated, returned_power, store_of
+
+STORE_STEP = 1e-3  # share of a store's capacity, or of a time constant, by which a derivative is taken
+AT_ONCE = 2048  # nodes: a batch holds its arrays, and batches are kept
+PER_JOINT = ("temperature", "warmth", "heated")  # signals of which each joint has its own
+HOURS = 4 * 3600.0  # [s] a set that lasts as long may show the time of day
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the meter shows under a model, at M readings from K nodes.
+
+    Attributes:
+        metered: (K,) W, what the meter has of the true power at the nodes.
+        reading: (M,) W. jacobian: (M, P) by `PowerModel.values`. pushed: (M, c) by further torques, see `predict`.
+        power: (K,) true power before the meter, W. tau, tau_m: (K, n) torque of the rigid body and of the motors, N m.
+        by_tau: (K, n) d power / d tau.
+    """
+
+    metered: np.ndarray
+    reading: np.ndarray
+    jacobian: np.ndarray
+    pushed: np.ndarray
+    power: np.ndarray
+    tau: np.ndarray
+    tau_m: np.ndarray
+    by_tau: np.ndarray
+
+
+@lru_cache(maxsize=256)
+def _drive(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...]) -> ca.Function:
+    """The law of a structure: ((q, v, a, tau, t, known), p) -> (power, bus, tau_m, dP/dtau, dP/dp) as one column.
+
+    `known` are the signals of the past and the recording that there are, see `Signals`.
+    """
+    model = PowerModel("", tuple(of_form(form, n) for form in structure))
+    q, v, a, tau = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau"))
+    past = {name: ca.SX.sym(name, n if name in PER_JOINT else 1) for name in known}
+    x = Signals(q, v, a, tau, ca.SX.sym("t"), **_named(past))
+    p = model.symbols(n)
+    terms = drive_terms(model, x, p)
+    by_p, by_tau = ca.gradient(terms.power, p), ca.gradient(terms.power, x.tau)
+    out = ca.densify(ca.vertcat(terms.power, terms.bus, terms.tau_m, by_tau, by_p))
+    return ca.Function("law", [ca.vertcat(x.q, x.v, x.a, x.tau, x.t, *past.values()), p], [out])
+
+
+@lru_cache(maxsize=64)
+def _batch(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...], count: int) -> Batch:
+    """The same over `count` samples."""
+    return Batch(_drive(structure, n, known), count)
+
+
+@lru_cache(maxsize=64)
+def _rigid_map(structure: tuple[tuple[str, ...], ...], own: tuple[int, ...], last: int, count: int) -> ca.Function:
+    """(gravity, nominal links (13, n), p) of a structure's rigid effects -> change (10 L,) of all links' inertial
+    parameters, gravity (3,), and both one's Jacobians by p; the n `own` of L = `count`, the `last` has the payload."""
+    n = len(own)
+    model = PowerModel("", tuple(of_form(form, n) for form in structure))
+    p, given, nominal = model.symbols(n), ca.SX.sym("g", 3), ca.SX.sym("links", 13, n)
+    links = [(nominal[0, j], nominal[1:4, j], ca.reshape(nominal[4:, j], 3, 3)) for j in range(n)]
+    before = [_inertial(*link) for link in links]
+    gravity, phi = given, ca.SX.zeros(10 * count)
+    for effect, where in zip(model.effects, model.slices(n), strict=True):
+        if isinstance(effect, RigidEffect):
+            values = effect.named(p[where], n)
+            gravity, point, changed = effect.gravity(gravity, values), effect.point_mass(values), None
+            changed = effect.links(links, values)
+            if point is not None:
+                phi[10 * last : 10 * last + 10] += _inertial(*point, ca.SX.zeros(3, 3))
+            if changed is not None:
+                for k, was, link in zip(own, before, changed, strict=True):
+                    phi[10 * k : 10 * k + 10] += _inertial(*link) - was
+    slopes = [ca.densify(ca.jacobian(x, p)) for x in (phi, gravity)]
+    return ca.Function("rigid", [given, nominal, p], [ca.densify(phi), ca.densify(gravity), *slopes])
+
+
+def _inertial(mass: ca.SX, place: ca.SX, inertia: ca.SX) -> ca.SX:
+    """A link as inertial parameters (10,) in Pinocchio's order: m, m c, and the inertia about the origin."""
+    i = inertia + mass * (ca.dot(place, place) * ca.SX.eye(3) - place @ place.T)
+    return ca.vertcat(mass, mass * place, i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2])
+
+
+def nominal_links(s: Samples) -> np.ndarray:
+    """Mass, centre and inertia (13, n) of the URDF's links that joints of their own carry."""
+    return np.column_stack([[x.mass, *x.lever, *x.inertia.T.ravel()] for x in s.body.plain.own_links()])
+
+
+def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Rigid torque (K, n), and its derivatives (K, n, R) by the values of the model's rigid effects, in their order."""
+    rigid = PowerModel("", tuple(e for e in model.effects if e.stage == "rigid"))
+    if not rigid.effects:
+        return s.free_torque + s.gravity_torque @ s.body.gravity, np.zeros((*s.q.shape, 0))
+    structure = tuple(e.form for e in rigid.effects)
+    body = s.body
+    out = _rigid_map(structure, tuple(body.coupling.own.tolist()), body.last, len(body.tree()))(
+        s.body.gravity, nominal_links(s), rigid.values(s.n)
+    )
+    phi, gravity, by_phi, by_gravity = (np.array(x) for x in out)
+    tau, slope = s.free_torque + s.gravity_torque @ gravity.ravel(), np.zeros((*s.q.shape, len(rigid.values(s.n))))
+    by_g = s.gravity_torque
+    live = np.flatnonzero(by_phi.any(axis=1) | phi.any(axis=1))
+    if live.size:
+        if by_gravity.any():
+            by_g = by_g.copy()
+        for rows, own in s.by_links(live):
+            regressor = own[..., 0] + own[..., 1:] @ gravity.ravel()
+            tau[rows] += regressor @ phi.ravel()[live]
+            slope[rows] += regressor @ by_phi[live]
+            if by_gravity.any():
+                by_g[rows] += np.einsum("njpk,p->njk", own[..., 1:], phi.ravel()[live])
+    slope += by_g @ by_gravity
+    for effect, where in zip(rigid.effects, rigid.slices(s.n), strict=True):
+        added = _changing(effect.form, s.n)(s.dwell[None], effect.full(s.n))
+        mass, share, by_mass = (np.array(x) for x in added)
+        if share.any():
+            regressor = s.last_regressors[..., 0] + s.last_regressors[..., 1:] @ gravity.ravel()
+            tau += share.T * (regressor @ mass[:, 0])
+            slope[:, :, where] += share.T[:, :, None] * (regressor @ by_mass[:, : where.stop - where.start])
+    return tau, slope
+
+
+@lru_cache(maxsize=64)
+def _changing(form: tuple[str, ...], n: int) -> ca.Function:
+    """(dwell, p) of a rigid effect whose mass comes and goes -> inertial parameters (10,), share, Jacobian by p."""
+    effect = of_form(form, n)
+    p, dwell, none = ca.SX.sym("p", effect.size(n, effect.extents)), ca.SX.sym("dwell"), ca.SX.zeros(n)
+    assert isinstance(effect, RigidEffect)
+    held = effect.held(Signals(none, none, none, none, ca.SX(0), dwell=dwell), effect.named(p, n))
+    mass, com, share = held or (ca.SX(0), ca.SX.zeros(3), ca.SX(0))
+    phi = _inertial(mass, com, ca.SX.zeros(3, 3))
+    return ca.Function("held", [dwell, p], [ca.densify(phi), ca.densify(share), ca.densify(ca.jacobian(phi, p))])
+
+
+def predict(
+    model: PowerModel, s: Samples, push: np.ndarray | None = None, ways: np.ndarray | None = None
+) -> Prediction:
+    """The reading of the meter under `model` at the samples, and its derivatives by `model.values(n)`.
+
+    Args:
+        push: (K, n) torque added to the rigid body's, N m.
+        ways: (K, n, c) further torques, by whose amounts the reading's derivatives (M, c) are also asked for.
+    """
+    tau, by_rigid = rigid_torque(model, s)
+    if push is not None:
+        tau = tau + push
+    known = {name: x for name, x in recorded(s).items() if name in ALWAYS or _followed(name, model)}
+    state = [s.q, s.v, s.a, tau, s.t, *known.values()]
+    structure = tuple(e.form for e in model.effects)
+    values = model.values(s.n)
+
+    def law() -> np.ndarray:
+        table = np.column_stack(state)
+        out = []
+        for part in pieces(len(table), AT_ONCE):
+            (own,) = _batch(structure, s.n, tuple(known), part.stop - part.start)(table[part], values)
+            out.append(own.copy())
+        return np.concatenate(out)
+
+    where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
+    out = law()
+    store = store_of(model)
+    if store is not None:
+        bus = out[:, 1].copy()
+        state[4 + 1 + list(known).index("returned")] = _returned(model, s, bus)
+        out = law()
+    n = s.n
+    if "heated" in known:
+        order = np.argsort(s.t, kind="stable")
+        warm, tau_m = state[5 + list(known).index("heated")], out[:, 2 : 2 + n].copy()
+        soaking = next(e for e in model.effects if isinstance(e, SoakingEffect))
+        at, step = where[soaking.name].stop - 1, STORE_STEP * float(soaking.full(n)[-1])
+        moved = None
+        if values[where[soaking.name]][:-1].any():
+            later = model.with_values(values + step * (np.arange(len(values)) == at), n)
+            warm[order] = heated(later, s.t[order], tau_m[order])
+            moved = law()[:, 0].copy()
+        warm[order] = heated(model, s.t[order], tau_m[order])
+        out = law()
+        if moved is not None:  # the law does not know how `heated` came about
+            out[:, 2 + 2 * n + at] = (moved - out[:, 0]) / step
+    power, tau_m = out[:, 0].copy(), out[:, 2 : 2 + n].copy()
+    by_tau, jacobian = out[:, 2 + n : 2 + 2 * n].copy(), out[:, 2 + 2 * n :].copy()
+    if store is not None:
+        jacobian[:, where[store.name].start] = -_returned_slope(model, s, bus)
+    rigid = [np.arange(where[e.name].start, where[e.name].stop) for e in model.effects if e.stage == "rigid"]
+    if rigid:
+        jacobian[:, np.concatenate(rigid)] += np.einsum("nj,njp->np", by_tau, by_rigid)
+    pushed = np.zeros((len(power), 0)) if ways is None else np.einsum("nj,njc->nc", by_tau, ways)
+    reading, slopes = power.copy(), np.column_stack([jacobian, pushed])
+    for effect in sorted((e for e in model.effects if isinstance(e, MeterEffect)), key=lambda e: e.turn):
+        value = float(effect.full(n)[0])
+        before, reading = reading, np.empty_like(reading)
+        for rows in s.slices:
+            time = s.t[rows]
+            power_and_slopes = np.column_stack([before[rows], slopes[rows]])
+            both = effect.reading(time, power_and_slopes, value)
+            reading[rows], slopes[rows] = both[:, 0], both[:, 1:]
+            slopes[rows, where[effect.name].start] = effect.sensitivity(time, power_and_slopes, value)[:, 0]
+    metered, reading, slopes = reading, s.shown(reading), s.shown(slopes)
+    count = jacobian.shape[1]
+    return Prediction(metered, reading, slopes[:, :count], slopes[:, count:], power, tau, tau_m, by_tau)
+
+
+ALWAYS = ("temperature", "warmth", "idle", "returned", "run")
+
+
+def recorded(s: Samples) -> dict[str, np.ndarray]:
+    """The signals of the past and the recording at the nodes, by the names of `Signals`; others as signal.<name>.
+
+    `returned` and `heated` follow from a model, and are zeros here.
+    """
+    out: dict[str, np.ndarray] = {}
+    if np.isfinite(s.temperature).all():
+        out["temperature"] = s.temperature
+        if np.isfinite(s.warmth).all():
+            out["warmth"] = s.warmth
+    out |= {"idle": s.idle, "returned": np.zeros(len(s.q)), "run": s.run.astype(float), "heated": np.zeros_like(s.q)}
+    if s.dwell.any():
+        out["dwell"] = s.dwell
+    if np.ptp(s.t) > HOURS:
+        out["day"] = s.t
+    logged = {f"signal.{name}": x for name, x in s.logged.items()}
+    return {**out, **logged, **({"logged": np.zeros(0)} if logged else {})}
+
+
+def _followed(name: str, model: PowerModel) -> bool:
+    """Does an effect of the model follow a signal?"""
+    kind = "logged" if name.startswith("signal.") else name
+    return name != "logged" and any(kind in effect.follows for effect in model.effects)
+
+
+def _named(past: dict[str, ca.SX]) -> dict[str, Any]:
+    """Symbols as `Signals` has them: those of further signals in one mapping."""
+    logged = {name.removeprefix("signal."): x for name, x in past.items() if name.startswith("signal.")}
+    own = {name: x for name, x in past.items() if not name.startswith("signal.")}
+    return {**own, **({"logged": logged} if logged else {})}
+
+
+def _returned(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:
+    steps = [np.gradient(s.t[rows]) for rows in s.slices]
+    return np.concatenate([returned_power(model, h, bus[rows]) for h, rows in zip(steps, s.slices, strict=True)])
+
+
+def _returned_slope(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:
+    """Derivative of what the store gives back by its capacity."""
+    store = store_of(model)
+    assert store is not None
+    value = float(store.full(1)[0])
+    step = STORE_STEP * max(value, 1e-3)
+    high = model.replaced(type(store).from_full(np.array([value + step]), 1))
+    return (_returned(high, s, bus) - _returned(model, s, bus)) / step
+
+
+def friction_torque(model: PowerModel, n: int) -> Callable[[np.ndarray, int], np.ndarray]:
+    """Torque [N m] of the model's frictions at speeds (N,) [rad/s] of a joint, unloaded and cold."""
+    v = ca.SX.sym("v", n)
+    zero = ca.SX.zeros(n)
+    x = Signals(zero, v, zero, zero, ca.SX(0))
+    total = ca.SX.zeros(n)
+    for effect in model.effects:
+        if isinstance(effect, TorqueEffect) and effect.dissipates:
+            total += effect.torque(x, effect.named(ca.SX(ca.DM(effect.full(n))), n), EXACT)
+    function = ca.Function("friction", [v], [ca.densify(total)])
+
+    def at(speed: np.ndarray, joint: int) -> np.ndarray:
+        return np.array(function(np.tile(speed, (n, 1)))).reshape(n, -1)[joint]
+
+    return at

@@ -1,0 +1,163 @@
+"""Measured runs as samples: readings averaged in bins, motion smoothed, and how far errors of positions reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from energy_opt.diagnosis.data import Samples, laid
+from energy_opt.diagnosis.noise import meter_noise
+from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
+from energy_opt.measured.meter import nodes, operator
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+BIN = 0.03  # [s] readings closer than this are averaged
+MOST_READINGS = 10_000  # that enter a fit: five minutes of a fast meter; of more, neighbours are averaged
+REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise says
+Taken = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray], "csr_matrix | None", int]
+
+
+def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
+    """All runs of a set as samples, and the smoothing that the data chose."""
+    smoothing = choose_smoothing(measured.runs)
+    taken = [_windows(run, smoothing) if run.window.any() else _bins(run, smoothing) for run in measured.runs]
+    first = min(float(run.start + run.time[0]) for run in measured.runs)
+    noise = meter_noise([reading for _, reading, _, _ in taken])
+    single = [(run.start + run.power_time - first, run.power) for run in measured.runs]
+    group = group_size(sum(len(power) for _, (_, power), _, _ in taken))
+    if group > 1:
+        windows = [run.window.any() for run in measured.runs]
+        taken = [_grouped(run, group) for run in taken]
+        single = [
+            (reading[0] - first, reading[1]) if own else one
+            for one, (_, reading, _, _), own in zip(single, taken, windows, strict=True)
+        ]
+    motion, readings, operators, counts = zip(*taken, strict=True)
+    t, q, v, a, temperature, torque, blur = (np.concatenate(column) for column in zip(*motion, strict=True))
+    at, power = (np.concatenate(column) for column in zip(*readings, strict=True))
+    parts = laid([slice(0, len(r[0])) for r in readings])
+    samples = Samples(
+        measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature, torque,
+        at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
+        meter_noise([(r.power_time, r.power) for r in measured.runs]), measured.clock,
+        tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
+        _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v),
+    )  # fmt: skip
+    return samples, smoothing
+
+
+def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray) -> float:
+    """Time between the joints' rows, or in which a joint moves by a step of its positions, s."""
+    rows = float(np.median(np.concatenate([np.diff(run.time) for run in measured.runs])))
+    speed = np.abs(v[v != 0])
+    step = 12**0.5 * smoothing.position_noise
+    return max(rows, step / float(np.median(speed)) if speed.size else 0.0)
+
+
+def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> np.ndarray:
+    """Standard deviations (2 n,) of velocities and accelerations after smoothing of noisy positions or velocities.
+
+    White noise s of rows h apart has the density 2 s^2 h; the smoother's response is 1 / (1 + (f / f_c)^6). Both are
+    widened by the root of how many bins the error stays alike.
+    """
+    h, f = float(np.median(np.diff(run.time))), np.where(np.isfinite(cutoffs), cutoffs, 0.0)
+    alike = np.sqrt(np.maximum(1.0, 1 / np.maximum(2 * f * max(BIN, h), 1e-9)))
+    if run.velocity is None:
+        s = smoothing.position_noise
+        v = s * 2 * np.pi * np.sqrt(2 * h * f**3 * np.pi / 12)
+        a = s * (2 * np.pi) ** 2 * np.sqrt(2 * h * f**5 * np.pi / 18)
+    else:
+        s = smoothing.velocity_noise
+        v = s * np.sqrt(2 * h * f * 5 * np.pi / 18)
+        a = s * 2 * np.pi * np.sqrt(2 * h * f**3 * np.pi / 12)
+    if run.acceleration is not None:
+        a = 0 * a
+    return np.concatenate([v * alike, a * alike])
+
+
+def _bins(run: Run, smoothing: Smoothing) -> Taken:
+    """Readings at instants, averaged in bins; nodes are the bins' middles."""
+    count = per_bin(run)
+    whole = len(run.power) // count * count
+    time = run.power_time[:whole].reshape(-1, count).mean(axis=1)
+    power = run.power[:whole].reshape(-1, count).mean(axis=1)
+    return _motion(run, time, smoothing), (run.start + time, power), None, count
+
+
+def _windows(run: Run, smoothing: Smoothing) -> Taken:
+    """Readings over windows; nodes lie evenly under them."""
+    at = nodes(run)
+    middle = run.start + run.power_time - run.window / 2
+    return _motion(run, at, smoothing), (middle, run.power), operator(run, at), 1
+
+
+def _grouped(taken: Taken, group: int) -> Taken:
+    """Neighbouring readings averaged; the nodes stay. A run of fewer than `group` readings stays as it is."""
+    motion, (at, power), op, count = taken
+    if len(power) < group:
+        return taken
+    mean, through = averaged(len(power), group, _bin_matrix(len(power), count) if op is None else op)
+    return motion, (mean @ at, mean @ power), through, 1
+
+
+def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
+    """Set time, motion, temperature and torque at some times of a run."""
+    moved = np.ptp(run.position, axis=0)
+    k = kinematics(run, time, smoothing)
+    q, v, a = k.q, k.v, k.a
+    if moved.max() < 2e-3:
+        q, v, a = np.tile(run.position.mean(axis=0), (len(time), 1)), np.zeros_like(v), np.zeros_like(a)
+    v = np.where(np.abs(v) < REST, 0.0, v)
+    logged = run.effort if run.effort is not None else run.current
+    others = [
+        np.full_like(q, np.nan) if x is None else np.column_stack([np.interp(time, run.time, c) for c in x.T])
+        for x in (run.temperature, logged)
+    ]
+    return run.start + time, q, v, a, *others, np.where(np.tile(v, 2) != 0, _blur(run, smoothing, k.cutoffs), 0.0)
+
+
+def _logged(runs: Sequence[Run], times: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """Further signals that every run has, at set times of each, where they change; each stays until its next row."""
+    out: dict[str, np.ndarray] = {}
+    for name in sorted(set.intersection(*(set(run.logged) for run in runs))):
+        at = [np.searchsorted(r.time, t - r.start, side="right") - 1 for r, t in zip(runs, times, strict=True)]
+        values = np.concatenate([r.logged[name][np.maximum(k, 0)] for r, k in zip(runs, at, strict=True)])
+        out |= {name: values} if np.ptp(values) > 0 else {}
+    return out
+
+
+def _bin_matrix(readings: int, count: int) -> csr_matrix:
+    """`_bin_mean` as a matrix."""
+    from scipy.sparse import diags
+
+    bend = np.zeros(readings)
+    bend[1:-1] = (1 - 1 / count**2) / 24
+    return diags([bend[1:], 1 - 2 * bend, bend[:-1]], [-1, 0, 1], format="csr")
+
+
+def per_bin(run: Run) -> int:
+    """How many of a run's meter readings make a sample."""
+    return max(1, int(BIN / float(np.median(np.diff(run.power_time))) + 0.5)) if len(run.power) > 1 else 1
+
+
+def group_size(readings: int) -> int:
+    """How many neighbouring readings are averaged to one, of so many."""
+    return -(-readings // MOST_READINGS)
+
+
+def averaged(count: int, group: int, inner: csr_matrix) -> tuple[csr_matrix, csr_matrix]:
+    """Matrices from `count` readings to means of `group` neighbours, and from their nodes to these.
+
+    Args:
+        inner: (count, K), from the nodes to the readings.
+    """
+    from scipy.sparse import csr_matrix
+
+    whole = count // group
+    index = np.arange(whole * group)
+    mean = csr_matrix((np.full(len(index), 1 / group), (index // group, index)), shape=(whole, count))
+    return mean, (mean @ inner).tocsr()

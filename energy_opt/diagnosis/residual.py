@@ -1,0 +1,150 @@
+"""What a hypothesis leaves in the readings, and the signals that it goes with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.diagnosis.candidates import functions
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.evidence import STEADY
+from energy_opt.diagnosis.fit import Fit, Free
+from energy_opt.diagnosis.predict import Prediction
+
+LEVELS = 0.03  # of the arm's level, by which runs may differ among each other as meters drift
+
+
+WEAKEST = 0.05  # share of what is left that a signal must hold to be named
+MOST = 8
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left goes with a signal (of a joint): share of it, and its rms [W]."""
+
+    signal: str
+    joint: str | None
+    strength: float
+    watts: float
+
+
+def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Remainder]:
+    """Signals that the residual of a fit follows, strongest first, by the share of it that a function of each holds.
+
+    A share is what the function foresees of parts of runs that it was not fitted to, unless it is one of `free`, which
+    the search took in.
+    """
+    samples = f.world.samples
+    rest = f.residual * samples.weight
+    open_part = max(float(rest @ rest) - len(rest) * f.world.whiten.noise.white**2, 1e-9)
+    chosen = {g.signal for g in free}
+    rows: list[Remainder] = []
+    for g in functions(f):
+        for joint, columns in _by_joint(g, samples.n):
+            own = g.signal in chosen and (joint is None or columns.shape[1] == g.columns.shape[1])
+            watts = _held(f, rest, columns, g.size) if own else _foreseen(f, rest, columns, g.size)
+            strength = float(np.clip(watts**2 * len(rest) / open_part, 0.0, 1.0))
+            if strength > WEAKEST:
+                rows.append(Remainder(g.signal, joints[joint] if joint is not None else None, strength, watts))
+    if wandering(f):
+        rows.append(Remainder("time (run to run)", None, 1.0, float(np.std(f.levels))))
+    best: dict[tuple[str, str | None], Remainder] = {}
+    for row in rows:
+        held = best.get((row.signal, row.joint))
+        if held is None or row.strength > held.strength:
+            best[row.signal, row.joint] = row
+    return sorted(best.values(), key=lambda row: (row.signal not in chosen, -row.watts))[:MOST]
+
+
+def wandering(f: Fit) -> bool:
+    """Do the runs' levels differ by more than a meter drifts?"""
+    own = np.sqrt(np.maximum(np.diag(f.covariance)[len(f.theta) - len(f.levels) :], 0.0))
+    apart = float(np.ptp(f.levels))
+    return apart > LEVELS * (f.world.scale.level + STEADY) and apart > 6 * float(np.median(own))
+
+
+def _held(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> float:
+    """Rms [W] of what a free function takes away where it is fitted: the search has judged it already."""
+    columns = columns * f.world.samples.weight[:, None]
+    before = (f.world.whiten.noise.white / size) ** 2 * np.eye(columns.shape[1])
+    weights = np.linalg.solve(columns.T @ columns + before, columns.T @ rest)
+    return float(np.sqrt(max(np.sum(rest**2) - np.sum((rest - columns @ weights) ** 2), 0.0) / len(rest)))
+
+
+def _by_joint(g: Free, n: int) -> list[tuple[int | None, np.ndarray]]:
+    """The function of all joints; of single ones where the signal is a joint's."""
+    if g.signal.startswith("time") or g.columns.shape[1] % n or g.signal == "temperature":
+        return [(None, g.columns)]
+    count = g.columns.shape[1] // n
+    return [(j, g.columns[:, j * count : (j + 1) * count]) for j in range(n)]
+
+
+def _foreseen(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> float:
+    """Rms [W] of what a free function takes away in quarters of every run that it was not fitted to."""
+    samples = f.world.samples
+    columns = columns * samples.weight[:, None]
+    half = np.concatenate([(np.arange(p.stop - p.start) * 4 // max(p.stop - p.start, 1)) % 2 for p in samples.parts])
+    noise, gained = f.world.whiten.noise.white, 0.0
+    for part in (0, 1):
+        fitted, judged = half == part, half != part
+        own = columns[fitted]
+        weights = np.linalg.solve(own.T @ own + (noise / size) ** 2 * np.eye(own.shape[1]), own.T @ rest[fitted])
+        gained += float(np.sum(rest[judged] ** 2) - np.sum((rest[judged] - columns[judged] @ weights) ** 2))
+    return float(np.sqrt(max(gained, 0.0) / len(rest)))
+
+
+LAGS = (-0.2, 0.0, 0.2, 0.5)  # [s] by which a meter may lag
+SHIFTS = 199
+CHANCE = 0.2  # p-value beyond which chance does as well
+DOUBT = 0.01  # and where neighbouring readings hardly resemble each other, as in noise
+ALIKE = 0.5  # correlation of neighbouring samples of a power that an arm draws
+FEW = 3.0  # readings per column, below which columns fit whatever stands there
+SHOWN = 0.5  # of the meter's noise: mechanical power that varies less cannot be expected to show
+
+
+def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
+    """False where the power goes with the motion no better than by chance.
+
+    Args:
+        now: the declared model at the samples. The power must go with its mechanical power, its torques, its reading or
+            the speed, which friction follows.
+    """
+    mechanical = np.einsum("nj,nj->n", now.tau, samples.v)
+    speed = np.abs(samples.v)
+    heat, lost, dragged = np.sum(now.tau**2, axis=1), speed.sum(axis=1), np.sum(speed**2, axis=1)
+    columns = _centred(samples.shown(np.column_stack([mechanical, heat, now.power, lost, dragged])), samples)
+    if np.std(columns[:, 0]) < SHOWN * samples.noise:
+        return True
+    lags = [lag for lag in LAGS if lag == 0 or abs(lag) > samples.step / 2]
+    lagged = np.column_stack([_shifted(columns, samples, lag) for lag in lags])
+    if len(lagged) - len(samples.parts) < FEW * lagged.shape[1]:
+        return True
+    u, s, _ = np.linalg.svd(lagged / np.maximum(np.linalg.norm(lagged, axis=0), 1e-12), full_matrices=False)
+    u = u[:, s > 1e-6 * s[0]]
+    power = _centred(samples.power[:, None], samples)[:, 0]
+    seen = float(np.sum((u.T @ power) ** 2))
+    rng = np.random.default_rng(seed)
+    by_chance = 0
+    for _ in range(SHIFTS):
+        turned = np.concatenate([np.roll(power[s], rng.integers(1, max(s.stop - s.start, 2))) for s in samples.parts])
+        by_chance += float(np.sum((u.T @ turned) ** 2)) >= seen
+    together = sum(float(power[s][1:] @ power[s][:-1]) for s in samples.parts)
+    rough = together < ALIKE * float(power @ power)
+    return (1 + by_chance) / (SHIFTS + 1) <= (DOUBT if rough else CHANCE)
+
+
+def _centred(x: np.ndarray, samples: Samples) -> np.ndarray:
+    """Columns (N, c) less their mean in each run."""
+    return np.concatenate([x[s] - x[s].mean(axis=0) for s in samples.parts])
+
+
+def _shifted(x: np.ndarray, samples: Samples, lag: float) -> np.ndarray:
+    """Columns (N, c) as they were `lag` seconds before, the ends of each run held."""
+    out = np.empty_like(x)
+    for s in samples.parts:
+        t = samples.at[s]
+        for k in range(x.shape[1]):
+            out[s, k] = np.interp(t - lag, t, x[s, k])
+    return out

@@ -1,0 +1,341 @@
+"""The likeliest hypothesis: weighed linearly around one fit, fitted, weighed again around that, until it stays.
+
+Around a fit, effects and free functions are added, dropped, swapped and added in pairs while the evidence of the set
+grows; the set that comes of it is fitted. What is worth nothing once fitted is not tried again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from energy_opt.diagnosis.candidates import Candidate, candidates, functions
+from energy_opt.diagnosis.evidence import Bank, Block, Subset, Weighed
+from energy_opt.diagnosis.fit import Fit, Free, Nuisance, World, fit
+from energy_opt.diagnosis.hypothesis import Chart, Term, chart
+from energy_opt.effects import Effect
+
+# Logarithm of the odds before the data that an effect is there: one in fifty; fewer for what is rare in arms.
+ODDS, REFIT_ODDS, FREE_ODDS = -4.0, -3.0, -5.0
+RARE = {"iron_loss": -3.0, "psu_loss": -2.0, "asymmetric_friction": -1.5, "power_law_friction": -2.0,
+        "thermal_viscous": -1.5, "standby_drift": -3.0}  # fmt: skip
+GUESSED = 6.0  # times as wide as a declared value's doubt is that of a value that nobody declared
+ROUNDS, MOVES, POOR = 12, 2, 3
+PAIRED = 10  # candidates that are tried in pairs
+NEAR = 12.0  # logarithm of odds below the likeliest nuisance at which others no longer count
+GAIN = 0.3  # of evidence, below which a move is none
+
+
+@dataclass
+class Search:
+    """Hypotheses fitted so far, by their terms and free functions; `closed` to free functions, or open."""
+
+    world: World
+    closed: bool = True
+    fits: dict[tuple[frozenset[Term], frozenset[tuple[str, int]]], Fit] = field(default_factory=dict)
+    banks: dict[int, Bank] = field(default_factory=dict)
+    scores: dict[int, tuple[Fit, Weighed]] = field(default_factory=dict)
+
+    def odds(self, f: Fit) -> float:
+        """What a hypothesis is worth before the data."""
+        return sum(odds_of(c.term, self.variants.get(c.term.name, 1)) for c in f.charts) + FREE_ODDS * len(f.free)
+
+    def score(self, f: Fit) -> float:
+        """Logarithm of evidence times odds, over all nuisances, each likely set of amounts linearised."""
+        return self.weighed(f).value - 0.5 * f.world.whiten.log_determinant
+
+    def weighed(self, f: Fit) -> Weighed:
+        """A fit's own evidence over all nuisances."""
+        if id(f) not in self.scores:
+            bank = Bank(f, self._own(f))
+            self.scores[id(f)] = f, bank.weigh(self.whole(bank))
+        return self.scores[id(f)][1]
+
+    @staticmethod
+    def whole(bank: Bank) -> Subset:
+        """The blocks of a bank that its fit has."""
+        return frozenset(k for k, b in enumerate(bank.blocks) if isinstance(b.source, int))
+
+    variants: dict[str, int] = field(default_factory=dict)
+    profiled: dict[int, float] = field(default_factory=dict)
+
+    def bank(self, f: Fit) -> Bank:
+        """The bank around a fit, built once."""
+        if id(f) not in self.banks:
+            self.banks[id(f)] = self._bank(f)
+        return self.banks[id(f)]
+
+    def _own(self, f: Fit) -> list[Block]:
+        """The blocks that a fit has."""
+        blocks, at = [], 0
+        for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
+            white = f.jacobian[:, at : at + len(z)]
+            odds = odds_of(c.term, self.variants.get(c.term.name, 1))
+            o = c.origin
+            known = c.mean - o, np.minimum(c.lower - o, 0.0), np.maximum(c.upper - o, 0.0)
+            blocks.append(Block(c.term.name, white, c.precision, *known, odds, k, z - o))
+            at += len(z)
+        for k, g in enumerate(f.free):
+            count = g.columns.shape[1]
+            own = f.weights[sum(x.columns.shape[1] for x in f.free[:k]) :][:count]
+            inf = np.full(count, np.inf)
+            white = f.jacobian[:, at : at + count]
+            blocks.append(
+                Block(
+                    f"free {g.signal}", white, np.eye(count) / g.size**2, -own, -inf, inf, FREE_ODDS, len(f.charts) + k
+                )
+            )
+            at += count
+        return blocks
+
+    def _bank(self, f: Fit) -> Bank:
+        blocks = self._own(f)
+        found = list(candidates(f))
+        self.variants.update({name: max(n, self.variants.get(name, 1)) for name, n in _count(found).items()})
+        curves = (
+            [] if f.free or self.closed else list(functions(f))
+        )  # one says that there is something; two say no more
+        added: list[Candidate | Free] = [*found, *curves]
+        columns = {id(x.columns): x.columns for x in added}
+        white = f.world.whiten(np.column_stack(list(columns.values())))
+        ends = np.cumsum([0, *(x.shape[1] for x in columns.values())])
+        whites = {key: white[:, a:b] for key, a, b in zip(columns, ends[:-1], ends[1:], strict=True)}
+        for c in found:
+            odds, name = odds_of(c.chart.term, self.variants[c.chart.term.name]), c.chart.term.name
+            blocks.append(Block(name, whites[id(c.columns)], c.precision, c.mean, c.low, c.high, odds, c))
+        for g in curves:
+            count, inf = g.columns.shape[1], np.full(g.columns.shape[1], np.inf)
+            before = np.eye(count) / g.size**2
+            blocks.append(
+                Block(f"free {g.signal}", whites[id(g.columns)], before, np.zeros(count), -inf, inf, FREE_ODDS, g)
+            )
+        bank = Bank(f, blocks)
+        here = self.whole(bank)
+        worth = {n: bank.nuisances[n] + bank.under(here, n)[0] for n in bank.nuisances}
+        best = max(worth.values())
+        bank.likely = sorted((n for n, value in worth.items() if value > best - NEAR), key=lambda n: -worth[n])
+        return bank
+
+    def odds_of_candidates(self, f: Fit) -> dict[str, float]:
+        """Logarithm of the odds for every effect that a fit lacks, linearised around it."""
+        bank = self.bank(f)
+        here, out = self.whole(bank), dict[str, float]()
+        value = bank.weigh(here).value
+        for k, b in enumerate(bank.blocks):
+            if isinstance(b.source, Candidate):
+                out[b.name] = max(out.get(b.name, -np.inf), bank.weigh(here | {k}).value - value)
+        return out
+
+    def refit(self, bank: Bank, chosen: Subset) -> Fit:
+        """The fit of a set of a bank's blocks, from the amounts that it weighs them at."""
+        f, weighed = bank.fit, bank.weigh(chosen)
+        charts: list[Chart] = []
+        starts: list[np.ndarray] = []
+        free: list[Free] = []
+        for k, x in zip(sorted(chosen), weighed.amounts, strict=True):
+            source = bank.blocks[k].source
+            if isinstance(source, int) and source < len(f.charts):
+                charts.append(f.charts[source])
+                c = f.charts[source]
+                starts.append(np.clip(c.origin + x, c.lower, c.upper))
+            elif isinstance(source, int):
+                free.append(f.free[source - len(f.charts)])
+            elif isinstance(source, Free):
+                free.append(next(g for g in functions(f) if (g.key, g.size) == (source.key, source.size)))
+            else:
+                charts.append(source.chart)
+                starts.append(source.start(x))
+        return self.fitted(charts, starts, free, weighed.nuisance, f.amounts)
+
+    def open(self) -> None:
+        """Let free functions in."""
+        self.closed = False
+        self.banks.clear()
+
+    def so_far(self, start: Fit) -> Fit:
+        """The likeliest hypothesis that was fitted and weighed; `start` where there is none."""
+        known = [f for f in self.fits.values() if id(f) in self.scores]
+        return max(known, key=self.score, default=start)
+
+    def keep(self, f: Fit) -> Fit:
+        """Enter a fit that was made elsewhere."""
+        self.fits.setdefault((frozenset(c.term for c in f.charts), frozenset(g.key for g in f.free)), f)
+        return f
+
+    def fitted(
+        self, charts: list[Chart], starts: list[np.ndarray], free: list[Free], nuisance: Nuisance, amounts: np.ndarray
+    ) -> Fit:
+        """A hypothesis' best fit so far, tried from `starts`."""
+        key = frozenset(c.term for c in charts), frozenset(g.key for g in free)
+        self.world.go_on()
+        new = fit(self.world, nuisance, charts, starts, free, amounts)
+        likeliest = self.weighed(new).nuisance
+        if likeliest != nuisance:
+            new = fit(self.world, likeliest, charts, list(new.numbers), free, new.amounts)
+        held = self.fits.get(key)
+        if held is None or self.score(new) > self.score(held):
+            self.fits[key] = new
+        return self.fits[key]
+
+    def descend(self, start: Fit) -> Fit:
+        """The likeliest hypothesis from a fit on."""
+        best = self.keep(self._settled(start))
+        poor: set[frozenset[str]] = set()
+        for _ in range(ROUNDS):
+            if len(poor) >= POOR:
+                break
+            bank = self.bank(best)
+            here = self.whole(bank)
+            there = self._climb(bank, here, poor)
+            if there == here:
+                break
+            new = self.refit(bank, there)
+            if self.score(new) > self.score(best) + GAIN:
+                best = new
+            else:
+                poor.add(frozenset(_label(bank, k) for k in there))
+            better = max(self.fits.values(), key=self.score)
+            if self.score(better) > self.score(best) + GAIN:
+                best = better
+        return best
+
+    def _settled(self, f: Fit) -> Fit:
+        """The same hypothesis under the nuisance that is likeliest for it."""
+        likeliest = self.weighed(f).nuisance
+        if likeliest == f.nuisance:
+            return f
+        return fit(self.world, likeliest, f.charts, list(f.numbers), f.free, f.amounts)
+
+    def _climb(self, bank: Bank, start: Subset, poor: set[frozenset[str]]) -> Subset:
+        """The best set within reach of single moves, then of swaps and pairs, by evidence weighed linearly."""
+        here = start
+        for _ in range(MOVES):
+            reached = bank.glance(here) + GAIN
+            for stage in (_single, _swaps, _pairs):
+                best, most = here, reached
+                for option in stage(bank, here):
+                    self.world.go_on()
+                    if not buildable(bank, option):
+                        continue
+                    found = bank.glance(option)
+                    if found > most and frozenset(_label(bank, k) for k in option) not in poor:
+                        best, most = option, found
+                if best != here:
+                    break
+            if best == here:
+                return here
+            here = best
+        return here
+
+
+def _label(bank: Bank, k: int) -> str:
+    b = bank.blocks[k]
+    return f"{b.name} {b.source.chart.term.options}" if isinstance(b.source, Candidate) else b.name
+
+
+def odds_of(term: Term, variants: int) -> float:
+    """Logarithm of a term's odds before the data."""
+    if term.declared:
+        return REFIT_ODDS
+    return ODDS + RARE.get(term.name, 0.0) - float(np.log(max(variants, 1)))
+
+
+def _count(found: list[Candidate]) -> dict[str, int]:
+    return Counter(c.chart.term.name for c in found)
+
+
+def _loose(bank: Bank, here: Subset) -> list[int]:
+    """Blocks of a set that may leave it."""
+    return [k for k in here if bank.blocks[k].name not in bank.fit.world.given]
+
+
+def _open(bank: Bank, here: Subset) -> list[int]:
+    """Blocks that may enter a set: of effects that it lacks, and free functions where it has none."""
+    names = {bank.blocks[k].name for k in here}
+    odd = any(name.startswith("free") for name in names)
+    return [
+        k for k, b in enumerate(bank.blocks)
+        if k not in here and b.name not in names and not (odd and b.name.startswith("free")) and _fits(bank, here, k)
+    ]  # fmt: skip
+
+
+def _single(bank: Bank, here: Subset) -> Iterator[Subset]:
+    """One less, one more, or another variant of one."""
+    for k in _loose(bank, here):
+        yield here - {k}
+        name = bank.blocks[k].name
+        yield from (here - {k} | {j} for j, b in enumerate(bank.blocks) if j not in here and b.name == name)
+    yield from (here | {k} for k in _open(bank, here))
+
+
+def _front(bank: Bank, here: Subset, most: int) -> list[int]:
+    """The most promising effects to add, one variant of each."""
+    alone = sorted(((bank.glance(here | {k}), k) for k in _open(bank, here)), reverse=True)
+    first: dict[str, int] = {}
+    for _, k in alone:
+        if not bank.blocks[k].name.startswith("free"):
+            first.setdefault(bank.blocks[k].name, k)
+    return list(first.values())[:most]
+
+
+def _swaps(bank: Bank, here: Subset) -> Iterator[Subset]:
+    """One effect for another."""
+    for k in _loose(bank, here):
+        less = here - {k}
+        yield from (less | {j} for j in _open(bank, less) if not bank.blocks[j].name.startswith("free"))
+
+
+def _pairs(bank: Bank, here: Subset) -> Iterator[Subset]:
+    """Two effects more, also in place of one."""
+    yield from (here | {*pair} for pair in combinations(_front(bank, here, PAIRED), 2) if _together(bank, *pair))
+    if len(here) < 5:
+        for k in _loose(bank, here):
+            less = here - {k}
+            yield from (less | {*pair} for pair in combinations(_front(bank, less, 5), 2) if _together(bank, *pair))
+
+
+def _kind(bank: Bank, k: int) -> type[Effect] | None:
+    """The effect of a block, None for a free function."""
+    source = bank.blocks[k].source
+    if isinstance(source, Candidate):
+        return source.chart.term.kind
+    return bank.fit.charts[source].term.kind if isinstance(source, int) and source < len(bank.fit.charts) else None
+
+
+def buildable(bank: Bank, chosen: Subset) -> bool:
+    """Has every effect of a set the others that it needs, in the set or in the declared model?"""
+    kinds = [kind for k in chosen if (kind := _kind(bank, k)) is not None]
+    there = {kind.name for kind in kinds} | {e.name for e in bank.fit.world.declared.effects}
+    return all(name in there for kind in kinds for name in kind.needs)
+
+
+def _stage(bank: Bank, k: int) -> str:
+    kind = _kind(bank, k)
+    return kind.stage if kind is not None else ""
+
+
+def _together(bank: Bank, a: int, b: int) -> bool:
+    return not (_stage(bank, a) == _stage(bank, b) == "drive")
+
+
+def _fits(bank: Bank, others: Subset, k: int) -> bool:
+    return all(_together(bank, k, other) for other in others)
+
+
+def root(world: World, nuisance: Nuisance) -> Fit:
+    """The declared model as it is, but for what is given to be free."""
+    charts = []
+    for name in world.given:
+        term = Term(name, declared=True)
+        own = chart(term, world.declared, world.scale, world.samples.n)
+        charts.append(replace(own, precision=own.precision / GUESSED**2))
+    return fit(world, nuisance, charts, [c.origin for c in charts])
+
+
+def moved(f: Fit, world: World) -> Fit:
+    """The same hypothesis fitted in another world."""
+    return fit(world, f.nuisance, f.charts, list(f.numbers), [replace(g) for g in f.free], f.amounts)

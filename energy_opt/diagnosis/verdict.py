@@ -1,0 +1,323 @@
+"""From samples and a declared model to a verdict: which effects, which alternatives, judged on motions held out.
+
+The search says what is likely; motions that were never fitted decide. A claim that does not lower the error there is
+none. `explained` and `nothing_missing` ask for an error of the noise's own size there, in motion and at rest.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from energy_opt.diagnosis.claims import (
+    CLAIM,
+    Claim,
+    alike,
+    alternatives,
+    claimed,
+    likelier,
+    links_show,
+    other_drives,
+    plain_fit,
+    widened,
+    without_effects,
+    written,
+)
+from energy_opt.diagnosis.clusters import FEWEST, clusters
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.errors import Quality, halved, quality
+from energy_opt.diagnosis.evidence import drift_of, left_out, links_odds, noise_of
+from energy_opt.diagnosis.fit import Fit, Nuisance, Stopped, World
+from energy_opt.diagnosis.hypothesis import Measured, Scale
+from energy_opt.diagnosis.links import links_of
+from energy_opt.diagnosis.noise import Noise, standing_noise, weighted
+from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.residual import follows
+from energy_opt.diagnosis.search import Search, moved, root
+from energy_opt.power import PowerModel
+from energy_opt.robot import Limits
+
+log = logging.getLogger(__name__)
+
+BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
+TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
+LAGS = 1.5  # times what rows and steps of positions leave open of the time, that a lag of the meter must exceed
+NOISE = 1.2  # times the noise, below which a model's held-out error is noise
+MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
+SLOW = 0.1  # of a joint's velocity limit
+
+
+@dataclass
+class Judge:
+    """The error of fits on the motions held out; without any, on training motions left out one by one.
+
+    Attributes:
+        held: runs never fitted. noise: of the meter at standstill.
+        drifts: the fit whose levels say how far the meter drifts: the likeliest one.
+    """
+
+    held: Samples | None
+    noise: Noise
+    drifts: Fit | None = None
+    seen: dict[tuple[int, bool], tuple[Fit, Quality]] = field(default_factory=dict)
+
+    def of(self, f: Fit, level: bool = True) -> Quality:
+        """The error of the model that is written for a fit; with `level` the runs' common level goes to its standby."""
+        if (id(f), level) not in self.seen:
+            self.seen[id(f), level] = f, self.of_model(written(f, level=level), f)
+        return self.seen[id(f), level][1]
+
+    def of_model(self, model: PowerModel, f: Fit) -> Quality:
+        """The same of a model; `f` has the runs where none is held out."""
+        samples = self.held or f.world.samples
+        drift = drift_of(self.drifts, samples) if self.drifts is not None else np.zeros(len(samples.parts))
+        return quality(model, samples, self.noise, drift)
+
+    def gains(self, more: Fit, less: Fit) -> np.ndarray:
+        """By how much (C,) the error of each motion is lower under `more`; each motion counts once."""
+        if self.held is None:
+            return left_out(less) - left_out(more)
+        level = "standby" not in set(more.names) - set(less.names)
+        return self.of(less, level).squares - self.of(more).squares
+
+
+@dataclass(frozen=True)
+class Inference:
+    """What the runs say.
+
+    Attributes:
+        root: the declared model as it is, links and levels allowed for. best: the likeliest hypothesis.
+        accepted: what is claimed of it. claims: of its effects, in order. rivals: sets that explain as well, the
+            accepted one first. noise, still: of the readings, in the fit and at standstill.
+        before, after: errors of the declared model and of the one that is written, on motions held out.
+        links: True where the URDF's links are the cause that is claimed.
+        idle: joints (indices) that never move. follows: False where power does not go with the motion.
+        verdict: as in diagnosis.json; "" where the search was stopped before it had one.
+        blind: True where no cause was sought.
+    """
+
+    search: Search
+    root: Fit
+    best: Fit
+    accepted: Fit
+    verdict: str
+    claims: tuple[Claim, ...]
+    rivals: tuple[Fit, ...]
+    noise: Noise
+    still: Noise
+    before: Quality
+    after: Quality
+    model: PowerModel
+    links: bool = False
+    idle: tuple[int, ...] = ()
+    follows: bool = True
+    blind: bool = False
+
+
+def excited(samples: Samples, limits: Limits) -> np.ndarray:
+    """(n,) True for the joints whose motion can show what moves them costs.
+
+    A joint must move at all; and where no joint of the arm reaches `SLOW` of its velocity limit, all count as idle,
+    since friction's dependence on speed, regeneration and inertia hide at a crawl.
+    """
+    fastest = np.abs(samples.v).max(axis=0)
+    if (fastest < SLOW * limits.velocity).all():
+        return np.zeros(samples.n, dtype=bool)
+    return np.asarray(fastest > MOVES)
+
+
+def infer(
+    samples: Samples,
+    declared: PowerModel,
+    limits: Limits,
+    moving: np.ndarray,
+    held: Samples | None = None,
+    given: tuple[str, ...] = (),
+    stopped: Callable[[], bool] = lambda: False,
+    measured: Mapping[str, Measured] | None = None,
+    blind: bool = False,
+) -> Inference:
+    """Run the search and judge it.
+
+    Args:
+        samples: the training runs. declared: the owner's model. held: runs that are kept for the judgement.
+        moving: (n,) True for the joints that the set excites, see `excited`.
+        given: declared effects whose values are free without being news.
+        stopped: asked on the way; True ends the search, with what is known and no verdict.
+        measured: what is known of effects' numbers from elsewhere than the power, see `Scale`.
+        blind: the runs are such that no cause may be claimed of them; none is sought.
+    """
+    now = predict(declared, samples)
+    samples = weighted(samples, now)
+    held = weighted(held, predict(declared, held)) if held is not None else None
+    idle = tuple(int(j) for j in np.flatnonzero(~moving))
+    still = standing_noise(samples)
+    judge = Judge(held, still)
+    scale = replace(Scale.of(limits, samples.power), measured=measured or {})
+    world = World.of(samples, declared, scale, links_of(samples, declared), still, given)
+    nothing = root(world, Nuisance(0.03, 0.3 * still.white))
+    as_declared = judge.of_model(declared, nothing)
+
+    def plain(found: Search, verdict: str, best: Fit = nothing, **more: bool) -> Inference:
+        model = written(best, links=False) if given or best is not nothing else declared
+        after = judge.of_model(model, best)
+        return Inference(
+            found,
+            nothing,
+            best,
+            nothing,
+            verdict,
+            (),
+            (nothing,),
+            still,
+            still,
+            as_declared,
+            after,
+            model,
+            idle=idle,
+            **more,
+        )
+
+    if blind:
+        return plain(Search(world), "insufficient", blind=True)
+    if not follows(samples, now):
+        return plain(Search(world), "unexplained", follows=False)
+    tried: list[Search] = []
+    try:
+        return _judged(replace(world, stopped=stopped), nothing, judge, idle, tried)
+    except Stopped:
+        best = tried[-1].so_far(nothing)
+        return plain(tried[-1], "", nothing if best.free else best)
+
+
+def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tried: list[Search]) -> Inference:
+    """The search, judged; `tried` holds the one under way."""
+    found, best, noise = _searched(world, nothing, tried)
+    judge.drifts = best
+    declared = judge.of_model(world.declared, nothing)
+    log.info("evidence for each effect", extra={"share": 0.65})
+    accepted, claims = _borne_out(found, judge, *claimed(found, best))
+    log.info("alternatives", extra={"share": 0.8})
+    rivals: tuple[Fit, ...] = (accepted,)
+    if claims and not accepted.free:
+        other, its, others = likelier(found, accepted, claims)
+        if other is not accepted:
+            other, its = _borne_out(found, judge, other, its)
+            others = (other,) if not its else others if other is others[0] else alternatives(found, other)
+        accepted, claims, rivals = other, its, others
+        best = max(best, accepted, key=found.score)
+    start = root(found.world, best.nuisance)
+    if accepted.free:
+        accepted = plain_fit(found, accepted)
+        claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
+        rivals = (accepted,)
+    rivals = tuple(widened(f) for f in rivals)
+    best, accepted = rivals[0] if best is accepted else best, rivals[0]
+    after = judge.of(accepted)
+    model = written(accepted)
+    if claims and judge.held is not None and after.rmse >= declared.rmse:
+        accepted, claims = without_effects(found, accepted), ()
+        rivals, model, after = (accepted,), written(accepted), judge.of(accepted)
+    if not claims and not world.given:
+        model, after = world.declared, declared
+    elif not claims:
+        start = accepted
+    linked = _links_are_off(found, judge, start, declared) if not claims else False
+    if linked:
+        accepted, rivals = start, (start,)
+        model, after = written(start, links=True), judge.of_model(written(start, links=True), start)
+    fits = after.ratio < NOISE
+    if len(rivals) > 1:
+        verdict = "ambiguous"
+    elif claims or linked:
+        verdict = "explained" if fits else "partly"
+    else:
+        verdict = "nothing_missing" if fits else "unexplained"
+    if idle and verdict != "ambiguous":
+        verdict = "insufficient"
+    return Inference(
+        found, start, best, accepted, verdict, claims, rivals, noise, judge.noise, declared, after, model, linked, idle
+    )  # fmt: skip
+
+
+def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, Fit, Noise]:
+    """The likeliest hypothesis, under the noise that is likeliest for it."""
+    best, noise = nothing, world.whiten.noise
+    for turn in range(3):
+        log.info("effects, round %d of at most 3", turn + 1, extra={"share": 0.05 + 0.1 * turn})
+        tried[:] = [found := Search(world)]
+        best = found.descend(best)
+        noise = noise_of(best)
+        if alike(noise, world.whiten.noise):
+            break
+        world = world.under(noise)
+        best = moved(best, world)
+    log.info("effects under the noise that was found", extra={"share": 0.35})
+    tried[:] = [found := Search(world)]
+    named = found.descend(best)
+    log.info("structures that no effect has", extra={"share": 0.5})
+    found.open()
+    best = found.descend(named)
+    if _trifling(found, named, best):
+        best = named
+    return found, max([best, *other_drives(found, best)], key=found.score), noise
+
+
+def _is_a_step(f: Fit, claim: Claim) -> bool:
+    """Is what is claimed a lag of the meter that rows and steps of the positions explain?"""
+    name = next(n for n in f.names if n not in claim.without.names)
+    effect = f.model.get(name)
+    if effect is None or effect.stage != "meter" or effect.parameters[0].unit != "s":
+        return False
+    return abs(float(effect.full(f.world.samples.n)[0])) <= LAGS * f.world.samples.lag
+
+
+def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -> bool:
+    """Do links alone take the held-out error from above the noise to it?"""
+    if declared.ratio < NOISE or not links_show(start):
+        return False
+    after = judge.of_model(written(start, links=True), start)
+    better = bool(np.mean(declared.squares - after.squares) > 0)
+    return after.ratio < NOISE and better and links_odds(found.bank(start)) > CLAIM
+
+
+def _trifling(found: Search, named: Fit, best: Fit) -> bool:
+    """Do free functions take away little beside what effects do? Then they are errors of smoothing, not structure."""
+    if not best.free or not named.charts:
+        return False
+    start = root(found.world, best.nuisance)
+    sizes = [float(np.mean(found.world.whiten(f.residual) ** 2)) for f in (start, named, best)]
+    return sizes[1] - sizes[2] < TRIFLE * (sizes[0] - sizes[2])
+
+
+def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[Fit, tuple[Claim, ...]]:
+    """The claims that motions held out bear out: each lowers the error there.
+
+    Where more than noise is left, an unknown law is shared out among effects that resemble it: there each must hold a
+    good part of what is explained, and all of them half of what there was, whichever motion is left out.
+    """
+    moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
+    blind = judge.held is None and moving < FEWEST  # nothing can be left out
+    while claims and not blind:
+        late = next((c for c in claims if _is_a_step(accepted, c)), None)
+        if late is not None:
+            accepted, claims = claimed(found, late.without)
+            continue
+        plain = plain_fit(found, accepted)
+        gains = [float(np.mean(judge.gains(plain, plain_fit(found, c.without)))) for c in claims]
+        worst = int(np.argmin(gains))
+        start = root(found.world, accepted.nuisance)
+        left = judge.of(plain)
+        if gains[worst] > 0 and left.ratio >= NOISE:
+            if not halved(judge.of(start), left):
+                return without_effects(found, accepted), ()
+            least = BESIDE * float(np.mean(judge.gains(plain, start)))
+        else:
+            least = 0.0
+        if gains[worst] > least:
+            return accepted, claims
+        accepted, claims = claimed(found, claims[worst].without)
+    return accepted, claims

@@ -1,0 +1,292 @@
+"""A diagnosis in words: the headline, remarks, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from energy_opt.diagnosis.fit import Fit
+from energy_opt.diagnosis.predict import friction_torque
+from energy_opt.diagnosis.verdict import NOISE, SLOW, Inference
+from energy_opt.effects import effect_class
+from energy_opt.measured import MeasuredSet, coarse
+from energy_opt.power import PowerModel
+
+UNKNOWN = 0.4  # of what was known before, beyond which the data hardly narrowed a number
+WANDERS = 0.3  # of the noise, by which runs' levels must differ to be mentioned
+PLAIN = {
+    "coulomb_friction": "dry friction",
+    "viscous_friction": "viscous friction",
+    "copper_loss": "copper loss",
+    "friction_curve": "friction",
+}
+
+
+def plain(name: str) -> str:
+    """An effect's name as a reader says it."""
+    return PLAIN.get(name, name.replace("_", " "))
+
+
+def listed(names: Sequence[str]) -> str:
+    """a, b and c."""
+    words = [plain(name) for name in names]
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+
+
+def headline(document: dict[str, Any]) -> str:
+    """One sentence or two for a person."""
+    names = [row["name"] for row in document["effects"]]
+    error = document["error"]
+    part = "holdout" if error["after"]["holdout"] else "train"
+    before, after = error["before"][part], error["after"][part]
+    verdict = document["verdict"]
+    held = (
+        f"{'held out' if part == 'holdout' else 'on the runs fitted'} "
+        f"{before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
+        f"energy {before['energy_percent']:.1f} → {after['energy_percent']:.1f} %"
+    )
+    if not verdict:
+        found = [name for name in document["model_effects"] if name not in document["declared_effects"]]
+        said = f"Stopped before there was a verdict: no cause is claimed; {held}."
+        return said + (f" Likeliest so far: {listed(found)}." if found else "")
+    share = f"{100 * document['explained_share']:.1f} % of what was above the noise"
+    if names == ["link_inertia"]:
+        said = f"The URDF's links are off: deviations of links explain {share}; {held}."
+    elif names:
+        verb = "explains" if len(names) == 1 else "explain"
+        beside = f" (beside {listed(document['fitted'])}, fitted)" if document["fitted"] else ""
+        said = f"{listed(names).capitalize()}{beside} {verb} {share}; {held}."
+    elif verdict == "nothing_missing":
+        said = f"Nothing is missing: the declared model is as good as the noise allows; {held}."
+    else:
+        said = f"No cause can be named; {held}."
+    if verdict == "ambiguous" and document["alternatives"]:
+        said += " Equally well: " + "; ".join(listed(a) if a else "nothing" for a in document["alternatives"][1:]) + "."
+    if document["remainder"]:
+        first = document["remainder"][0]
+        where = f" of {first['joint']}" if first["joint"] else ""
+        said += f" What remains ({first['watts']:.1f} W) goes with {first['signal']}{where}."
+    return said
+
+
+def joints_headline(names: Sequence[str], unit: str) -> str:
+    """The same of a set without a meter."""
+    what = "currents" if unit == "A" else "torques"
+    verb = "shows" if len(names) == 1 else "show"
+    said = f"{listed(names).capitalize()} {verb} in the joints' {what}" if names else f"The {what} show no friction"
+    return f"{said}; without a meter nothing is said of standby, heat and supply."
+
+
+def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> list[str]:
+    """What the reader of the verdict should know, one sentence each."""
+    out = list(measured.remarks)
+    joints = measured.robot.joints
+    if declared.robot and declared.robot != measured.robot.name:
+        out.append(f"The declared model was written for {declared.robot!r}, the set says {measured.robot.name!r}.")
+    if not found.follows:
+        out.append(
+            "The measured power does not follow the motion: shifted against each other they fit as well. "
+            "Are power and motion columns of the same recording, in the same order?"
+        )
+    if len(found.idle) == len(joints):
+        out.append(
+            f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: poses and crawling show neither friction nor "
+            "rotor inertia, regeneration or the meter's lag."
+        )
+    elif found.idle:
+        names = ", ".join(joints[j] for j in found.idle)
+        out.append(f"Never moving: {names}; what these joints lose in motion cannot be known from this set.")
+    if measured.payload is not None:
+        mass, com = measured.payload.mass, ", ".join(f"{x:.3g}" for x in measured.payload.com)
+        out.append(
+            f"The recording states a payload of {mass:.3g} kg at ({com}) m, declared or not; it counts as declared."
+        )
+    if any(coarse(run) for run in measured.runs):
+        out.append("Rows of the joints are too far apart to show accelerations: log them at 10 Hz or more.")
+    if not measured.clock:
+        out.append("The log does not state every run's start; runs are taken to follow one another without a pause.")
+    after = found.after
+    if found.verdict and after.ratio >= NOISE:
+        out.append(
+            f"What is left is {after.motion:.3g} W rms in motion and {after.rest:.3g} W at rest, where noise alone "
+            f"leaves {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
+        )
+    if found.links:
+        out.append(_links(found.accepted, joints))
+    if (found.claims or found.links) and found.model.get("standby") is not None:
+        f = found.accepted
+        level = float(np.mean(f.levels))
+        if "standby" not in f.names and abs(level) > WANDERS * f.world.whiten.noise.white:
+            out.append(
+                f"The standby of the model is {level:+.2g} W off the declared one: what the effects add is taken back."
+            )
+    model_fit = found.accepted
+    out += _borrowed(model_fit, joints)
+    apart = float(np.std(model_fit.levels))
+    if apart > WANDERS * model_fit.world.whiten.noise.white and len(model_fit.levels) > 2:
+        out.append(
+            f"The level differs from run to run by {apart:.2g} W (standard deviation), as where a meter or the standby "
+            "drifts: allowed for, not called a cause."
+        )
+    for f in found.rivals[1:]:
+        more = [name for name in f.names if name not in f.world.given]
+        out.append(f"Fits as well: {listed(more) if more else 'nothing missing'}.")
+    return out
+
+
+def _links(f: Fit, joints: Sequence[str]) -> str:
+    """What the links' deviations do to the torque of each joint."""
+    s = f.world.samples
+    off = np.sqrt(np.mean((f.world.links.ways @ f.amounts) ** 2, axis=0))
+    whole = np.sqrt(np.mean(f.prediction.tau**2, axis=0))
+    worst = np.argsort(-off)[:3]
+    each = ", ".join(f"{joints[j]} {off[j]:.2g} N m ({100 * off[j] / max(whole[j], 1e-9):.0f} %)" for j in worst)
+    links = ", ".join(joints[j] for j in np.argsort(-np.abs(f.world.links.effect(f.amounts, s).values["mass"]))[:2])
+    return f"The torque of the URDF's links is off by (rms): {each}; most of it by the links behind {links}."
+
+
+def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
+    """Joints whose numbers the data hardly narrowed: they are taken from the others."""
+    out, at = [], 0
+    after = np.sqrt(np.diag(f.covariance))
+    for c, z in zip(f.charts, f.numbers, strict=True):
+        before = np.sqrt(np.diag(np.linalg.inv(c.precision)))
+        share = after[at : at + len(z)] / before
+        at += len(z)
+        if (
+            c.term.declared
+            or c.term.name in f.world.scale.measured
+            or len(z) % len(joints)
+            or not any(p.per_joint for p in c.term.kind.parameters)
+        ):
+            continue
+        of = np.arange(len(z)) * len(joints) // len(z)
+        worst = [j for j in range(len(joints)) if np.median(share[of == j]) > UNKNOWN]
+        if worst and len(worst) < len(joints):
+            names = ", ".join(joints[j] for j in worst)
+            what = plain(c.term.name).capitalize()
+            out.append(f"{what} of {names} is hardly in the data: taken to be like the others'.")
+    return out
+
+
+def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
+    """What the data do fix where laws of friction cannot be told apart: their sum at the usual speed."""
+    f = found.accepted
+    names = set().union(*(set(r.names) for r in found.rivals))
+    if (
+        not any(effect_class(name).stage == "torque" and effect_class(name).dissipates for name in names)
+        or len(found.rivals) < 2
+    ):
+        return []
+    s, out = f.world.samples, []
+    laws = [friction_torque(r.model, s.n) for r in found.rivals]
+    for j, joint in enumerate(joints):
+        v = np.abs(s.v[:, j])
+        v = v[v > 0.03]
+        if len(v) < 20:
+            continue
+        usual = float(np.median(v))
+        sums = [float(law(np.array([usual]), j)[0]) for law in laws]
+        out.append(
+            f"Friction of {joint} at {usual:.2g} rad/s is {min(sums):.2g} to {max(sums):.2g} N m under all of them."
+        )
+    return out
+
+
+def next_step(document: dict[str, Any]) -> str:
+    """What to do with it."""
+    if not document["verdict"]:
+        return "Next: let it run to its end."
+    if document["usable"]:
+        return "Next: good enough to plan with (optimize --model model.toml)."
+    if document["verdict"] in ("ambiguous", "insufficient"):
+        if document["next_motion"] is None:
+            return "Next: record more motions, every joint slowly and fast, and diagnose both sets together."
+        return "Next: record the proposed motion and diagnose both sets together."
+    if document["remainder"]:
+        first = document["remainder"][0]
+        return f"Next: look for what goes with {first['signal']}{' of ' + first['joint'] if first['joint'] else ''}."
+    return "Next: more runs, in other parts of the workspace, would narrow the held-out error."
+
+
+def summary(d: dict[str, Any]) -> str:
+    """The document in some lines, for stdout."""
+    lines = [d["headline"], f"verdict: {d['verdict'] or 'none, interrupted'}"]
+    for row in d["effects"]:
+        refit = " (declared value fitted anew)" if row["refit"] else ""
+        odds = f", odds e^{row['log_odds']:.0f}" if row["log_odds"] is not None else ""
+        lines.append(f"  {row['name']}{refit}: {100 * row['share_of_residual']:.0f} % of what is explained{odds}")
+        lines += [f"    {line}" for line in _values(row, d["joints"])]
+    if d["joint_side"]:
+        lines += ["joints' own readings:", *(f"  {line}" for line in side_words(d["joint_side"]))]
+    if d["alternatives"]:
+        lines.append("  fit equally well: " + " | ".join(" + ".join(names) or "nothing" for names in d["alternatives"]))
+    if d["nuisance"]:
+        lines.append("  allowed for, not called a cause: " + ", ".join(d["nuisance"]))
+    for row in d["remainder"][:3]:
+        lines.append(f"  what is left goes with {row['signal']} {row['joint'] or ''}: {row['watts']:.2f} W")
+    for part in ("train", "holdout"):
+        before, after = d["error"]["before"][part], d["error"]["after"][part]
+        if before is not None and after is not None:
+            lines.append(
+                f"{part}: power RMSE {before['power_rmse']:.2f} -> {after['power_rmse']:.2f} W, energy error "
+                f"{before['energy_percent']:.2f} -> {after['energy_percent']:.2f} %"
+            )
+    if d["noise_floor"] is not None:
+        lines.append(f"noise: {d['noise_floor']:.2f} W; {_foreseen(d)}")
+    lines.append(f"model.toml holds: {', '.join(d['model_effects'])}")
+    lines += [f"note: {remark}" for remark in d["remarks"]]
+    return "\n".join([*lines, d["next_step"]])
+
+
+def _foreseen(d: dict[str, Any]) -> str:
+    percent = d["foreseen"]["difference_percent"]
+    if percent is None:
+        return "no motion, so nothing is known of differences of energy"
+    usable = "good enough to plan with" if d["usable"] else "not shown to be good enough to plan with"
+    within = f"{percent:.0f} %" if percent >= 0.5 else "the meter's noise"
+    return f"differences of energy between motions are foreseen within {within}: {usable}"
+
+
+def side_words(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """One line a joint, for stdout."""
+    out = []
+    for row in rows:
+        if row["scale"] is None:
+            out.append(f"{row['joint']}: its readings do not follow its torque; nothing can be said in N m")
+            continue
+        said = f"{row['joint']}: "
+        said += f"Kt {row['scale']:.3g} N m/A" if row["unit"] != "1" else f"torque {row['scale']:.3g} times the reading"
+        if row["own"] is not None:
+            said += f", friction at {row['speed']:.2g} rad/s {_span(row['own'])} by its own readings"
+            if row["power"] is not None:
+                said += f", {_span(row['power'])} by the power alone, {_span(row['together'])} by both"
+        else:
+            said += ", hardly moves"
+        out.append(said)
+    return out
+
+
+def _span(word: dict[str, Any]) -> str:
+    low, high = word["ci95"]
+    return f"{word['friction']:.3g} ± {(high - low) / 2:.2g} N m"
+
+
+def _values(row: dict[str, Any], joints: list[str]) -> list[str]:
+    """An effect's values with joints' names and units, one line a parameter."""
+    out = []
+    for name, value in row["parameters"].items():
+        if isinstance(value, str):
+            out.append(f"{name} = {value}")
+            continue
+        unit, interval = row["units"][name], row["ci95"][name]
+        if not isinstance(value, list):
+            out.append(f"{name} = {value:.4g} [{interval[0]:.4g}, {interval[1]:.4g}] {unit}")
+        elif len(value) == len(joints):
+            parts = [f"{j} {x:.4g} [{a:.4g}, {b:.4g}]" for j, x, (a, b) in zip(joints, value, interval, strict=True)]
+            out.append(f"{name} in {unit}: " + ", ".join(parts))
+        else:
+            out.append(f"{name} = " + ", ".join(f"{x:.4g}" for x in value) + f" {unit}")
+    return out

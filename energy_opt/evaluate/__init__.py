@@ -1,6 +1,0 @@
-"""Any motion as it is: energy under one or several models, limits and clearance, beside plain timings of its path."""
-
-from energy_opt.evaluate.run import Evaluation, evaluate
-from energy_opt.evaluate.source import Recorded, load
-
-__all__ = ["Evaluation", "Recorded", "evaluate", "load"]

@@ -1,0 +1,230 @@
+"""The work of `evaluate`: energies of motions as they are, under every model, and of plain timings of their paths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell
+from energy_opt.effects import Payload
+from energy_opt.errors import Infeasible
+from energy_opt.evaluations.source import Recorded, Stretch
+from energy_opt.formats.judging import CycleJudging, Judging, Window
+from energy_opt.formats.program import Load, Part, standing
+from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.judge.energy import Energy, Scorer
+from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.motion.path import of_trajectory
+from energy_opt.motion.plan.robust import Rival
+from energy_opt.motion.retime.fastest import minimum_time
+from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.robot import Robot
+
+SHORT = 1e-7  # [s] shorter stretches are rounding
+BESIDE = 0.03  # [s] over which a cycle's accelerations are spread at most: two samples at 100 Hz, and a step
+AT_REST = 1e-6  # [rad/s] of a wait that a program may leave the servo for
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Part of a motion, from `start` to `end` s, in which all joints stand, or not; what is carried in it."""
+
+    start: float
+    end: float
+    stands: bool
+    load: Load | None
+    brakes: bool
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The same paths in another timing, waits kept: "toppra", each motion at its fastest, or "scaled", slowed evenly.
+
+    `energies`: J by model; `valid`: within all limits.
+    """
+
+    name: str
+    duration: float
+    energies: dict[str, float]
+    valid: bool
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What one motion comes to.
+
+    Attributes:
+        energies: under each model, by its name.
+        certificate: limits and clearance; its peak power is the first model's.
+        baselines: where the paths have a timing within the limits; `remark` says why there are none.
+        parts: the motion as a program has it; judge: what judges it.
+    """
+
+    motion: Recorded
+    energies: dict[str, Energy]
+    certificate: Certificate
+    baselines: tuple[Baseline, ...]
+    remark: str
+    parts: tuple[Part, ...]
+    judge: CycleJudging
+
+
+def evaluate(
+    robot: Robot, motion: Recorded, rivals: Sequence[Rival], cell: Cell | None = None, payload: bool = False
+) -> Evaluation:
+    """Energy of a motion as it is, by effect, under every model; limits, clearance and baselines.
+
+    Args:
+        rivals: the models, with what is carried where the motion's file does not say it.
+        cell: what must not be touched; None: nothing is checked.
+        payload: what the models carry counts, whatever the file says.
+    """
+    limits = joint_limits(robot.limits)
+    intervals = _intervals(motion, payload)
+    scorers = {rival.name: _scorers(robot, rival) for rival in rivals}
+    energies = {
+        name: _sum([_energy(of, part_of(motion.trajectory, i.start, i.end), i) for i in intervals])
+        for name, of in scorers.items()
+    }
+    first = scorers[rivals[0].name]
+    windows: list[Window] = []
+    for i in intervals:
+        if windows and windows[-1].judge.scorer is first(i.load):
+            windows[-1] = Window(windows[-1].start, i.end, windows[-1].judge)
+        else:
+            windows.append(Window(i.start, i.end, Judging(first(i.load), limits, cell)))
+    judge = CycleJudging.of(windows)
+    certificate = judge(motion.trajectory)
+    try:
+        baselines, remark = _baselines(robot, motion, intervals, scorers, limits), ""
+    except Infeasible as error:
+        baselines, remark = (), str(error)
+    return Evaluation(motion, energies, certificate, baselines, remark, _parts(motion, intervals), judge)
+
+
+def part_of(trajectory: Trajectory, start: float, end: float) -> Trajectory:
+    """The rows of a trajectory between two times [s] from its first row on, both included; times from 0 on."""
+    time = trajectory.time - trajectory.time[0]
+    inner = time[(time > start + SHORT) & (time < end - SHORT)]
+    at = np.concatenate([[start], inner, [end]])
+    q, v, a, _ = trajectory.sample(trajectory.time[0] + at)
+    return Trajectory(trajectory.joints, whole(at - start), q, v, a)
+
+
+def _scorers(robot: Robot, rival: Rival) -> Callable[[Load | None], Scorer]:
+    """Scorers of a model by what is carried; each is built once."""
+    kept: dict[Load | None, Scorer] = {}
+
+    def of(load: Load | None) -> Scorer:
+        if load not in kept:
+            model = rival.model
+            if load is not None and load[0] > 0:
+                model = model.for_move(Payload(mass=load[0], com=list(load[1:])))
+            kept[load] = Scorer(robot, model)
+        return kept[load]
+
+    return of
+
+
+def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
+    """The motion cut where it begins or ends to stand, and where what is carried changes.
+
+    A cycle whose accelerations are spread over milliseconds stands a few of them earlier or later than its steps say:
+    what is carried changes while it stands.
+    """
+    end = motion.trajectory.duration
+    marks = {0.0, end, *motion.waits.ravel().tolist()}
+    motion = replace(motion, stretches=_at_waits(motion))
+    for before, after in zip(motion.stretches, motion.stretches[1:], strict=False):
+        speed = np.abs(motion.trajectory(motion.trajectory.time[0] + np.array([after.start]), 1)).max()
+        if (before.load, before.brakes) != (after.load, after.brakes) or speed < AT_REST:
+            marks.add(after.start)
+    points = sorted(mark for mark in marks if 0 <= mark <= end)
+    out = []
+    for a, b in zip(points, points[1:], strict=False):
+        if b - a <= SHORT:
+            continue
+        middle = (a + b) / 2
+        stretch = next((s for s in motion.stretches if s.start <= middle <= s.end), motion.stretches[-1])
+        stands = bool(((motion.waits[:, 0] < middle) & (middle < motion.waits[:, 1])).any())
+        out.append(Interval(a, b, stands, None if payload else stretch.load, stretch.brakes and stands))
+    return out
+
+
+def _at_waits(motion: Recorded) -> tuple[Stretch, ...]:
+    """The stretches with ends that lie a few milliseconds beside a wait moved to its end."""
+    edges = motion.waits.ravel()
+
+    def moved(time: float) -> float:
+        waits = bool(((motion.waits[:, 0] <= time) & (time <= motion.waits[:, 1])).any())
+        if waits or not len(edges):
+            return time
+        nearest = float(edges[np.argmin(np.abs(edges - time))])
+        return nearest if abs(nearest - time) < BESIDE else time
+
+    return tuple(replace(s, start=moved(s.start), end=moved(s.end)) for s in motion.stretches)
+
+
+def _energy(of: Callable[[Load | None], Scorer], trajectory: Trajectory, interval: Interval) -> Energy:
+    """Of a part of the motion; brakes leave the constant overhead alone."""
+    scorer = of(interval.load)
+    if not interval.brakes:
+        return scorer.energy(trajectory)
+    power = scorer.model.constant_power(scorer.robot.n) * (interval.end - interval.start)
+    return Energy(power, power, 0.0, 0.0, {"standby": power})
+
+
+def _sum(energies: Sequence[Energy]) -> Energy:
+    names = dict.fromkeys(name for energy in energies for name in energy.by_effect)
+    by_effect = {name: sum(energy.by_effect.get(name, 0.0) for energy in energies) for name in names}
+    sums = {part: sum(getattr(e, part) for e in energies) for part in ("total", "standby", "stored", "loss")}
+    return Energy(**sums, by_effect=by_effect)
+
+
+def _baselines(
+    robot: Robot,
+    motion: Recorded,
+    intervals: Sequence[Interval],
+    scorers: dict[str, Callable[[Load | None], Scorer]],
+    limits: Sequence,
+) -> tuple[Baseline, ...]:
+    """The same paths at their fastest, and slowed evenly to the time that each motion takes.
+
+    Raises:
+        Infeasible: a path breaks limits at any timing.
+    """
+    first = next(iter(scorers.values()))
+    timings = {
+        i: minimum_time(robot, first(i.load).model, path, limits, path.start_speed, path.end_speed)
+        for i in intervals
+        if not i.stands and (path := of_trajectory(part_of(motion.trajectory, i.start, i.end))).moves
+    }
+    out = []
+    for name in ("toppra", "scaled"):
+        duration, energies, valid = 0.0, dict.fromkeys(scorers, 0.0), True
+        for i in intervals:
+            seconds = i.end - i.start
+            trajectory = part_of(motion.trajectory, i.start, i.end)
+            if i in timings:
+                timing = timings[i] if name == "toppra" else timings[i].slowed(seconds)
+                trajectory = timing.trajectory(robot.joints)
+                valid = valid and Judging(first(i.load), tuple(limits))(trajectory).within_limits
+            duration += trajectory.duration
+            for model, of in scorers.items():
+                energies[model] += _energy(of, trajectory, i).total
+        out.append(Baseline(name, duration, energies, valid))
+    return tuple(out)
+
+
+def _parts(motion: Recorded, intervals: Sequence[Interval]) -> tuple[Part, ...]:
+    """The motion as motions and waits for a program."""
+    out = []
+    for i in intervals:
+        trajectory = part_of(motion.trajectory, i.start, i.end)
+        waits = i.stands and bool(np.abs(trajectory.velocity).max() < AT_REST)
+        if waits:
+            trajectory = standing(trajectory.joints, trajectory.position[-1], i.end - i.start)
+        out.append(Part(trajectory, "", waits, "brakes" if i.brakes else "", i.load))
+    return tuple(out)

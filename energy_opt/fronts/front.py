@@ -1,0 +1,347 @@
+"""Energy against duration for one move.
+
+Every point is solved as a single move is, and reached from its neighbours on both sides: on the way out from the free
+optimum, on the way back from the ends, and out again. The better is kept, so a poorer optimum cannot leave a bump that
+a neighbour's answer would have avoided. The minimum is a solve of its own with free duration, the fastest one of
+minimum time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from energy_opt.errors import Infeasible
+from energy_opt.fronts.cycle import Cycle, Waiting
+from energy_opt.fronts.dents import dents, mean_of
+from energy_opt.motion.judge.energy import Energy
+from energy_opt.motion.plan.neighbour import Neighbours, Optimum
+from energy_opt.motion.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from energy_opt.motion import Move, Planner
+
+COUNT = 20  # points where none are asked for
+REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
+LOWER = 1e-6  # a point this much (relative) below the free optimum makes it solve again from there
+SAME = 1e-9  # relative difference of durations that count as equal
+ROUNDS = 3  # in which dents are looked at again
+SEARCH = 12  # solves that the search for the best duration in a cycle may take
+
+
+@dataclass(frozen=True)
+class Point:
+    """A duration [s] and what became of it; `reason` says why where there is no trajectory."""
+
+    duration: float
+    status: str
+    optimum: Optimum | None = None
+    reason: str = ""
+    waiting: Waiting | None = None
+
+    @property
+    def energy(self) -> Energy | None:
+        """Energy of the move, where there is a trajectory."""
+        return None if self.optimum is None else self.optimum.energy
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The move, where there is one."""
+        return None if self.optimum is None else self.optimum.trajectory
+
+    @property
+    def total(self) -> float:
+        """Energy of the move, J; infinite where there is none."""
+        return np.inf if self.energy is None else self.energy.total
+
+    @property
+    def cycle_total(self) -> float:
+        """Energy of the move and of the wait after it, J."""
+        return self.total + (self.waiting.total if self.waiting else 0.0)
+
+
+@dataclass
+class Front:
+    """What is known so far of a move's front; complete unless `interrupted`."""
+
+    points: list[Point] = field(default_factory=list)
+    minimum: Point | None = None
+    fastest: Point | None = None
+    cycle_minimum: Point | None = None
+    cycle_fastest: Point | None = None
+    solves: int = 0
+    interrupted: bool = False
+
+    @property
+    def status(self) -> str:
+        """Of the points that can be done: "solved" or "not_converged"; "infeasible" without any; or "interrupted"."""
+        found = [point.status for point in self.points if point.status != "infeasible"]
+        if self.interrupted or not found:
+            return "interrupted" if self.interrupted else "infeasible"
+        return "solved" if set(found) == {"solved"} else "not_converged"
+
+    @property
+    def fastest_duration(self) -> float:
+        """Shortest duration that works, s; NaN where it is not known yet."""
+        return np.nan if self.fastest is None else self.fastest.duration
+
+
+def trace(
+    planner: Planner,
+    move: Move,
+    *,
+    durations: Sequence[float] | None = None,
+    longest: float | None = None,
+    cycle: Cycle | None = None,
+    progress: Callable[[Front, int], None] = lambda front, total: None,
+    stopped: Callable[[], bool] = lambda: False,
+    steps: Steps | None = None,
+) -> Front:
+    """The front of a move; Ctrl-C ends it early and keeps what is there.
+
+    Args:
+        planner: minimises energy.
+        move: its duration is ignored.
+        durations: where the front is wanted, s; chosen from the fastest and the optimum otherwise.
+        longest: where the program's own choice of durations ends, s.
+        cycle: also the energy over this cycle.
+        progress: called after every solve with the front and the number of solves expected.
+        stopped: asked after every solve; True ends the front early, like Ctrl-C.
+        steps: what solves the move at one duration after the other; the planner's own by default.
+
+    Raises:
+        Infeasible: no duration works at all, or none that is within the cycle.
+    """
+    if steps is None:
+        steps = Neighbours(planner.single(replace(move, duration=None, max_duration=None)))
+    tracer = _Tracer(planner, steps, move, cycle, progress, stopped)
+    try:
+        tracer.run(durations, longest)
+    except KeyboardInterrupt:
+        tracer.front.interrupted = True
+    return tracer.front
+
+
+class Steps(Protocol):
+    """Solves a move at one duration after the other (see `Neighbours`)."""
+
+    def at(self, duration: float, neighbour: Optimum) -> Optimum | None: ...
+
+
+class _Tracer:
+    def __init__(
+        self,
+        planner: Planner,
+        steps: Steps,
+        move: Move,
+        cycle: Cycle | None,
+        progress: Callable[[Front, int], None],
+        stopped: Callable[[], bool],
+    ) -> None:
+        self.planner, self.steps = planner, steps
+        self.cycle, self.progress, self.stopped = cycle, progress, stopped
+        self.free = replace(move, duration=None, max_duration=None)
+        self.front, self.expected = Front(), COUNT + 2
+
+    def run(self, durations: Sequence[float] | None, longest: float | None) -> None:
+        front = self.front
+        front.fastest = self._fastest()
+        shortest = front.fastest.duration
+        if self.cycle is not None and self.cycle.length < shortest * (1 - SAME):
+            raise Infeasible(
+                f"the cycle of {self.cycle.length:g} s is shorter than the fastest move, {shortest:.6g} s",
+                limit="duration",
+                shortest_duration=shortest,
+            )
+        warm = [front.fastest.trajectory] if front.fastest.trajectory is not None else []
+        front.minimum = self._free(warm)
+        grid = self._grid(shortest, front.minimum.duration, longest) if durations is None else np.unique(durations)
+        self.expected = len(grid) + 2 + (SEARCH if self.cycle else 0)
+        front.points = [Point(float(d), "not_converged", reason="not computed") for d in grid]
+        self._sweep()
+        self._even_out()
+        self._keep_minimum()
+        if self.cycle is not None:
+            front.cycle_minimum = self._best_in_cycle(self.cycle)
+
+    def _fastest(self) -> Point:
+        """The fastest move: TOPP-RA's on the path itself, or a solve of minimum time where the path is free."""
+        path_fastest = self.planner.minimum_time(self.free)
+        if self.free.mode == "retime":
+            return Point(path_fastest, "solved")
+        with _changed(self.planner, objective="time", starts=1):
+            result = self.planner.solve(self.free)
+        self._count()
+        if result.trajectory.duration > path_fastest:
+            return Point(path_fastest, "solved")
+        found = result.trajectory
+        optimum = Optimum(found, self.planner.score(found), result.status == "solved")
+        return self._point(found.duration, optimum)
+
+    def _grid(self, fastest: float, best: float, longest: float | None) -> np.ndarray:
+        last = self.cycle.length if self.cycle else max(REACH * fastest, 1.5 * best)
+        if longest is not None:
+            if longest < fastest * (1 - SAME):
+                raise Infeasible(
+                    f"{longest:g} s is shorter than the fastest move, {fastest:.6g} s",
+                    limit="duration",
+                    shortest_duration=fastest,
+                )
+            last = longest
+        return np.linspace(fastest, max(last, fastest), COUNT if last > fastest else 1)
+
+    def _count(self) -> None:
+        self.front.solves += 1
+        self.progress(self.front, max(self.expected, self.front.solves))
+        if self.stopped():
+            raise KeyboardInterrupt
+
+    def _free(self, warm: Sequence[Trajectory]) -> Point:
+        """The least energy at a duration of the program's own choice."""
+        result = self.planner.solve(self.free, warm=warm)
+        self._count()
+        optimum = Optimum(result.trajectory, result.energy, result.status == "solved")
+        return self._point(result.trajectory.duration, optimum)
+
+    def _step(self, duration: float, neighbour: Optimum, known: Optimum | None = None) -> Point:
+        """One step to exactly `duration` s; it is no solve where it comes to what is `known`."""
+        try:
+            optimum = self.steps.at(duration, neighbour)
+        except Infeasible as error:
+            point = Point(duration, "infeasible", reason=str(error))
+        else:
+            point = self._point(duration, optimum)
+        if known is None or point.optimum is not known:
+            self._count()
+        return point
+
+    def _point(self, duration: float, optimum: Optimum | None) -> Point:
+        if optimum is None:
+            return Point(duration, "not_converged", reason="no trajectory within limits was found from its neighbours")
+        status = "solved" if optimum.converged else "not_converged"
+        return Point(duration, status, optimum, waiting=self._waiting(duration))
+
+    def _waiting(self, duration: float) -> Waiting | None:
+        """What the wait costs; None without a cycle, or where the move outlasts it."""
+        if self.cycle is None or duration > self.cycle.length * (1 + SAME):
+            return None
+        return self.cycle.waiting(duration)
+
+    def _sweep(self) -> None:
+        """Out from the free optimum to both ends, back, and out again: what was better on the way back goes on."""
+        points, best = self.front.points, self.front.minimum
+        assert best is not None
+        middle = int(np.searchsorted([p.duration for p in points], best.duration))
+        for order in (range(middle, len(points)), range(middle - 1, -1, -1)):
+            again = [] if self.free.mode == "retime" else [*order[-2::-1], *order[1:]]  # retiming needs no neighbour
+            neighbour = best
+            for k in [*order, *again]:
+                neighbour = self._improve(k, neighbour)
+
+    def _even_out(self) -> None:
+        """Where a point lies above the line between others, go on from their mean: it may be a poorer optimum."""
+        if self.free.mode == "retime":  # one program each, solved to its bound
+            return
+        points = self.front.points
+        for _ in range(ROUNDS):
+            known = [k for k, p in enumerate(points) if p.energy is not None]
+            loss = np.array([p.energy.loss for p in points if p.energy is not None])
+            found = dents(np.array([points[k].duration for k in known]), loss)
+            before = [p.total for p in points]
+            for k, a, b in [tuple(known[i] for i in row) for row in found]:
+                low, high, duration = points[a].optimum, points[b].optimum, points[k].duration
+                if low is not None and high is not None:
+                    mean = mean_of(low, high, duration, self.planner.score)
+                    for start in (Point(duration, "solved", mean), points[a], points[b]):
+                        self._improve(k, start)
+            lower = [k for k, p in enumerate(points) if p.total < before[k] * (1 - LOWER)]
+            for k in lower:
+                for beside in {max(k - 1, 0), min(k + 1, len(points) - 1)} - {k}:
+                    self._improve(beside, points[k])
+            if not lower:
+                return
+
+    def _improve(self, k: int, neighbour: Point) -> Point:
+        """Step to point k from a neighbour and keep the better; returns what the next point is to start from."""
+        old, fastest = self.front.points[k], self.front.fastest
+        assert fastest is not None
+        if old.duration < fastest.duration * (1 - SAME):
+            reason = f"shorter than the fastest move, {fastest.duration:.6g} s"
+            self.front.points[k] = Point(old.duration, "infeasible", reason=reason)
+            return neighbour
+        if neighbour.optimum is not None:
+            new = self._step(old.duration, neighbour.optimum, old.optimum)
+            if new.optimum is None and fastest.optimum is not None and _equal(old.duration, fastest.duration):
+                new = self._point(old.duration, fastest.optimum)
+            if old.optimum is None or (new.optimum is not None and _better(new, old)):
+                self.front.points[k] = new
+        kept = self.front.points[k]
+        return kept if kept.optimum is not None else neighbour
+
+    def _keep_minimum(self) -> None:
+        """If a point of the grid lies below the free optimum, solve again with free duration from there."""
+        best = min(self.front.points, key=lambda p: p.total, default=Point(np.nan, ""))
+        assert self.front.minimum is not None
+        if best.trajectory is not None and best.total < self.front.minimum.total * (1 - LOWER):
+            with _changed(self.planner, starts=1):
+                again = self._free([best.trajectory])
+            self.front.minimum = min((self.front.minimum, again, best), key=lambda p: p.total)
+
+    def _best_in_cycle(self, cycle: Cycle) -> Point:
+        """The duration of least energy over the cycle, searched between the best point's neighbours."""
+        from scipy.optimize import minimize_scalar
+
+        known = [p for p in (*self.front.points, self.front.minimum) if p and p.waiting and p.trajectory is not None]
+
+        def at(duration: float) -> Point:
+            near = min(known, key=lambda p: abs(p.duration - duration), default=None)
+            if near is None or near.optimum is None:
+                return Point(duration, "not_converged", reason="nothing to start from")
+            point = self._step(duration, near.optimum)
+            if point.trajectory is not None:
+                known.append(point)
+            return point
+
+        if self.front.fastest is not None:  # what is run without thought, to be beside the best
+            at_once = at(self.front.fastest.duration)
+            self.front.cycle_fastest = at_once if at_once.trajectory is not None else None
+        if not any(_equal(p.duration, cycle.length) for p in known):
+            end = at(cycle.length)  # slower is often better still: the whole cycle is always looked at
+            if not known:
+                raise Infeasible(end.reason, limit="duration")
+        known.sort(key=lambda p: p.duration)
+        k = int(np.argmin([p.cycle_total for p in known]))
+        low, high = known[max(k - 1, 0)].duration, known[min(k + 1, len(known) - 1)].duration
+
+        def energy(duration: float) -> float:
+            return min(at(float(duration)).cycle_total, 1e300)
+
+        if high > low * (1 + SAME):
+            minimize_scalar(
+                energy, bounds=(low, high), method="bounded", options={"maxiter": SEARCH - 1, "xatol": 1e-3 * low}
+            )
+        return min(known, key=lambda p: p.cycle_total)
+
+
+@contextmanager
+def _changed(planner: Planner, **changes: Any) -> Iterator[None]:
+    """The planner with other settings for a while; what it has built stays."""
+    before = planner.settings
+    planner.settings = replace(before, **changes)
+    try:
+        yield
+    finally:
+        planner.settings = before
+
+
+def _equal(a: float, b: float) -> bool:
+    return abs(a / b - 1) <= SAME
+
+
+def _better(new: Point, old: Point) -> bool:
+    """A converged answer before one that is not, then the lower energy."""
+    return (new.status != "solved", new.total) < (old.status != "solved", old.total)

@@ -1,0 +1,179 @@
+"""What `tradeoff` writes: the front as a table, as a document and as a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.load import own_body
+from energy_opt.files import write_json, write_text
+from energy_opt.folders import written_whole
+from energy_opt.formats import table as rows
+from energy_opt.fronts.cycle import Cycle
+from energy_opt.fronts.front import Front, Point
+from energy_opt.power.per_year import per_year_words
+from energy_opt.reports.solids import drawn
+from energy_opt.reports.tradeoff import page
+from energy_opt.robot import Robot
+
+COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
+
+
+def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cycle: Cycle | None) -> dict[str, Any]:
+    """The front as it is in tradeoff.json; energies in J, durations in s."""
+    out: dict[str, Any] = {
+        "status": front.status,
+        "robot": robot,
+        "joints": list(joints),
+        "mode": mode,
+        "points": [_point(p) for p in front.points],
+        "minimum": _optimum(front.minimum),
+        "fastest": None if front.fastest is None else front.fastest.duration,
+        "solves": front.solves,
+    }
+    if front.status == "infeasible":
+        out["message"] = f"no duration asked for can be done; the shortest that can is {front.fastest_duration:.6g} s"
+    if cycle is not None:
+        best = front.cycle_minimum
+        over = None if best is None else _over_cycle(best)
+        out["cycle"] = {
+            "length": cycle.length,
+            "idle_power": cycle.idle_power,
+            "minimum": None if best is None or over is None else {"duration": best.duration, **over},
+            "at_free_minimum": None if front.minimum is None else _over_cycle(front.minimum),
+            "fastest_then_wait": None if front.cycle_fastest is None else _over_cycle(front.cycle_fastest),
+        }
+    return out
+
+
+def _optimum(point: Point | None) -> dict[str, Any] | None:
+    if point is None or point.energy is None:
+        return None
+    return {"duration": point.duration, **_energies(point), "status": point.status}
+
+
+def _energies(point: Point) -> dict[str, float | None]:
+    parts = ("total", "standby", "stored", "loss")
+    return {f"energy_{part}": None if point.energy is None else getattr(point.energy, part) for part in parts}
+
+
+def _over_cycle(point: Point) -> dict[str, float] | None:
+    """Energy of move and wait; None where the move outlasts the cycle."""
+    if point.energy is None or point.waiting is None:
+        return None
+    return {
+        "energy_total": point.cycle_total,
+        "energy_standby": point.energy.standby + point.waiting.standby,
+        "energy_holding": point.waiting.holding,
+        "energy_loss": point.energy.loss,
+        "energy_stored": point.energy.stored,
+    }
+
+
+def _point(point: Point) -> dict[str, Any]:
+    out: dict[str, Any] = {"duration": point.duration, **_energies(point), "status": point.status}
+    if point.reason:
+        out["reason"] = point.reason
+    over = _over_cycle(point)
+    return {**out, "cycle": over} if over else out
+
+
+def table(front: Front) -> str:
+    """The front as CSV; energies of points without a trajectory are left empty."""
+    lines = [",".join(COLUMNS)]
+    for point in front.points:
+        energies = _energies(point)
+        cells = [energies[name] for name in COLUMNS[1:-1]]
+        numbers = [repr(float(point.duration)), *("" if x is None else repr(float(x)) for x in cells)]
+        lines.append(",".join([*numbers, point.status]))
+    return "\n".join(lines) + "\n"
+
+
+def write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Cell | None = None) -> None:
+    """Write tradeoff.csv, tradeoff.json, plot.png and report.html, and the trajectories of the optima.
+
+    Args:
+        cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
+    """
+    with written_whole(out, "tradeoff.json") as aside:
+        _write(aside, front, found, robot, cell or own_body(robot))
+
+
+def _write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Cell | None) -> None:
+    write_text(out / "tradeoff.csv", table(front))
+    for name, point in (("minimum", front.minimum), ("cycle_minimum", front.cycle_minimum)):
+        if point is not None and point.trajectory is not None:
+            rows.write(point.trajectory, out / f"trajectory_{name}.csv")
+    _plot(out / "plot.png", front)
+    motions = {p.duration: p.trajectory for p in front.points if p.trajectory is not None}
+    bodies, scene = drawn(cell)
+    page(found, motions, robot, bodies, scene).write(out / "report.html")
+    write_json(out / "tradeoff.json", found)
+
+
+def _plot(path: Path, front: Front) -> None:
+    """Energy split into standby, holding, loss and stored, with the optima; over the cycle where there is one."""
+    from energy_opt.reports import plots
+
+    cyclic = front.cycle_minimum is not None
+    shown = [p for p in front.points if p.energy is not None and (p.waiting is not None or not cyclic)]
+    if not shown:
+        return
+    loss, stored, standby = (
+        np.array([getattr(p.energy, part) for p in shown], dtype=float) for part in ("loss", "stored", "standby")
+    )
+    waiting = [p.waiting for p in shown if p.waiting is not None]
+    holding = np.array([w.holding for w in waiting]) if cyclic else np.zeros(len(shown))
+    if cyclic:
+        standby = standby + np.array([w.standby for w in waiting])
+    parts = {"stored": stored, "loss": loss, "holding": holding, "standby": standby}
+    if not cyclic:
+        del parts["holding"]
+    marks = {}
+    for name, point in (("free optimum", front.minimum), ("cycle optimum", front.cycle_minimum)):
+        if point is not None and point.energy is not None and (not cyclic or point.waiting is not None):
+            energy = point.cycle_total if cyclic else point.total
+            marks[f"{name}: {point.duration:.3g} s, {energy:.4g} J"] = (point.duration, energy)
+    infeasible = [p.duration for p in front.points if p.status == "infeasible"]
+    figure = plots.plot_tradeoff(
+        np.array([p.duration for p in shown]),
+        parts,
+        marks,
+        fastest=None if front.fastest is None else front.fastest.duration,
+        infeasible=infeasible,
+        title="energy over the cycle" if cyclic else "energy of the move",
+    )
+    plots.save(figure, path)
+
+
+def text(front: Front, found: Mapping[str, Any], out: Path) -> str:
+    """The front as a short table for a terminal."""
+    lines = [f"{'duration [s]':>12} {'total [J]':>11} {'standby':>11} {'loss':>11} {'stored':>11}  status"]
+    for p in found["points"]:
+        numbers = [p[f"energy_{part}"] for part in ("total", "standby", "loss", "stored")]
+        cells = " ".join(f"{x:11.4f}" if x is not None and math.isfinite(x) else f"{'-':>11}" for x in numbers)
+        lines.append(f"{p['duration']:12.4f} {cells}  {p['status']}{': ' + p['reason'] if 'reason' in p else ''}")
+    if found["fastest"] is not None:
+        lines.append(f"fastest: {found['fastest']:.4f} s")
+    if found["minimum"] is not None:
+        lines.append(
+            f"minimum energy: {found['minimum']['energy_total']:.4f} J at {found['minimum']['duration']:.4f} s"
+        )
+    cycle = found.get("cycle", {})
+    best, fastest = cycle.get("minimum"), cycle.get("fastest_then_wait")
+    if best:
+        whole = best["duration"] >= cycle["length"] * (1 - 1e-6)
+        how = "slowest move" if whole else f"a move of {best['duration']:.4f} s, then wait"
+        line = f"in a {cycle['length']:g} s cycle: {how} {best['energy_total']:.1f} J"
+        if fastest:
+            saved = 100 * (1 - best["energy_total"] / fastest["energy_total"])
+            line += f"; fastest then wait {fastest['energy_total']:.1f} J (saves {saved:.1f} %)"
+        lines.append(line)
+    if "per_year" in found:
+        lines.append(per_year_words(found["per_year"], found["request"]["cycles_per_year"]))
+    return "\n".join([*lines, f"files in {out}"]) + "\n"

@@ -1,0 +1,7 @@
+"""Whole jobs: a cycle of moves and waits, its time spent where it saves most."""
+
+from energy_opt.jobs.file import Job, Step, check_job, load_job
+from energy_opt.jobs.posed import run_posed
+from energy_opt.jobs.run import JobResult, run_job
+
+__all__ = ["Job", "JobResult", "Step", "check_job", "load_job", "run_job", "run_posed"]

@@ -1,0 +1,169 @@
+"""A cycle put together: motions and waits in order, and where the arm stands while time is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from energy_opt.effects import Payload
+from energy_opt.formats.program import standing
+from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.fronts import holding_power
+from energy_opt.jobs.legs import Leg
+from energy_opt.motion.judge.energy import Energy, Scorer
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.pose import Pose
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+SHORTEST_WAIT = 1e-8  # [s] less is no wait, and rounding of motions to nanoseconds
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A leg's motion, its energy and status.
+
+    Attributes:
+        source: what made it: a solve, as `chosen` of its result says; "scaled" or "toppra", its first path's timing;
+            "resumed", an earlier run.
+    """
+
+    trajectory: Trajectory
+    energy: Energy
+    source: str
+    status: str = "solved"
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One stretch of the cycle: a leg's motion, or a wait.
+
+    Attributes:
+        steps: the job's steps that it does, none for time that is left over.
+        energy: J, standby included; payload: kg.
+        source: of a motion as in `Answer`, else "wait".
+        begins: where a motion's first path comes from; empty for a wait.
+    """
+
+    name: str
+    steps: tuple[int, ...]
+    trajectory: Trajectory
+    energy: float
+    payload: float
+    source: str
+    status: str = "solved"
+    begins: str = ""
+
+
+class Scorers:
+    """Scorers of the job's model under each payload; their models share one structure."""
+
+    def __init__(self, robot: Robot, model: PowerModel) -> None:
+        self.robot, self._model = robot, model
+        self._kept: dict[tuple[float, ...], Scorer] = {}
+
+    def of(self, step: Step) -> Scorer:
+        """Under the payload of a step."""
+        mass, *com = step.payload
+        if step.payload not in self._kept:
+            self._kept[step.payload] = Scorer(self.robot, self._model.replaced(Payload(mass=mass, com=com)))
+        return self._kept[step.payload]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How the positions of a job's poses were chosen.
+
+    Attributes:
+        ends: positions (n,) [rad] at the end of each step that has a pose; poses: these, in the base frame.
+        branches: how many positions were looked at.
+        greedy: J of the cycle with the nearest branches, None where this was not looked at or cannot be done.
+        solves: how many cycles were solved.
+        tool: as --tool says it.
+    """
+
+    ends: Mapping[int, np.ndarray]
+    poses: Mapping[int, Pose]
+    branches: Mapping[int, int]
+    greedy: float | None
+    solves: int
+    tool: str | None = None
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Where the arm stands while time is left over: after step `after`, at `power` W, held by brakes or by motors."""
+
+    after: int
+    power: float
+    brakes: bool = False
+
+
+def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
+    """W of standing at a step's end; brakes leave the overhead alone."""
+    scorer = scorers.of(step)
+    if brakes:
+        return scorer.model.constant_power(scorer.robot.n)
+    return float(holding_power(scorer, step.goal[None])[0])
+
+
+def cheapest_rest(job: Job, scorers: Scorers) -> Rest:
+    """The place where waiting costs least, late ones first among equals."""
+    held = [(k, step, step.brakes or job.brakes) for k, step in enumerate(job.steps) if step.stop]
+    rests = [Rest(k, standing_power(scorers, step, brakes), brakes) for k, step, brakes in held]
+    return min(reversed(rests), key=lambda rest: rest.power)
+
+
+def last_rest(job: Job, scorers: Scorers) -> Rest:
+    """At the end of the cycle, holding."""
+    return Rest(len(job.steps) - 1, standing_power(scorers, job.steps[-1], False))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a cycle is put together from: its legs' motions, and `left` s of waiting where `rest` says."""
+
+    legs: tuple[Leg, ...]
+    answers: tuple[Answer, ...]
+    rest: Rest
+    left: float
+
+    def under(self, job: Job, scorers: Scorers) -> Plan:
+        """The same motions and waits, scored by other models."""
+        pairs = zip(self.legs, self.answers, strict=True)
+        answers = tuple(replace(a, energy=scorers.of(leg.step).energy(a.trajectory)) for leg, a in pairs)
+        power = standing_power(scorers, job.steps[self.rest.after], self.rest.brakes)
+        return replace(self, answers=answers, rest=replace(self.rest, power=power))
+
+
+def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
+    """All pieces of a cycle in order."""
+    by_step = {leg.steps[0]: (leg, answer) for leg, answer in zip(plan.legs, plan.answers, strict=True)}
+    rest = plan.rest
+    out: list[Piece] = []
+    for k, step in enumerate(job.steps):
+        more = plan.left if k == rest.after and plan.left > SHORTEST_WAIT else 0.0
+        if step.wait is not None:
+            energy = standing_power(scorers, step, step.brakes) * step.wait + rest.power * more
+            still = standing(job.robot.joints, step.goal, step.wait + more)
+            out.append(Piece(step.name, (k,), still, energy, step.payload[0], "wait"))
+            continue
+        if k in by_step:
+            leg, answer = by_step[k]
+            out.append(
+                Piece(
+                    leg.name, leg.steps, answer.trajectory, answer.energy.total, step.payload[0], answer.source,
+                    answer.status, leg.begins,
+                )
+            )  # fmt: skip
+        if more:
+            still = standing(job.robot.joints, step.goal, more)
+            out.append(Piece("time left over", (), still, rest.power * more, step.payload[0], "wait"))
+    return tuple(out)
+
+
+def energy_of(pieces: Sequence[Piece]) -> float:
+    """J of all pieces."""
+    return sum(piece.energy for piece in pieces)

@@ -1,0 +1,100 @@
+"""A job under several models: stated under the first, and never more costly than the evenly slowed cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from energy_opt.jobs.cycle import Plan, Scorers, assembled, energy_of
+from energy_opt.jobs.run import JobResult, Plain
+from energy_opt.jobs.work import unloaded
+from energy_opt.motion.plan.robust import SAME, Rival, exceeds
+from energy_opt.motion.travel import detours
+from energy_opt.power import Mixture, PowerModel
+from energy_opt.power.assumptions import assumptions
+from energy_opt.power.break_even import break_even
+from energy_opt.power.known import friction_range
+
+BESIDE = "evenly_slowed"  # the baseline that savings are stated against
+
+
+def compared(result: JobResult, judges: Sequence[Rival]) -> JobResult:
+    """The result with a row of `models` for every judge, the model that it was planned with first."""
+    job = result.job
+    slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
+    rows: list[dict[str, Any]] = []
+    for judge in judges:
+        scorers = Scorers(job.robot, unloaded(judge.model))
+
+        def total(plan: Plan, scorers: Scorers = scorers) -> float:
+            return energy_of(assembled(job, scorers, plan.under(job, scorers)))
+
+        energy, joules = total(result.plan), None
+        if slowed is not None:
+            joules = total(slowed) - energy
+        share = None if joules is None else 100 * joules / (energy + joules)
+        rows.append({"name": judge.name, "total": energy, "saving_joules": joules, "saving_total_percent": share})
+    return replace(result, models=tuple(rows))
+
+
+def grounded(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
+    """The result with what it rests on, up to which dry friction it saves, and joints that take detours.
+
+    Args:
+        rivals: the models that it was planned with, the one that it is stated under first.
+    """
+    job = result.job
+    slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
+
+    def saved(model: PowerModel) -> float:
+        assert slowed is not None
+        scorers = Scorers(job.robot, unloaded(model))
+        theirs, ours = (energy_of(assembled(job, scorers, p.under(job, scorers))) for p in (slowed, result.plan))
+        return theirs - ours - SAME * abs(theirs)
+
+    share = None if slowed is None else break_even(saved, rivals[0].model, job.robot)
+    rows = [
+        {"step": leg.name, **row}
+        for leg, answer in zip(result.plan.legs, result.plan.answers, strict=True)
+        for row in detours(answer.trajectory)
+    ]
+    used = assumptions(job.robot, [rival.model for rival in rivals])
+    return replace(result, assumptions=used, break_even_friction=share, travel=tuple(rows))
+
+
+def mean_of(rivals: Sequence[Rival]) -> PowerModel:
+    """What a job is planned with: the mean of the models, or the one that there is."""
+    return rivals[0].model if len(rivals) == 1 else Mixture.of([rival.model for rival in rivals])
+
+
+def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
+    """A job that was planned under the mean of `rivals`, stated under the first of them.
+
+    Where the cycle costs more than the evenly slowed one under any of them, or at a corner of assumed friction, it is
+    the evenly slowed one. The bound is of the mean, not of the energy that is stated: it is in `robust`.
+    """
+    job = result.job
+    corners = [Rival(f"{r.name}, {name}", m) for r in rivals for name, m in friction_range(r.model, job.robot)]
+    rows = compared(result, [*rivals, *corners]).models
+    slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
+    dear = [
+        row["name"] for row in rows if slowed is not None and exceeds(row["total"], row["total"] + row["saving_joules"])
+    ]
+    plan, warnings = result.plan, result.warnings
+    if dear and slowed is not None:
+        plan = slowed
+        warnings = (*warnings, f"no cycle was found that costs less than the evenly slowed one under {dear[0]!r} too")
+    totals = [row["total"] for row in compared(replace(result, plan=plan), rivals).models]
+    robust = {"kind": "mean", "total": sum(totals) / len(totals), "lower_bound": result.bound}
+    scorers = Scorers(job.robot, unloaded(rivals[0].model))
+
+    def under(name: str, plan: Plan | None) -> Plain:
+        first = None if plan is None else plan.under(job, scorers)
+        return Plain(name, None if first is None else energy_of(assembled(job, scorers, first)), first)
+
+    stated = replace(
+        result, plan=plan.under(job, scorers), scorers=scorers, bound=None, robust=robust, warnings=warnings,
+        baselines=tuple(under(b.name, b.plan) for b in result.baselines),
+    )  # fmt: skip
+    return compared(stated, [*rivals, *corners])

@@ -1,0 +1,285 @@
+"""Jobs whose steps end at poses of the tool: the joint positions of all of them are chosen over the whole cycle.
+
+choose     the cheapest ring through the branches of every pose, by estimates of moves that share the cycle's time
+improve    where poses leave freedom, each end in turn is moved along it, by the same estimates
+solve      the cycle; its motions, bent, say where ends cost less; solved again
+compare    with what is done today: at every pose the branch that is nearest to where the arm comes from
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.request import CellRequest
+from energy_opt.errors import Infeasible
+from energy_opt.jobs.cycle import Choice, Scorers
+from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.jobs.work import Cells, unloaded
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.move import Settings
+from energy_opt.poses.estimate import curves, fastest, holding
+from energy_opt.poses.freedom import Bent, has_freedom, improved
+from energy_opt.poses.given import in_base, scene_of
+from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.poses.pose import Pose
+from energy_opt.poses.sets import Layer, Ring, Target, positions_near, positions_of, thinned
+from energy_opt.power import PowerModel
+
+SWEEPS = 3  # over all ends, by estimates
+WORTH = 1e-3  # of the losses: what bending promises less is not solved again
+Ends = dict[int, np.ndarray]  # positions (n,) of steps
+
+
+class Posed:
+    """The choice of positions for one job.
+
+    Args:
+        cell: as for `run_job`; poses may stand in the frames of its scene.
+        starts: positions (K, n) of steps near which positions are looked for, quickly and blind to contact; by default
+            all branches are looked for.
+
+    Raises:
+        Infeasible: a pose is out of reach, or reached only touching something.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        model: PowerModel,
+        settings: Settings,
+        cell: CellRequest,
+        starts: Mapping[int, np.ndarray] | None = None,
+    ) -> None:
+        self.job, self.scorers = job, Scorers(job.robot, unloaded(model))
+        self.cells = Cells(job, cell)
+        self.tool = ToolKinematics(job.robot, cell.tool)
+        self.moving = [k for k, step in enumerate(job.steps) if step.wait is None]
+        self.poses = {k: self._in_base(job.steps[k], cell) for k in job.open}
+        known: dict[Any, np.ndarray] = {}
+        self.sets: dict[int, np.ndarray] = {}
+        for k in self.moving:
+            step = job.steps[k]
+            target: Target = self.poses.get(k, step.goal)
+            key = (str(target.document()), step.scene) if isinstance(target, Pose) else k
+            if starts is not None and k in starts and isinstance(target, Pose):
+                known[key] = positions_near(self.tool, target, starts[k])
+            elif key not in known:
+                near = job.robot.limits.near_zero
+                cell_of = None if starts is not None else self.cells.of(step)
+                known[key] = positions_of(self.tool, target, cell_of, near=near, seed=settings.seed)
+            self.sets[k] = known[key]
+
+    def _in_base(self, step: Step, cell: CellRequest) -> Pose:
+        assert step.pose is not None
+        scene = None
+        if step.pose.frame:
+            scene = scene_of(replace(cell, scene=step.scene or cell.scene))
+        return in_base(step.pose, self.job.robot, scene, cell.base_pose)
+
+    def estimated(self, improve: bool = True) -> tuple[Ends, float]:
+        """Positions of all moving steps' ends that are likely to be cheapest, and the estimate [J] before improving."""
+        nearest = self.greedy()
+        layers = [self._layer(k, nearest[k]) for k in self.moving]
+        steps = [self.job.steps[k] for k in self.moving]
+        order = [*range(1, len(steps)), 0]  # move k of the ring goes to the end of the next moving step
+        models = [[self.scorers.of(steps[k])] for k in order]
+        bounds = [(steps[k].least, steps[k].most) for k in order]
+        ring = Ring(layers, models, bounds)
+        waiting = min(float(layer.standing.min()) for layer in layers)
+        chosen, energy = ring.cheapest(self.job.cycle_time - self.job.waiting, waiting)
+        ends = {k: layer.positions[c] for k, layer, c in zip(self.moving, layers, chosen, strict=True)}
+        return self._improved(ends) if improve else ends, energy
+
+    def _layer(self, k: int, nearest: np.ndarray) -> Layer:
+        """The positions that a moving step may end at, the nearest among them, and what the waits after it take."""
+        scorer, q = [self.scorers.of(self.job.steps[k])], self.sets[k]
+        standing = holding(scorer, q)
+        q = np.vstack([nearest, thinned(q, standing)])
+        return Layer(q, self._held(k), holding(scorer, q))
+
+    def _held(self, k: int) -> float:
+        """Seconds that the motors hold the arm at the end of a moving step, as the job asks for."""
+        steps, after = self.job.steps, self.moving[(self.moving.index(k) + 1) % len(self.moving)]
+        places = range(k + 1, after if after > k else after + len(steps))
+        waits = [steps[m % len(steps)] for m in places]
+        return sum(step.wait or 0.0 for step in waits if not step.brakes)
+
+    def _improved(self, ends: Ends) -> Ends:
+        """Every end with freedom moved along it, the others held, by estimates at durations that share the time."""
+        ends = dict(ends)
+        for _ in range(SWEEPS):
+            price = self._price(ends)
+            before = {k: q.copy() for k, q in ends.items()}
+            for k, pose in self.poses.items():
+                if has_freedom(self.tool, pose):
+                    cell = self.cells.of(self.job.steps[k])
+                    ends[k] = improved(self.tool, pose, ends[k], self._cost(k, ends, price), cell)
+            if max((np.abs(ends[k] - before[k]).max() for k in ends), default=0.0) < 1e-2:
+                break
+        return ends
+
+    def _around(self, k: int) -> tuple[int, int]:
+        """The moving steps before and after a moving step."""
+        place = self.moving.index(k)
+        return self.moving[place - 1], self.moving[(place + 1) % len(self.moving)]
+
+    def _models(self, k: int) -> list[Scorer]:
+        return [self.scorers.of(self.job.steps[k])]
+
+    def _price(self, ends: Ends) -> float:
+        """W that a second is worth where straight moves between these ends share the cycle's time."""
+        pairs = [(self._around(k)[0], k) for k in self.moving]
+        known = [curves(self._models(k), ends[a][None], ends[k][None]) for a, k in pairs]
+        time = self.job.cycle_time - self.job.waiting
+        high = min(float(holding(self._models(k), ends[k][None])[0]) for k in self.moving)
+        low = high - 1e6
+        for _ in range(60):
+            price = (low + high) / 2
+            used = sum(float(c.cheapest(price)[1][0]) for c in known)
+            low, high = (price, high) if used <= time else (low, price)
+        return low
+
+    def _cost(self, k: int, ends: Ends, price: float) -> Callable[[np.ndarray], np.ndarray]:
+        """What positions (M, n) at the end of step k cost (M,) [J]: both moves and the wait there, less their time."""
+        before, after = self._around(k)
+        wait = self._held(k)
+        here, there = self.job.steps[k], self.job.steps[after]
+
+        def cost(q: np.ndarray) -> np.ndarray:
+            first, last = (np.broadcast_to(ends[j], q.shape) for j in (before, after))
+            out = curves(self._models(k), first, q).cheapest(price, here.most, here.least)[0]
+            out = out + curves(self._models(after), q, last).cheapest(price, there.most, there.least)[0]
+            return np.asarray(out + wait * holding(self._models(k), q))
+
+        return cost
+
+    def greedy(self) -> Ends:
+        """At every pose the positions that are quickest to reach from where the arm comes from."""
+        at = self.sets[self.moving[-1]]
+        q = at[np.argmin(np.abs(at - self.job.robot.limits.near_zero).sum(axis=1))]
+        out: Ends = {self.moving[-1]: q}
+        for k in self.moving[:-1]:
+            ways = self.sets[k]
+            quick = fastest(self.job.robot, np.broadcast_to(q, ways.shape), ways) + 1e-3 * np.abs(ways - q).sum(axis=1)
+            q = out[k] = ways[int(np.argmin(quick))]
+        return out
+
+    def _bent_legs(self, result: JobResult) -> dict[int, Bent]:
+        """The solved motions by the step that they end."""
+        pairs = zip(result.plan.legs, result.plan.answers, strict=True)
+        return {leg.steps[-1]: Bent(self._models(leg.steps[-1]), a.trajectory, True) for leg, a in pairs}
+
+    def bending(self, result: JobResult) -> Callable[[Ends], float]:
+        """What the solved motions cost [J], waits included, when they are bent to other ends."""
+        of = self._bent_legs(result)
+        places = sorted(of)
+
+        def cost(ends: Ends) -> float:
+            total = 0.0
+            for k, before in zip(places, [places[-1], *places[:-1]], strict=True):
+                total += float(of[k](ends[before][None], ends[k][None])[0])
+                total += self._held(k) * float(holding(self._models(k), ends[k][None])[0])
+            return total
+
+        return cost
+
+    def bent(self, result: JobResult, ends: Ends) -> tuple[Ends, float]:
+        """Ends at which the solved motions, bent, cost less, and what that promises [J]."""
+        of = self._bent_legs(result)
+        places = sorted(of)
+        ends, gain = dict(ends), 0.0
+        for k, pose in self.poses.items():
+            if k not in of or not has_freedom(self.tool, pose):
+                continue
+            after = places[(places.index(k) + 1) % len(places)]
+            inward, outward, models, wait = of[k], of[after], self._models(k), self._held(k)
+
+            def cost(
+                q: np.ndarray, inward: Bent = inward, outward: Bent = outward, models: list[Scorer] = models,
+                wait: float = wait,
+            ) -> np.ndarray:  # fmt: skip
+                return np.asarray(inward(None, q) + outward(q, None) + wait * holding(models, q))
+
+            q = improved(self.tool, pose, ends[k], cost, self.cells.of(self.job.steps[k]))
+            values = cost(np.vstack([ends[k], q]))
+            gain, ends[k] = gain + float(values[0] - values[1]), q
+        return ends, gain
+
+
+def run_posed(
+    job: Job,
+    model: PowerModel,
+    settings: Settings | None = None,
+    *,
+    cell: CellRequest | None = None,
+    ends: Ends | None = None,
+    compare: bool = True,
+    refine: bool = True,
+    stopped: Callable[[], bool] = lambda: False,
+    progress: Callable[[str, float], None] = lambda text, share: None,
+    **more: Any,
+) -> JobResult:
+    """As `run_job`, for jobs that may have poses: their positions are chosen over the whole cycle.
+
+    Args:
+        ends: positions (n,) at the ends of all moving steps, by their index, in place of those that are chosen.
+        compare: also solve the cycle with the nearest branches; where that is cheaper, it is the answer.
+        refine: solve again where the solved motions, bent, say that other ends cost less.
+        more: further arguments of `run_job`.
+
+    Raises:
+        Infeasible: a pose is out of reach, or a cycle cannot be done; says which step and what would work.
+    """
+    if not job.open:
+        return run_job(job, model, settings, cell=cell, stopped=stopped, progress=progress, **more)
+    settings, cell = settings or Settings(), cell or CellRequest()
+    progress("joint positions of the poses", 0.0)
+    posed = Posed(job, model, settings, cell, None if ends is None else {k: q[None] for k, q in ends.items()})
+    asked = ends
+    known: dict[str, Any] = {"cell": cell, "stopped": stopped, **more}
+    solves, errors = 0, []
+    best: tuple[Ends, JobResult] | None = None
+    greedy: float | None = None
+    for name, share in (("cycle", 0.4), ("nearest", 0.3)):
+        if name == "nearest" and not compare:
+            continue
+        ends = posed.greedy() if name == "nearest" else posed.estimated()[0] if asked is None else asked
+        solves += 1
+        try:
+            found = run_job(
+                job.at(ends), model, settings, progress=_part(progress, 0.0 if name == "cycle" else 0.4, share), **known
+            )
+        except Infeasible as error:
+            errors.append(error)
+            continue
+        greedy = found.energy if name == "nearest" else greedy
+        if best is None or _rank(found) < _rank(best[1]):
+            best = ends, found
+    if best is None:
+        raise errors[0]
+    if refine and not stopped():
+        ends, gain = posed.bent(best[1], best[0])
+        losses = sum(answer.energy.loss for answer in best[1].plan.answers)
+        if gain > WORTH * losses:
+            solves += 1
+            try:
+                found = run_job(job.at(ends), model, settings, progress=_part(progress, 0.7, 0.3), **known)
+                best = (ends, found) if _rank(found) < _rank(best[1]) else best
+            except Infeasible:
+                pass
+    branches = {k: len(posed.sets[k]) for k in posed.poses}
+    ends = {k: best[0][k] for k in posed.poses}
+    return replace(best[1], choice=Choice(ends, posed.poses, branches, greedy, solves, cell.tool))
+
+
+def _rank(result: JobResult) -> tuple[bool, float]:
+    return not result.solved, result.energy
+
+
+def _part(progress: Callable[[str, float], None], first: float, share: float) -> Callable[[str, float], None]:
+    return lambda text, done: progress(text, first + share * done)

@@ -1,0 +1,260 @@
+"""A job from its steps to a cycle: shares of time, solved legs, waits, and what the plain ways of running it take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.jobs.allocate import Front, Shares, allocate, modelled
+from energy_opt.jobs.cycle import (
+    Answer,
+    Choice,
+    Piece,
+    Plan,
+    Scorers,
+    assembled,
+    cheapest_rest,
+    energy_of,
+    last_rest,
+    standing_power,
+)
+from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.fronts import slope_of_slowing
+from energy_opt.jobs.legs import Leg, legs_of
+from energy_opt.jobs.work import Cells, Worker
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.move import Settings
+from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.power.assumptions import Assumption
+
+SHARING = 0.05  # of the work, about, and as much again for first paths
+AGAIN = 1e-2  # of a leg's duration: shares that change less are not worth solving again
+Known = Callable[[Leg, float], Trajectory | None]
+Answered = Callable[[Leg, float, Trajectory], None]
+
+
+@dataclass(frozen=True)
+class Plain:
+    """A plain way to run the job: its energy [J] and plan, None where a limit or a body is in its way."""
+
+    name: str
+    energy: float | None
+    plan: Plan | None
+
+
+@dataclass(frozen=True)
+class JobResult:
+    """A job as it is to be run.
+
+    Attributes:
+        plan: its motions and where it waits.
+        baselines: "fastest_then_wait" and "evenly_slowed".
+        bound: J that no timing of the legs' first paths and no share of the time goes below; None where not proven.
+        robust: under several models what is minimised: kind, total [J], and lower_bound [J] of that, or None.
+        cells: what was kept clear of, by step.
+        interrupted: stopped early: legs that had not been solved run evenly slowed.
+        models: what other models make of the cycle: name, total [J], and beside the evenly slowed one saving_joules and
+            saving_total_percent.
+        assumptions: what was not given, with its source.
+        break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving
+            beside the evenly slowed cycle; None where no share below 0.2 does.
+        travel: joints that go more than 1.5 times as far as a step needs: step, joint, path and straight [rad, m].
+        choice: where steps end at poses of the tool, how their positions were chosen.
+    """
+
+    job: Job
+    plan: Plan
+    baselines: tuple[Plain, ...]
+    bound: float | None
+    scorers: Scorers
+    cells: Cells
+    interrupted: bool = False
+    models: tuple[dict[str, Any], ...] = ()
+    warnings: tuple[str, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
+    break_even_friction: float | None = None
+    travel: tuple[Mapping[str, object], ...] = ()
+    choice: Choice | None = None
+    robust: dict[str, Any] | None = None
+
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """Motions and waits in order; their durations add up to the cycle."""
+        return assembled(self.job, self.scorers, self.plan)
+
+    def scorer(self, step: Step) -> Scorer:
+        """Scores motions under a step's payload."""
+        return self.scorers.of(step)
+
+    @property
+    def energy(self) -> float:
+        """J of the whole cycle."""
+        return energy_of(self.pieces)
+
+    @property
+    def cell(self) -> Cell | None:
+        """That in which most of the moves are made."""
+        cells = [self.cells.of(leg.step) for leg in self.plan.legs]
+        return max(cells, key=cells.count, default=None)
+
+    @property
+    def solved(self) -> bool:
+        """Did every leg end as solved?"""
+        return not self.interrupted and all(piece.status == "solved" for piece in self.pieces)
+
+
+def run_job(
+    job: Job,
+    model: PowerModel,
+    settings: Settings | None = None,
+    *,
+    cell: CellRequest | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    known: Known = lambda leg, duration: None,
+    answered: Answered = lambda leg, duration, trajectory: None,
+    progress: Callable[[str, float], None] = lambda text, share: None,
+    room: Mapping[str, float] = MappingProxyType({}),
+) -> JobResult:
+    """Share the cycle's time over its legs for least energy, and solve them.
+
+    Args:
+        cell: what the arm keeps clear of besides the scenes that steps name; by default its own body.
+        stopped: asked between solves; True ends the work with the best so far.
+        known: an earlier run's answer to a leg of that duration, which is judged again before it is taken.
+        answered: told every answer.
+        progress: told what is being done, and what share of the work is done.
+        room: shares of the limits' bounds that the legs may use, by the limits' names.
+
+    Raises:
+        Infeasible: a leg cannot be done, or the cycle is too short; says which step binds and what would work.
+    """
+    if job.open:
+        raise BadInput(f"{job.steps[job.open[0]].name}: its joint positions are still to be chosen; use run_posed")
+    work = Worker(job, model, settings or Settings(), Cells(job, cell or CellRequest()), stopped, room)
+    work.check_poses()
+    progress("first paths", 0.0)
+    asked = legs_of(job.steps)
+    legs = tuple(work.begun(leg) for leg in asked)
+    timings = [work.timing(leg) for leg in legs]
+    time = job.cycle_time - job.waiting
+    shortest = np.array([max(t.duration, leg.least) for t, leg in zip(timings, legs, strict=True)])
+    _check_time(job, legs, shortest, time)
+    rest = cheapest_rest(job, work.scorers)
+    plain = _plain(work, legs, timings, shortest, time)
+
+    def plan_of(durations: np.ndarray, first: float, last: float) -> Plan:
+        """Every leg solved; `first` and `last` are shares of the work."""
+        out = []
+        for k, (leg, timing, duration) in enumerate(zip(legs, timings, durations.tolist(), strict=True)):
+            progress(f"{k + 1}/{len(legs)} {leg.name}: {duration:.3f} s", first + (last - first) * k / len(legs))
+            if stopped():
+                out.append(work.slowed(leg, timing, duration))
+                continue
+            out.append(work.solved(leg, timing, duration, known(leg, duration)))
+            answered(leg, duration, out[-1].trajectory)
+        return Plan(legs, tuple(out), rest, time - sum(answer.trajectory.duration for answer in out))
+
+    def energy(plan: Plan) -> float:
+        return energy_of(assembled(job, work.scorers, plan))
+
+    progress("sharing the cycle's time", SHARING)
+    fronts = [work.front(leg, timing) for leg, timing in zip(legs, timings, strict=True)]
+    scorers = [work.scorers.of(leg.step) for leg in legs]
+    guess = slope_of_slowing(legs, timings, scorers, time / shortest.sum()) if legs else None
+    shares = allocate(fronts, time, rest.power, guess)
+    retimed = all(leg.mode == "retime" for leg in legs)
+    best = plan_of(shares.durations, 2 * SHARING, 1.0 if retimed else 0.6)
+    if not retimed and not stopped():
+        durations = _anew(fronts, shares, best.answers, time, rest.power)
+        if np.abs(durations / shares.durations - 1).max() > AGAIN:
+            best = min(best, plan_of(durations, 0.6, 1.0), key=energy)
+    for other in plain.values():
+        if other is not None and energy(other) < energy(best):
+            best = other
+    bound = None if shares.bound is None or not retimed else shares.bound + _declared_waits(job, work.scorers)
+    baselines = tuple(Plain(name, None if p is None else energy(p), p) for name, p in plain.items())
+    return JobResult(
+        job, best, baselines, bound, work.scorers, work.cells, stopped(), warnings=tuple(_changed(asked, legs))
+    )
+
+
+def _changed(asked: Sequence[Leg], legs: Sequence[Leg]) -> list[str]:
+    """What legs are done otherwise than was asked for."""
+    return [
+        f"{leg.name}: the path that it would keep is not free; it is reshaped"
+        for before, leg in zip(asked, legs, strict=True)
+        if before.mode != leg.mode
+    ]
+
+
+def _declared_waits(job: Job, scorers: Scorers) -> float:
+    """J of the waits that the job asks for."""
+    return sum(standing_power(scorers, step, step.brakes) * step.wait for step in job.steps if step.wait is not None)
+
+
+def _check_time(job: Job, legs: Sequence[Leg], shortest: np.ndarray, time: float) -> None:
+    for leg, least in zip(legs, shortest.tolist(), strict=True):
+        if least > leg.most * (1 + 1e-12):
+            raise Infeasible(
+                f"{leg.name}: max_duration = {leg.most:g} s is too short; its first path takes {least:.6g} s at least",
+                limit="duration",
+                shortest_duration=least,
+            )
+    if shortest.sum() <= time + 1e-12 * job.cycle_time:
+        return
+    needed = float(shortest.sum() + job.waiting)
+    text = f"the cycle of {job.cycle_time:g} s is too short: "
+    if legs:
+        longest = legs[int(np.argmax(shortest))]
+        text += (
+            f"its moves take {shortest.sum():.4g} s at least and it waits {job.waiting:.4g} s, {needed:.6g} s in all; "
+            f"the longest is {longest.name} with {shortest.max():.4g} s"
+        )
+    else:
+        text += f"it waits {needed:.6g} s"
+    raise Infeasible(
+        text,
+        limit="duration",
+        shortest_duration=needed,
+    )
+
+
+def _plain(
+    work: Worker, legs: tuple[Leg, ...], timings: Sequence[Timing], shortest: np.ndarray, time: float
+) -> dict[str, Plan | None]:
+    """The cycle as it is run without thought: at full speed and then waiting, or all slowed evenly."""
+    out: dict[str, Plan | None] = {}
+    rest = last_rest(work.job, work.scorers)
+    # what a least duration holds back takes no part in slowing down
+    factor = time / shortest.sum() if shortest.sum() > 0 else 1.0
+    most = np.array([leg.most for leg in legs])
+    for name, durations in (("fastest_then_wait", shortest), ("evenly_slowed", np.minimum(factor * shortest, most))):
+        answers = tuple(
+            work.slowed(leg, timing, float(duration), "toppra" if name == "fastest_then_wait" else "scaled")
+            for leg, timing, duration in zip(legs, timings, durations, strict=True)
+        )
+        valid = all(answer.status == "solved" for answer in answers)
+        out[name] = Plan(legs, answers, rest, float(time - durations.sum())) if valid else None
+    return out
+
+
+def _anew(
+    fronts: Sequence[Front], shares: Shares, answers: Sequence[Answer], time: float, waiting: float
+) -> np.ndarray:
+    """Durations (L,) [s] under fronts that are scaled to what reshaping saved: losses go with time as before."""
+    standby = np.array([a.energy.standby / a.trajectory.duration for a in answers])
+    overhead = np.array([a.energy.total - a.energy.loss for a in answers])  # standby and what the ends decide
+    ratio = np.array([a.energy.loss for a in answers]) / np.maximum(shares.energies - overhead, 1e-12)
+    ratio = np.clip(ratio, 0.05, 1.0)
+    holding = standby + ratio * (shares.holding - standby)
+    return modelled(fronts, ratio * shares.saved, holding, time, waiting)

@@ -1,0 +1,127 @@
+"""The work on a job's legs: one planner for all payloads and scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.effects import Payload
+from energy_opt.errors import EnergyOptError, Infeasible
+from energy_opt.jobs.allocate import Front
+from energy_opt.jobs.cycle import Answer, Scorers
+from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.fronts import fastest_timing, front_of
+from energy_opt.jobs.legs import Leg
+from energy_opt.motion.move import Settings
+from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.plan.ways import check_free
+from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+
+
+def unloaded(model: PowerModel) -> PowerModel:
+    """The model with a payload of nothing, so that all payloads share what is built."""
+    return model.replaced(Payload(mass=0.0, com=[0.0, 0.0, 0.0]))
+
+
+class Cells:
+    """The cell of every step: what the job's files and the request say; each is read once."""
+
+    def __init__(self, job: Job, request: CellRequest) -> None:
+        self._job, self._request = job, request
+        self._kept: dict[Path | None, Cell | None] = {}
+
+    def of(self, step: Step) -> Cell | None:
+        """None where nothing is to be kept clear of."""
+        scene = step.scene or self._request.scene
+        if scene not in self._kept:
+            try:
+                self._kept[scene] = load_cell(self._job.robot, replace(self._request, scene=scene))
+            except EnergyOptError as error:
+                error.args = (f"{step.name}: {error.args[0]}",)
+                raise
+        return self._kept[scene]
+
+
+class Worker:
+    """Solves legs: one planner for all payloads and scenes."""
+
+    def __init__(
+        self, job: Job, model: PowerModel, settings: Settings, cells: Cells, stopped: Callable[[], bool],
+        shares: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:  # fmt: skip
+        self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
+        self.cells = cells
+        planner = Planner(job.robot, unloaded(model), settings, batch=True, stopped=stopped)
+        self._planner = planner.within(shares) if shares else planner
+
+    def check_poses(self) -> None:
+        """Raises Infeasible where the arm touches something at a step's end or, in a new scene, at its beginning."""
+        for step in self.job.steps:
+            cell = self.cells.of(step)
+            if cell is not None and cell.checks:
+                check_free(cell, step.start, f"{step.name}, at its beginning")
+                check_free(cell, step.goal, f"{step.name}, at its end")
+
+    def planner(self, leg: Leg) -> Planner:
+        """The planner under a leg's payload, in its scene."""
+        self._planner.set_model(self.scorers.of(leg.step).model)
+        self._planner.set_cell(self.cells.of(leg.step))
+        return self._planner
+
+    def begun(self, leg: Leg) -> Leg:
+        """The leg with the first path that the planner starts from.
+
+        A path that a retimed leg is to keep and that is not free is left to reshaping.
+
+        Raises:
+            Infeasible: no way around was found.
+        """
+        planner = self.planner(leg)
+        try:
+            move, first, _ = planner.first_path(leg.move(None))
+        except Infeasible as error:
+            if leg.mode == "reshape" or error.limit != "clearance":
+                raise Infeasible(f"{leg.name}: {error}", joint=error.joint, limit=error.limit) from None
+            leg = replace(leg, mode="reshape")
+            move, first, _ = planner.first_path(leg.move(None))
+        return replace(leg, way=move.path, begins=first.source)
+
+    def timing(self, leg: Leg) -> Timing:
+        """The fastest of the leg's first path."""
+        planner = self.planner(leg)
+        return fastest_timing(self.job.robot, self.scorers.of(leg.step).model, leg, planner.limits())
+
+    def front(self, leg: Leg, timing: Timing) -> Front:
+        """The leg's front over the timing of its first path."""
+        return front_of(leg, timing, self.scorers.of(leg.step), self.planner(leg).limits())
+
+    def slowed(self, leg: Leg, timing: Timing, duration: float, name: str = "scaled") -> Answer:
+        """The leg's fastest timing, slowed evenly; not solved where it is beyond a limit."""
+        return self.judged(leg, timing.slowed(duration).trajectory(self.job.robot.joints), name)
+
+    def judged(self, leg: Leg, trajectory: Trajectory, source: str) -> Answer:
+        """A trajectory as an answer to a leg; not solved where it is beyond a limit or touches something."""
+        valid = self.planner(leg).certify(trajectory).valid
+        energy = self.scorers.of(leg.step).energy(trajectory)
+        return Answer(trajectory, energy, source, "solved" if valid else "infeasible")
+
+    def solved(self, leg: Leg, timing: Timing, duration: float, known: Trajectory | None) -> Answer:
+        """The leg in `duration` s with the least energy that is found."""
+        planner = self.planner(leg)
+        if known is not None and planner.certify(known).valid:
+            return Answer(known, planner.score(known), "resumed")
+        try:
+            result = planner.solve(leg.move(duration))
+        except Infeasible as error:
+            slowed = self.slowed(leg, timing, duration)
+            if slowed.status == "solved":
+                return slowed
+            raise Infeasible(f"{leg.name}: {error}", joint=error.joint, limit=error.limit) from None
+        return Answer(result.trajectory, result.energy, result.chosen, result.status)

@@ -1,0 +1,131 @@
+"""What differs between two models of one arm, and whether the difference is real."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from energy_opt.passports.sources import SHARES, Arm
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+LEVEL = 0.95  # of all intervals of a comparison together
+
+
+@dataclass(frozen=True)
+class Change:
+    """One quantity in two models.
+
+    Attributes:
+        quantity: "standby", "r_over_kt2" or "friction". joint: its name, None for the whole arm. speed: rad/s, of
+            friction.
+        difference: after - before, in `unit`. ci95: of it, wide enough that all those of the comparison hold at once.
+        percent: of the earlier value; None where that is 0.
+        real: is 0 outside of `ci95`? None where a model does not say how sure it is.
+    """
+
+    before_label: str
+    after_label: str
+    quantity: str
+    joint: str | None
+    speed: float | None
+    unit: str
+    before: float
+    after: float
+    difference: float
+    ci95: tuple[float, float] | None
+    percent: float | None
+    real: bool | None
+
+    def document(self) -> dict[str, Any]:
+        """As it is in passport.json."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        where = f" of {self.joint}" if self.joint else ""
+        at = f" at {self.speed:.3g} rad/s" if self.speed is not None else ""
+        name = {"r_over_kt2": "R/Kt²"}.get(self.quantity, self.quantity)
+        share = "" if self.percent is None else f" ({self.percent:+.0f} %)"
+        spread = "" if self.ci95 is None else f", 95 % [{self.ci95[0]:+.3g}, {self.ci95[1]:+.3g}]"
+        word = {True: "real", False: "within the intervals", None: "no interval is stated"}[self.real]
+        return f"{name}{where}{at}: {self.before:.4g} → {self.after:.4g} {self.unit}{share}{spread}: {word}"
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    """A quantity's key, unit, value, and its values in every draw (D,)."""
+
+    quantity: str
+    joint: str | None
+    speed: float | None
+    unit: str
+    value: float
+    draws: np.ndarray
+
+
+def changes(before: Arm, after: Arm) -> list[Change]:
+    """What differs between two models of a robot; nothing where their joints differ.
+
+    A change is real where 0 lies outside of the joint 95 % interval of all differences: d +- c sd, c the quantile of
+    the largest |d* - d| / sd over all quantities, from independent draws d* of both models' covariances (Montiel Olea
+    and Plagborg-Moller, 2019).
+    """
+    if before.robot.joints != after.robot.joints:
+        return []
+    first = {(x.quantity, x.joint, x.speed): x for x in _quantities(before)}
+    pairs = [(first[key], x) for x in _quantities(after) if (key := (x.quantity, x.joint, x.speed)) in first]
+    spreads = []
+    for a, b in pairs:
+        count = min((len(x.draws) for x in (a, b) if len(x.draws)), default=0)
+        moved = [x.draws[:count] - x.value if len(x.draws) else np.zeros(count) for x in (a, b)]
+        spreads.append(moved[1][::-1] - moved[0])  # reversed: equal seeds drew equal numbers
+    width = [float(x.std()) if len(x) else 0.0 for x in spreads]
+    scaled = [np.abs(x) / w for x, w in zip(spreads, width, strict=True) if w > 0]
+    most = float(np.quantile(np.max(scaled, axis=0), LEVEL)) if scaled else 0.0
+    out = []
+    for (a, b), w in zip(pairs, width, strict=True):
+        d = b.value - a.value
+        known = a.draws.size > 0 and b.draws.size > 0 and w > 0
+        interval = (d - most * w, d + most * w) if known else None
+        real = abs(d) > most * w if known else None
+        share = 100 * d / abs(a.value) if a.value else None
+        labels = (before.label, after.label)
+        out.append(Change(*labels, a.quantity, a.joint, a.speed, a.unit, a.value, b.value, d, interval, share, real))
+    return out
+
+
+def changes_since(last: PowerModel, now: PowerModel, robot: Robot) -> list[Change]:
+    """What a new calibration says has changed since the last one, real changes first."""
+    found = changes(Arm("last", robot, last, "", {}), Arm("now", robot, now, "", {}))
+    return sorted((x for x in found if x.difference), key=lambda x: (not x.real, -abs(x.percent or 0.0)))
+
+
+def _quantities(arm: Arm) -> Iterator[_Quantity]:
+    """What is compared: standby, R/Kt^2 and friction of each joint."""
+    for effect, parameter in (("standby", "power"), ("copper_loss", "r_over_kt2")):
+        held = arm.model.get(effect)
+        if held is None:
+            continue
+        n = arm.robot.n if effect == "copper_loss" else 1
+        p = held.parameters[0]
+        drawn = np.array([_full(x, effect, n) for x in arm.draws]) if arm.measured(effect) else np.empty((0, n))
+        for k, value in enumerate(_full(arm.model, effect, n)):
+            joint = arm.robot.joints[k] if effect == "copper_loss" else None
+            yield _Quantity(effect if joint is None else parameter, joint, None, p.unit, float(value), drawn[:, k])
+    if not arm.rubbing:
+        return
+    sure = any(arm.measured(name) for name in arm.rubbing)
+    for j, joint in enumerate(arm.robot.joints):
+        unit = "N m" if arm.robot.units[j] == "rad" else "N"
+        for k in range(1, len(SHARES)):
+            draws = arm.friction_draws[:, j, k] if sure else np.empty(0)
+            yield _Quantity("friction", joint, float(arm.speeds[j, k]), unit, float(arm.friction[j, k]), draws)
+
+
+def _full(model: PowerModel, effect: str, n: int) -> np.ndarray:
+    held = model.get(effect)
+    assert held is not None
+    return held.full(n)

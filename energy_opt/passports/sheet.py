@@ -1,0 +1,198 @@
+"""The passport of one arm, or of several side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any, ClassVar
+
+from energy_opt.errors import BadInput
+from energy_opt.files import to_json, write_json
+from energy_opt.folders import written_whole
+from energy_opt.passports.changes import Change, changes
+from energy_opt.passports.sources import Arm, arm_of, read_arm
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot, load_robot
+
+FORMAT = "energy-opt/passport/1"
+MOST = 12  # arms beside each other
+
+
+@dataclass(frozen=True, repr=False)
+class Passport:
+    """Arms side by side, and what differs between the first and each other one."""
+
+    arms: tuple[Arm, ...]
+    changes: tuple[Change, ...]
+    request: dict[str, Any] = field(default_factory=dict)
+    exit_code: ClassVar[int] = 0
+
+    @property
+    def headline(self) -> str:
+        """One sentence for a person."""
+        if len(self.arms) == 1:
+            return _summary(self.arms[0])
+        compared = [arm for arm in self.arms[1:] if arm.robot.joints == self.arms[0].robot.joints]
+        if not compared:
+            return f"{len(self.arms)} arms with different joints, which cannot be compared one by one."
+        real = [change for change in self.changes if change.real]
+        if real:
+            worst = max(real, key=lambda x: abs(x.percent or 0.0))
+            return f"{len(real)} of {len(self.changes)} quantities really changed, most of all {worst}."
+        if any(change.real is not None for change in self.changes):
+            return "No change is outside of the intervals."
+        return "Differences are listed; whether they are real cannot be said without both models' covariances."
+
+    def document(self) -> dict[str, Any]:
+        """The content of passport.json."""
+        return {
+            "format": FORMAT,
+            "headline": self.headline,
+            "arms": [_document(arm) for arm in self.arms],
+            "changes": [change.document() for change in self.changes],
+            "request": self.request,
+        }
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write passport.json and report.html into the folder `out`; returns it."""
+        self.kept(Path(out))
+        return Path(out)
+
+    def kept(self, out: Path) -> Passport:
+        """The same; returns the passport."""
+        from energy_opt.passports.page import page  # plots are slow to import
+
+        with written_whole(out, "passport.json") as aside:
+            write_json(aside / "passport.json", self.document())
+            page(self.arms, self.changes, self.headline, self.request).write(aside / "report.html")
+        return self
+
+    def to_json(self) -> str:
+        """passport.json as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """Nothing: what there is to say was said."""
+        return ""
+
+    def __str__(self) -> str:
+        lines = [self.headline]
+        for arm in self.arms:
+            lines += _in_words(arm)
+        real = [change for change in self.changes if change.real]
+        lines += [f"changed: {change}" for change in real]
+        if len(real) < len(self.changes):
+            lines.append(f"{len(self.changes) - len(real)} other quantities are in report.html")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"Passport({', '.join(arm.label for arm in self.arms)}): {self.headline}"
+
+
+def passport(
+    models: str | PathLike[str] | PowerModel | Sequence[str | PathLike[str] | PowerModel],
+    robot: str | PathLike[str] | Robot | None = None,
+    limits: str | PathLike[str] | None = None,
+) -> Passport:
+    """The electrical passport of one model of an arm, or of several side by side.
+
+    Args:
+        models: model files, names of robots, or models in memory; one or several.
+        robot: their robot; by default the one that each model names.
+        limits: a joint_limits.yaml in MoveIt's format.
+
+    Raises:
+        BadInput: a file is at fault, a name or a robot is not known, or lists do not fit the robot.
+    """
+    several = [models] if isinstance(models, (str, PathLike, PowerModel)) else list(models)
+    given = [m if isinstance(m, PowerModel) else str(m) for m in several]
+    if not given:
+        raise BadInput("passport needs a model file, or a robot's name")
+    if len(given) > MOST:
+        raise BadInput(f"passport takes at most {MOST} models; {len(given)} are given")
+    file = None if limits is None else Path(limits)
+    body = robot if isinstance(robot, Robot) or robot is None else load_robot(str(robot), limits=file)
+    arms = []
+    for k, (model, label) in enumerate(zip(given, _labels(given), strict=True), start=1):
+        if isinstance(model, PowerModel):
+            arms.append(arm_of(model, body or load_robot(model.robot, limits=file), label or f"model {k}"))
+        else:
+            arm = read_arm(model, body, file)
+            arms.append(Arm(label, arm.robot, arm.model, arm.file, arm.sources))
+    found = [change for arm in arms[1:] for change in changes(arms[0], arm)]
+    return Passport(tuple(arms), tuple(found))
+
+
+def _labels(models: Sequence[str | PowerModel]) -> list[str]:
+    """What each is called: as little of its path as tells it from the others."""
+    paths = [Path(m).parts if isinstance(m, str) else (f"model {k}",) for k, m in enumerate(models, start=1)]
+    out = []
+    for parts in paths:
+        size = 1
+        while size < len(parts) and sum(other[-size:] == parts[-size:] for other in paths) > 1:
+            size += 1
+        out.append("/".join(parts[-size:]).removesuffix(".toml"))
+    return out
+
+
+def _summary(arm: Arm) -> str:
+    standby, name = arm.number("standby", "power"), arm.robot.name
+    parts = [f"standby {standby.value:.4g} W ({standby.status})" if standby.value is not None else "standby unknown"]
+    if arm.model.get("copper_loss") is not None:
+        values = [arm.number("copper_loss", "r_over_kt2", j).value or 0.0 for j in range(arm.robot.n)]
+        parts.append(f"R/Kt² {_span(values)} W/(N m)² ({arm.status('copper_loss')})")
+    if arm.rubbing:
+        fast = [arm.friction_at(j, 2) for j in range(arm.robot.n)]
+        span = _span([x.value or 0.0 for x in fast])
+        parts.append(f"friction {span} N m at half of the joints' speed ({fast[0].status})")
+    else:
+        parts.append("friction unknown")
+    return f"{name}: {', '.join(parts)}."
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+
+
+def _document(arm: Arm) -> dict[str, Any]:
+    limits = arm.robot.limits
+    joints = []
+    for j, joint in enumerate(arm.robot.joints):
+        curve = [
+            {"speed": float(arm.speeds[j, k]), **{("torque" if key == "value" else key): x for key, x in row.items()}}
+            for k in range(arm.speeds.shape[1])
+            if (row := arm.friction_at(j, k).document())["value"] is not None
+        ]
+        joints.append(
+            {
+                "joint": joint,
+                "velocity_limit": float(limits.velocity[j]),
+                "effort_limit": float(limits.effort[j]),
+                "r_over_kt2": arm.number("copper_loss", "r_over_kt2", j).document(),
+                "friction": curve,
+            }
+        )
+    known = arm.model.doubt
+    return {
+        "label": arm.label,
+        "robot": arm.robot.name,
+        "file": arm.file or None,
+        "standby": arm.number("standby", "power").document(),
+        "joints": joints,
+        "values": arm.numbers(),
+        "rivals": [[e.name for e in rival.effects] for rival in known.rivals] if known is not None else [],
+    }
+
+
+def _in_words(arm: Arm) -> list[str]:
+    shares = "friction at 1, 10, 50 and 100 % of the velocity limit [N m]"
+    lines = [f"{arm.label} ({arm.robot.name})", f"  {'joint':<24}{'R/Kt² [W/(N m)²]':>20}   {shares}"]
+    for j, joint in enumerate(arm.robot.joints):
+        heat = arm.number("copper_loss", "r_over_kt2", j)
+        rubs = [arm.friction_at(j, k).value for k in range(arm.speeds.shape[1])]
+        words = " / ".join(f"{x:.3g}" for x in rubs if x is not None) or "unknown"
+        lines.append(f"  {joint:<24}{'unknown' if heat.value is None else f'{heat.value:.4g}':>20}   {words}")
+    return lines

@@ -1,0 +1,213 @@
+"""Arms as their models describe them: each number with its interval, whether it was measured, and its source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from energy_opt.errors import BadInput, near
+from energy_opt.files import read_toml
+from energy_opt.passports.drives import friction
+from energy_opt.power import PowerModel, load_model
+from energy_opt.power.draws import draws_of
+from energy_opt.power.known import electrical
+from energy_opt.power.known import friction as friction_of
+from energy_opt.power.named import careful, is_named, named_model
+from energy_opt.robot import Robot, known_robots, load_robot
+
+PUBLISHED = Path(__file__).parents[1] / "power" / "published"
+DRAWS = 600
+UNLIMITED = 2.0  # [rad/s] shown of a joint without a velocity limit
+SHARES = (0.01, 0.1, 0.5, 1.0)  # of the velocity limit: speeds at which friction is stated
+
+Status = Literal["measured", "published", "declared", "assumed", "unknown"]
+
+
+@dataclass(frozen=True)
+class Number:
+    """A value with its 95 % interval (None where no data stand behind it), unit, status and source.
+
+    `status`: "measured" where the model's covariance has it, "published" where its source is named, "declared" where a
+    model file just states it, "assumed" where it is taken over from another robot, "unknown" where there is none.
+    """
+
+    value: float | None
+    unit: str
+    ci95: tuple[float, float] | None = None
+    status: Status = "unknown"
+    source: str = ""
+
+    def document(self) -> dict[str, Any]:
+        """As it is in passport.json."""
+        interval = None if self.ci95 is None else list(self.ci95)
+        return {
+            "value": self.value,
+            "ci95": interval,
+            "unit": self.unit,
+            "status": self.status,
+            "source": self.source or None,
+        }
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One model of a robot.
+
+    Attributes:
+        label: what it is called beside others. file: the model file, "" where there is none.
+        sources: where effects' values come from, by the effect's name.
+    """
+
+    label: str
+    robot: Robot
+    model: PowerModel
+    file: str
+    sources: dict[str, str]
+
+    @cached_property
+    def speeds(self) -> np.ndarray:
+        """Speeds (n, 4) rad/s at which friction is stated."""
+        fastest = self.robot.limits.velocity
+        return np.outer(np.where(np.isfinite(fastest), fastest, UNLIMITED), SHARES)
+
+    @cached_property
+    def draws(self) -> list[PowerModel]:
+        """Models that the data leave possible; none where the model has no covariance."""
+        return draws_of(self.model, DRAWS)
+
+    @property
+    def rubbing(self) -> list[str]:
+        """The effects that are friction: torque against the motion, at the cost of energy."""
+        return [e.name for e in self.model.effects if e.stage == "torque" and e.dissipates]
+
+    @cached_property
+    def friction(self) -> np.ndarray:
+        """Friction torque (n, 4) N m at `speeds`."""
+        return friction([self.model], self.speeds)[0]
+
+    @cached_property
+    def friction_draws(self) -> np.ndarray:
+        """The same of every draw, (D, n, 4)."""
+        return friction(self.draws, self.speeds) if self.draws else np.empty((0, *self.speeds.shape))
+
+    def measured(self, effect: str) -> bool:
+        """Does the model say how sure the effect's values are?"""
+        known = self.model.doubt
+        if known is None:
+            return False
+        spread = zip(known.names, np.diag(known.matrix), strict=True)
+        return any(name.split(".")[0] == effect and v > 0 for name, v in spread)
+
+    def status(self, effect: str) -> Status:
+        """Where the values of one of the model's effects come from."""
+        if self.model.get(effect) is None:
+            return "unknown"
+        if self.measured(effect):
+            return "measured"
+        given = next(
+            (k for k in (*electrical(self.robot), *friction_of(self.robot)) if k.effect == self.model.get(effect)), None
+        )
+        if given is not None:
+            return given.source
+        return "published" if effect in self.sources else "declared"
+
+    def number(self, effect: str, parameter: str, index: int = 0) -> Number:
+        """One value of the model; `index` counts joints."""
+        held = self.model.get(effect)
+        if held is None:
+            return Number(None, "")
+        p = next(p for p in held.parameters if p.name == parameter)
+        values = np.ravel(p.full(effect, held.values[parameter], self.robot.n, held.extents))
+        own = held.values[parameter].size
+        low_high, known = None, self.model.doubt
+        place = f"{effect}.{parameter}.{index if own > 1 else 0}"
+        if known is not None and place in known.names:
+            k = known.names.index(place)
+            width = 1.96 * float(np.sqrt(known.matrix[k, k]))
+            if width > 0:
+                low_high = (
+                    max(float(values[index]) - width, p.lower),
+                    min(float(values[index]) + width, p.upper),
+                )
+        status = self.status(effect)
+        if status == "measured" and low_high is None:
+            status = "declared"
+        return Number(float(values[index]), p.unit, low_high, status, self.sources.get(effect, ""))
+
+    def friction_at(self, joint: int, k: int) -> Number:
+        """Friction of a joint at the k-th of its speeds."""
+        unit = "N m" if self.robot.units[joint] == "rad" else "N"
+        if not self.rubbing:
+            return Number(None, unit)
+        order: tuple[Status, ...] = ("assumed", "declared", "published", "measured")
+        status = min((self.status(name) for name in self.rubbing), key=order.index)
+        source = "; ".join(dict.fromkeys(self.sources[n] for n in self.rubbing if n in self.sources))
+        spread = self.friction_draws[:, joint, k]
+        interval = None
+        if len(spread) and np.ptp(spread) > 0:
+            low, high = np.quantile(spread, [0.025, 0.975])
+            interval, status = (float(low), float(high)), "measured"
+        return Number(float(self.friction[joint, k]), unit, interval, status, source)
+
+    def numbers(self) -> list[dict[str, Any]]:
+        """Every value of the model, one row each."""
+        rows = []
+        for effect in self.model.effects:
+            for p in effect.parameters:
+                per_joint = p.dimensions == ("joint",)
+                for k in range(self.robot.n if per_joint else effect.values[p.name].size):
+                    if not per_joint and effect.values[p.name].size > 1:
+                        continue  # tables of values, as a curve's: they are shown as curves
+                    joint = self.robot.joints[k] if per_joint else None
+                    own = self.number(effect.name, p.name, k).document()
+                    rows.append({"effect": effect.name, "parameter": p.name, "joint": joint, **own})
+        return rows
+
+
+def published(name: str) -> Path | None:
+    """The model file of a robot's published values, or None."""
+    file = PUBLISHED / f"{name}.toml"
+    return file if file.is_file() else None
+
+
+def arm_of(model: PowerModel, robot: Robot, label: str) -> Arm:
+    """The arm of a model in memory."""
+    return Arm(label, robot, model, "", {})
+
+
+def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) -> Arm:
+    """The arm of a model file, of a model's name, or of a robot's name: its published values, else assumed ones.
+
+    Raises:
+        BadInput: none of these; the file is at fault; its robot is not known and none was given; or its lists do not
+            fit the robot.
+    """
+    file = Path(word)
+    if is_named(word):
+        if robot is None:
+            raise BadInput(f"{word}: which robot's? give --robot")
+        return Arm(word, robot, named_model(word, robot), "", {})
+    if not file.is_file():
+        if file.suffix or word not in known_robots():
+            raise BadInput(f"{word}: neither a model file nor a robot's name{near(word, known_robots())}")
+        found = published(word)
+        if found is None:
+            return Arm(word, robot or load_robot(word, limits=limits), careful(word), "", {})
+        file = found
+    model, label = load_model(file), word
+    if robot is None:
+        if not model.robot:
+            raise BadInput(f"{file}: robot is not named; give --robot")
+        if model.robot not in known_robots():
+            raise BadInput(f"{file}: robot {model.robot!r} is not known by name; give its URDF as --robot")
+        robot = load_robot(model.robot, limits=limits)
+    try:
+        model.check(robot.n)
+    except BadInput as error:
+        raise BadInput(f"{file}: {error}") from None
+    rows = read_toml(file).get("effect", [])
+    return Arm(label, robot, model, str(word), {row["name"]: row["source"] for row in rows if row.get("source")})

@@ -1,6 +1,0 @@
-"""Where a robot's base stands cheapest for a job whose goals are poses of the tool."""
-
-from energy_opt.place.request import PlaceRequest
-from energy_opt.place.search import Placement, place
-
-__all__ = ["PlaceRequest", "Placement", "place"]

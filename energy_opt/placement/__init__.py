@@ -1,0 +1,6 @@
+"""Where a robot's base stands cheapest for a job whose goals are poses of the tool."""
+
+from energy_opt.placement.request import PlaceRequest
+from energy_opt.placement.search import Placement, place
+
+__all__ = ["PlaceRequest", "Placement", "place"]

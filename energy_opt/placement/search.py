@@ -1,0 +1,332 @@
+"""The base pose that makes a job cheapest.
+
+estimate   the job at placements all over the box: the cheapest ring through the branches of its poses
+solve      the job at the best estimates, far from each other, with its scene
+descend    the solved motions, bent to the ends that another base asks for, cost no less than that base's optimum and at
+           this base as much (envelope theorem), so a base at which they cost less is better; solved again, and so on
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from energy_opt.cell.request import CellRequest
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.jobs.file import Job
+from energy_opt.jobs.posed import Ends, Posed, run_posed
+from energy_opt.jobs.run import JobResult
+from energy_opt.motion.move import Settings
+from energy_opt.placement.request import PlaceRequest
+from energy_opt.poses.given import WORLD
+from energy_opt.power import PowerModel
+
+APART = 0.15  # of the box: distance of seeds
+FARTHEST = 0.2  # of the box: the farthest a step goes
+WORTH = 1e-3  # of the losses: a step that promises less ends the search
+POOL = 48  # positions from which inverse kinematics starts at a placement
+RELAXED, MOST_RELAXED = 1.6, 3.0  # steps go on by so much: bent motions bound the optimum from above, and bend more
+EVALUATIONS = 60  # of bent motions in a step
+UNREACHED = 1e9  # J that a placement is taken to cost from which a pose is out of reach
+
+
+@dataclass(frozen=True)
+class Looked:
+    """A placement that was looked at: base (6,), estimate or energy [J] (nan: a pose is out of reach), and how."""
+
+    base: tuple[float, ...]
+    energy: float
+    kind: str
+
+    def document(self) -> dict[str, Any]:
+        """As it stands in place.json."""
+        return {"base": list(self.base), "energy_total": self.energy if np.isfinite(self.energy) else None,
+                "kind": self.kind}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the base stands cheapest.
+
+    Attributes:
+        base: x, y, z [m], roll, pitch, yaw [rad] in the scene's frame; result: the job solved there.
+        given, given_result: the base that was given, and the job there; None where it cannot be done there.
+        looked_at: estimates all over the box; path: the placements at which the job was solved, in order.
+        warnings: what a reader should know.
+    """
+
+    base: tuple[float, ...]
+    result: JobResult
+    given: tuple[float, ...]
+    given_result: JobResult | None
+    looked_at: tuple[Looked, ...]
+    path: tuple[Looked, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def solved(self) -> bool:
+        """Is the job at the answer solved, proven clear and within all limits?"""
+        return self.result.solved
+
+    def document(self) -> dict[str, Any]:
+        """place.json but for the request; energies in J."""
+        here, there = self.result.energy, None if self.given_result is None else self.given_result.energy
+        saving = None if there is None else {"joules": there - here, "percent": 100 * (1 - here / there)}
+        choice = self.result.choice
+        return {
+            "format": "energy-opt/place-result/1",
+            "status": "solved" if self.solved else "not_converged",
+            "robot": self.result.job.robot.name,
+            "base": list(self.base),
+            "energy_total": here,
+            "given": {"base": list(self.given), "energy_total": there},
+            "saving": saving,
+            "goals": [] if choice is None else [{"step": k + 1, "goal": q} for k, q in choice.ends.items()],
+            "path": [at.document() for at in self.path],
+            "looked_at": [at.document() for at in self.looked_at],
+            "solves": len(self.path) + (self.given_result is not None),
+            "warnings": list(self.warnings),
+        }
+
+
+class Search:
+    """One search; see `place`."""
+
+    def __init__(
+        self,
+        job: Job,
+        model: PowerModel,
+        request: PlaceRequest,
+        settings: Settings,
+        cell: CellRequest,
+        stopped: Callable[[], bool],
+        progress: Callable[[str, float], None],
+    ) -> None:
+        self.model, self.request, self.settings, self.cell = model, request, settings, cell
+        self.stopped, self.progress = stopped, progress
+        self.job = _in_scene(job, cell)
+        self.bounds = request.bounds(cell.base)
+        self.span = self.bounds[:, 1] - self.bounds[:, 0]
+        self.free = np.flatnonzero(self.span > 0)
+        self.solved: dict[tuple[float, ...], tuple[Ends, JobResult]] = {}
+        self.path: list[Looked] = []
+        self._pool: dict[int, np.ndarray] | None = None
+
+    def at(self, point: np.ndarray) -> CellRequest:
+        """The cell with the base at x, y, z, yaw (4,)."""
+        x, y, z, yaw = (float(value) for value in point)
+        return replace(self.cell, base=(x, y, z, self.cell.base[3], self.cell.base[4], yaw))
+
+    def posed(self, point: np.ndarray, pool: dict[int, np.ndarray] | None = None) -> Posed:
+        """The choice of positions at a placement; with a pool of starts quickly, and blind to what stands around."""
+        cell = self.at(point)
+        return Posed(self.job, self.model, self.settings, cell, starts=pool)
+
+    def points(self) -> np.ndarray:
+        """Placements (P, 4) all over the box: the given one, its middle, and a low-discrepancy sequence."""
+        from scipy.stats import qmc
+
+        count = self.request.looked_at
+        share = qmc.Halton(len(self.free) or 1, seed=self.settings.seed).random(count)
+        out = np.repeat(self.bounds.mean(axis=1)[None], count + 2, axis=0)
+        out[0] = np.clip([*self.cell.base[:3], self.cell.base[5]], *self.bounds.T)
+        if len(self.free):
+            out[2:, self.free] = self.bounds[self.free, 0] + share[:, : len(self.free)] * self.span[self.free]
+        return out
+
+    def estimates(self) -> list[tuple[np.ndarray, float]]:
+        """Placements and estimates [J], those within reach; the cheapest first."""
+        out: list[tuple[np.ndarray, float]] = []
+        points = self.points()
+        for k, point in enumerate(points):
+            if self.stopped() and out:
+                break
+            self.progress(f"estimate {k + 1}/{len(points)}", 0.3 * k / len(points))
+            out.append((point, self.estimate(point)))
+        return sorted(out, key=lambda item: item[1])
+
+    def estimate(self, point: np.ndarray) -> float:
+        """What the job is likely to take at a placement [J]; infinite where a pose is out of reach."""
+        try:
+            posed = self.posed(point, self._pool)
+        except Infeasible:
+            return float(np.inf)
+        pool = {} if self._pool is None else self._pool
+        for k, q in posed.sets.items():  # what was found here helps at the next placement
+            known = pool.get(k, q[:0])
+            pool[k] = np.vstack([q[:: max(1, len(q) // POOL)], known])[:POOL]
+        self._pool = pool
+        return posed.estimated(improve=False)[1]
+
+    def solve(self, point: np.ndarray, kind: str, ends: Ends | None = None) -> JobResult | None:
+        """The job at a placement; None where it cannot be done.
+
+        Args:
+            ends: positions at the ends of steps; by default those that are chosen there.
+        """
+        cell = self.at(point)
+        try:
+            if ends is None:
+                ends = self.posed(point).estimated()[0]
+            found = run_posed(
+                self.job, self.model, self.settings, cell=cell, ends=ends, compare=False, refine=False,
+                stopped=self.stopped,
+            )  # fmt: skip
+        except Infeasible:
+            self.path.append(Looked(cell.base, np.nan, kind))
+            return None
+        self.path.append(Looked(cell.base, found.energy, kind))
+        self.solved[cell.base] = ends, found
+        return found
+
+    def better(self, point: np.ndarray) -> tuple[np.ndarray, Ends, float]:
+        """A placement near a solved one at which the bent motions cost less, positions there, and the gain [J]."""
+        ends, result = self.solved[self.at(point).base]
+        here = self.posed(point, {k: q[None] for k, q in ends.items()})
+        bent = here.bending(result)
+        least = np.maximum(self.bounds[:, 0], point - FARTHEST * self.span)
+        most = np.minimum(self.bounds[:, 1], point + FARTHEST * self.span)
+        known: list[tuple[float, np.ndarray, Ends]] = []
+
+        def cost(share: np.ndarray) -> float:
+            at = point.copy()
+            at[self.free] = np.clip(point[self.free] + share * self.span[self.free], least[self.free], most[self.free])
+            try:
+                there = self.posed(at, {k: q[None] for k, q in ends.items()})
+            except Infeasible:
+                return UNREACHED
+            moved = {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
+            value = bent(moved)
+            known.append((value, at, moved))
+            return value
+
+        before = cost(np.zeros(len(self.free)))
+        if len(self.free):
+            sides = np.vstack([(least - point)[self.free], (most - point)[self.free]]) / self.span[self.free]
+            minimize(
+                cost, np.zeros(len(self.free)), method="L-BFGS-B", bounds=sides.T,
+                options={"maxfun": EVALUATIONS * (1 + len(self.free)), "eps": 1e-4, "maxiter": 12},
+            )  # fmt: skip
+        value, at, moved = min(known, key=lambda item: item[0])
+        there = self.posed(at, {k: q[None] for k, q in moved.items()})
+        moved, more = there.bent(result, moved)
+        return at, moved, before - value + more
+
+    def beyond(self, point: np.ndarray, at: np.ndarray, ends: Ends, relax: float) -> tuple[np.ndarray, str, Ends]:
+        """A step to a placement `at`, gone on by a factor, within the box; what `solve` takes."""
+        further = np.clip(point + relax * (at - point), self.bounds[:, 0], self.bounds[:, 1])
+        try:
+            there = self.posed(further, {k: q[None] for k, q in ends.items()})
+        except Infeasible:
+            return at, "step", ends
+        return further, "step", {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
+
+    @staticmethod
+    def point(base: tuple[float, ...]) -> np.ndarray:
+        """x, y, z, yaw (4,) of a base (6,)."""
+        return np.array([*base[:3], base[5]])
+
+
+def _in_scene(job: Job, cell: CellRequest) -> Job:
+    """The job with its poses where they stand in the scene while the base is where it was given."""
+    steps = list(job.steps)
+    for k in job.open:
+        pose = steps[k].pose
+        assert pose is not None
+        if not pose.frame:
+            steps[k] = replace(steps[k], pose=replace(pose, matrix=cell.base_pose @ pose.matrix, frame=WORLD[0]))
+    return replace(job, steps=tuple(steps))
+
+
+def place(
+    job: Job,
+    model: PowerModel,
+    request: PlaceRequest,
+    *,
+    settings: Settings | None = None,
+    cell: CellRequest | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    progress: Callable[[str, float], None] = lambda text, share: None,
+) -> Placement:
+    """The base pose in a box that makes a job cheapest; poses of the tool stay where they stand in the scene.
+
+    Args:
+        job: with poses of the tool, in the frame of the given base, of the scene or of its objects.
+        cell: what stands around, and the given base.
+
+    Raises:
+        BadInput: no step of the job ends at a pose. Infeasible: no placement was found at which the job can be done.
+    """
+    cell = cell or CellRequest()
+    if not job.open:
+        raise BadInput(
+            f"{job.name}: no step ends at a pose of the tool; joint positions do not change with the base, so every "
+            "placement takes the same energy (give `pose = [...]` in place of `to`)"
+        )
+    search = Search(job, model, request, settings or Settings(), cell, stopped, progress)
+    given = np.array([*cell.base[:3], cell.base[5]])
+    progress("the given base", 0.0)
+    given_result = search.solve(given, "given")
+    if given_result is None:
+        search.path.clear()
+    looked = search.estimates()
+    reached = [(point, value) for point, value in looked if np.isfinite(value)]
+    seeds: list[np.ndarray] = []
+    inside = bool(((given >= search.bounds[:, 0] - 1e-12) & (given <= search.bounds[:, 1] + 1e-12)).all())
+    done: list[tuple[float, np.ndarray]] = []
+    if given_result is not None and inside:
+        done.append((given_result.energy, given))
+    for point, _ in reached:
+        if len(seeds) >= request.seeds or (stopped() and done):
+            break
+        near = [*seeds, *(at for _, at in done)]
+        if any((np.abs(point - other)[search.free] < APART * search.span[search.free]).all() for other in near):
+            continue
+        progress(f"seed {len(seeds) + 1}/{request.seeds}", 0.3 + 0.4 * len(seeds) / max(request.seeds, 1))
+        found = search.solve(point, "seed")
+        if found is not None:
+            seeds.append(point)
+            done.append((found.energy, point))
+    if not done:
+        raise _nowhere(search, looked)
+    best = min(done, key=lambda item: item[0])
+    relax = RELAXED
+    for k in range(request.steps):
+        if stopped():
+            break
+        progress(f"step {k + 1}/{request.steps}", 0.7 + 0.3 * k / request.steps)
+        at, ends, gain = search.better(best[1])
+        losses = sum(answer.energy.loss for answer in search.solved[search.at(best[1]).base][1].plan.answers)
+        if gain < WORTH * losses:
+            break
+        found = search.solve(*search.beyond(best[1], at, ends, relax))
+        if found is None or not found.solved or found.energy >= best[0]:
+            if relax == 1.0:
+                break
+            relax = 1.0  # the bound itself is kept
+            continue
+        relax = float(np.clip(relax * (best[0] - found.energy) / gain, 1.0, MOST_RELAXED)) if relax > 1 else 1.0
+        best = found.energy, search.point(search.path[-1].base)
+    base = search.at(best[1]).base
+    fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
+    warnings = [f"joint positions do not change with the base: {', '.join(fixed)}"] if fixed else []
+    tried = tuple(Looked(search.at(point).base, value, "estimate") for point, value in looked)
+    return Placement(
+        base, search.solved[base][1], cell.base, given_result, tried, tuple(search.path), tuple(warnings)
+    )  # fmt: skip
+
+
+def _nowhere(search: Search, looked: list[tuple[np.ndarray, float]]) -> Infeasible:
+    """Why no placement will do: what is in the way at the one that is most promising, else at the middle of the box."""
+    point = looked[0][0] if looked else search.bounds.mean(axis=1)
+    words = ", ".join(f"{x:.4g}" for x in point)
+    try:
+        search.posed(point)
+        reason, limit = "the job cannot be done at the placements that were tried", "duration"
+    except Infeasible as error:
+        reason, limit = str(error), error.limit or "pose"
+    return Infeasible(f"no placement in the box was found; at x, y, z, yaw = {words}: {reason}", limit=limit)

@@ -1,0 +1,224 @@
+"""Static power to overhead and copper loss.
+
+    Method 1   p = p0                          p0 the mean over poses
+    Method 2   p = p0 + r |g(q)|^2             ordinary least squares over poses, g the gravity torque
+
+Intervals are Student's, from the spread of the poses' mean powers about the line. Each pose counts once, however long
+it was held, since what separates poses from the line is not the meter's noise alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from os import PathLike
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from energy_opt.effects import CopperLoss, Standby
+from energy_opt.errors import BadInput
+from energy_opt.files import to_json
+from energy_opt.measured import MeasuredSet
+from energy_opt.measured.segment import LONG, standstills
+from energy_opt.power import PowerModel
+from energy_opt.robot import PointMass, RigidBody
+
+FEWEST_READINGS = 5  # of a standstill, or as many as take `LONG` where the meter is slow
+FEWEST = 3  # poses that Method 2 needs for an interval
+SAME_POSE = 0.02  # [rad] poses nearer than this in every joint are one pose
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose held still: where, its mean power [W], its |gravity torque|^2 [(N m)^2], and how long [s]."""
+
+    file: str
+    position: np.ndarray
+    power: float
+    load: float
+    duration: float
+
+
+@dataclass(frozen=True, repr=False)
+class Identification:
+    """Results of both methods.
+
+    Attributes:
+        standby: overhead of Method 1, W; its 95 % interval `standby_ci95` (None for a single pose).
+        line: Method 2 as {standby, r_over_kt2, ci95, r_squared}, or None where the poses do not determine it.
+        word: why Method 2 is refused, or what to mind about it; empty where all is well.
+        request: what was asked, with version and command line, as identify.json has it.
+    """
+
+    robot: str
+    poses: tuple[Pose, ...]
+    standby: float
+    standby_ci95: tuple[float, float] | None
+    line: dict[str, Any] | None
+    word: str
+    request: Mapping[str, Any] = field(default_factory=dict)
+    exit_code: ClassVar[int] = 0
+
+    def model_1(self) -> PowerModel:
+        """Method 1 as a model."""
+        return PowerModel(self.robot, (Standby(power=self.standby),))
+
+    def model_2(self) -> PowerModel | None:
+        """Method 2 as a model, or None where it was refused."""
+        if self.line is None:
+            return None
+        copper = CopperLoss(r_over_kt2=max(self.line["r_over_kt2"], 0.0))
+        return PowerModel(self.robot, (Standby(power=max(self.line["standby"], 0.0)), copper))
+
+    def document(self) -> dict[str, Any]:
+        """The content of identify.json."""
+        rows = [{"file": p.file, "power": p.power, "gravity_torque_squared": p.load} for p in self.poses]
+        return {
+            "robot": self.robot,
+            "method1": {"standby": self.standby, "ci95": self.standby_ci95},
+            "method2": self.line,
+            "remark": self.word,
+            "poses": rows,
+            **({"request": dict(self.request)} if self.request else {}),
+        }
+
+    def to_json(self) -> str:
+        """The same as text."""
+        return to_json(self.document())
+
+    def text(self, out: Path) -> str:
+        """Nothing: what there is to say was said."""
+        return ""
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write identify.json, the models of both methods, plot.png and report.html into the folder `out`."""
+        self.kept(Path(out))
+        return Path(out)
+
+    def kept(self, out: Path) -> Identification:
+        """The same; returns the identification."""
+        from energy_opt.static_poses.output import write  # plots are slow to import
+
+        load, power = [pose.load for pose in self.poses], [pose.power for pose in self.poses]
+        write(out, self.document(), {"model_method1": self.model_1(), "model_method2": self.model_2()}, load, power)
+        return self
+
+    def __repr__(self) -> str:
+        second = "" if self.line is None else f", R/Kt^2 {self.line['r_over_kt2']:.4g} W/(N m)^2"
+        return f"Identification({self.robot!r}, {len(self.poses)} poses, overhead {self.standby:.2f} W{second})"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.poses)} poses", f"Method 1: overhead {self.standby:.2f} W"]
+        if self.line is not None:
+            (low, high), (least, most) = self.line["ci95"]["standby"], self.line["ci95"]["r_over_kt2"]
+            lines.append(
+                f"Method 2: overhead {self.line['standby']:.2f} W [{low:.2f}, {high:.2f}], "
+                f"R/Kt^2 {self.line['r_over_kt2']:.4g} W/(N m)^2 [{least:.4g}, {most:.4g}], "
+                f"R^2 = {self.line['r_squared']:.3f}"
+            )
+        return "\n".join([*lines, *([self.word] if self.word else [])])
+
+
+def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Pose]:
+    """The static poses of a set; standstills within motion runs where it has no static run."""
+    body = measured.robot.body
+    static = [r for r in measured.runs if r.kind == "static" and len(r.power)]
+    out = []
+    for run in static:
+        out.append(_pose(body, run.file, run.position, run.power, float(run.time[-1] - run.time[0]), payload))
+    if static:
+        return out
+    for run in measured.runs:
+        for first, last in standstills(run.time, run.position):
+            begin = run.power_time - run.window
+            inside = (begin >= run.time[first]) & (run.power_time <= run.time[last])
+            held = float(np.ptp(run.power_time[inside]) + run.window[inside].max()) if inside.any() else 0.0
+            if inside.sum() >= FEWEST_READINGS or (inside.sum() > 1 and held >= LONG):
+                held = float(run.time[last] - run.time[first])
+                rows = run.position[first : last + 1]
+                out.append(_pose(body, run.file, rows, run.power[inside], held, payload))
+    return out
+
+
+def _pose(
+    body: RigidBody, file: str, position: np.ndarray, power: np.ndarray, held: float, payload: PointMass | None
+) -> Pose:
+    q = position.mean(axis=0)
+    rest = np.zeros((1, body.n))
+    torque = body.torque(q[None], rest, rest, payload)[0]
+    return Pose(file, q, float(power.mean()), float(torque @ torque), held)
+
+
+def identify(robot: str, poses: Sequence[Pose]) -> Identification:
+    """Both methods on static poses.
+
+    Raises:
+        BadInput: there is no pose at all.
+    """
+    if not poses:
+        raise BadInput('no static pose: the set needs runs of kind = "static", or motion runs that pause')
+    from scipy.stats import t as student
+
+    power, load = np.array([p.power for p in poses]), np.array([p.load for p in poses])
+    count = len(poses)
+    mean = float(power.mean())
+    interval = None
+    if count > 1:
+        half = float(student.ppf(0.975, count - 1) * power.std(ddof=1) / np.sqrt(count))
+        interval = (mean - half, mean + half)
+    distinct = _distinct(np.array([p.position for p in poses]))
+    if distinct < FEWEST:
+        word = f"Method 2 refused: {distinct} different pose(s); a line with an interval needs {FEWEST} or more"
+        return Identification(robot, tuple(poses), mean, interval, None, word)
+    spread = float(np.std(load))
+    if spread <= 1e-6 * max(float(load.mean()), 1e-12) or spread < 1e-3:
+        word = "Method 2 refused: the poses' gravity torques are all alike, so r_over_kt2 cannot be told from overhead"
+        return Identification(robot, tuple(poses), mean, interval, None, word)
+    matrix = np.column_stack([np.ones(count), load])
+    (standby, r), *_ = np.linalg.lstsq(matrix, power, rcond=None)
+    left = power - matrix @ [standby, r]
+    variance = float(left @ left) / (count - 2)
+    deviation = np.sqrt(variance * np.diag(np.linalg.inv(matrix.T @ matrix)))
+    half = student.ppf(0.975, count - 2) * deviation
+    total = float(np.sum((power - mean) ** 2))
+    low, high = float(r - half[1]), float(r + half[1])
+    if high <= 0:
+        word = f"Method 2 refused: power falls with gravity torque (r_over_kt2 in [{low:.3g}, {high:.3g}])"
+        return Identification(robot, tuple(poses), mean, interval, None, word)
+    if low <= 0:
+        word = (
+            f"Method 2 refused: the poses do not vary enough: r_over_kt2 lies in [{low:.3g}, {high:.3g}] W/(N m)^2, "
+            "which holds 0; `energy-opt identify --suggest N` proposes poses that tell more"
+        )
+        return Identification(robot, tuple(poses), mean, interval, None, word)
+    line = {
+        "standby": float(standby),
+        "r_over_kt2": float(r),
+        "ci95": {
+            "standby": [float(standby - half[0]), float(standby + half[0])],
+            "r_over_kt2": [low, high],
+        },
+        "r_squared": 1 - float(left @ left) / total if total > 0 else 0.0,
+    }
+    words = []
+    if half[1] >= 0.5 * r:
+        words.append(f"r_over_kt2 is known to {100 * half[1] / r:.0f} % only: the poses vary little")
+    if standby < 0:
+        words.append(f"Method 2's overhead is below zero ({standby:.3g} ± {half[0]:.2g} W): its model file has 0 W")
+    word = "; ".join(words)
+    return Identification(robot, tuple(poses), mean, interval, line, word)
+
+
+def _distinct(positions: np.ndarray) -> int:
+    """How many poses differ by more than `SAME_POSE` in some joint from all before them."""
+    kept: list[np.ndarray] = []
+    for q in positions:
+        if all(np.abs(q - other).max() > SAME_POSE for other in kept):
+            kept.append(q)
+    return len(kept)

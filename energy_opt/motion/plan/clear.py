@@ -25,13 +25,13 @@ from energy_opt.motion.trajectory import Trajectory
 
 OPTIMA, WORTH = 3, 1.25  # optima without regard to anything that are begun from; those that cost so much more are not
 NEARLY = 0.0015  # [m] an optimum that is too near by less is gone on with first
-TOUCHING, DEEP = 0.3, 0.12  # share of places at which an optimum may touch, and how deep [m], to be begun from
+TOUCHING, DEEP = 0.8, 0.2  # share of places at which an optimum may touch, and how deep [m], to be begun from
 TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum
 CLOSE, LEFT = 0.6, 0.12  # a search from so far on that way ends all, where no more than this share is left to be won
 BOLD = 0.25  # [rad, m] of the first step from such a curve
 TRIAL, ROUGH = 7, 3e-3  # iterations of each of several searches, and the share of the cost at which they end
 ITERATIONS, DONE = 30, 5e-4  # and of those that are gone on with
-FINISHED, RIVAL = 3, 1.0  # so many, which may cost so many times what the best does
+FINISHED, RIVAL = 3, 1.1  # so many, which may cost so many times what the best does
 APART = 0.3  # [rad, m] of control points: curves that are nearer lead to one optimum
 DEEPER, WIDER = 0.15, 0.5  # the same half-way to an optimum
 HOPES = (1.3, 1.1)  # so many times the best it may cost after a trial, and after a second one, to be gone on with
@@ -161,7 +161,7 @@ class Clearing:
         for trial in ranked[:FINISHED]:
             if self.context.stopped() and self.best is not None:
                 return
-            if self.best is not None and trial.point.cost > RIVAL * self._scaled(self.best):
+            if self.best is not None and search.merit(trial) > RIVAL * self._scaled(self.best):
                 return
             if any(np.abs(trial.point.points - other.point.points).max() < APART for other in done):
                 continue
@@ -172,7 +172,8 @@ class Clearing:
 
     def finish(self, curve: Curve, trust: float) -> bool:
         """Whether a search from a curve leads to a proven one; the best is kept."""
-        found = self.search.finish(curve, ITERATIONS, trust, DONE)
+        known = np.inf if self.best is None else self._scaled(self.best)
+        found = self.search.finish(curve, ITERATIONS, trust, DONE, known)
         if found is not None and (self.best is None or found.cost < self.best.cost):
             self.best = found
         return found is not None

@@ -143,8 +143,14 @@ class ClearSearch:
         point = found.point
         return Curve(self.level.shape, point.points, point.duration, point.via_u)
 
-    def finish(self, curve: Curve, iterations: int, trust: float, tolerance: float) -> Outcome | None:
-        """The proven curve that a search from `curve` leads to; None where that fails."""
+    def finish(
+        self, curve: Curve, iterations: int, trust: float, tolerance: float, known: float = np.inf
+    ) -> Outcome | None:  # fmt: skip
+        """The proven curve that a search from `curve` leads to; None where that fails.
+
+        Args:
+            known: scaled cost of a proven curve: a search that comes to no less is given up.
+        """
         places = Places.evenly(len(self.wanted))
         dense = (np.arange(DENSE) + 0.5) / DENSE
         now: Descent | None = None
@@ -158,6 +164,8 @@ class ClearSearch:
                 )
             else:
                 descend(model, now, AGAIN, NEARBY, tolerance=FINE, slack=SLACK, stopped=self.stopped)
+            if now.point.cost + 10 * model.broken(now.point, GIVE, SLACK) > known:
+                break
             curve = self.curve_of(now)
             k, number, distance, _, _ = self._many.measured(dense, curve.position(dense), self.cell.asked + HAIR)
             bad = distance < self.wanted[self.near.pair[number]] + HAIR

@@ -1,0 +1,91 @@
+"""What the documentation shows of limits and formats of one's own works as it stands there."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import energy_opt as eo
+from energy_opt.cli.main import main
+from energy_opt.formats import FORMATS
+from energy_opt.requests.moves import OptimizeRequest
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+START, GOAL = [0, -0.785, 0, -2.356, 0, 1.571, 0.785], [1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4]
+
+
+def example(name):
+    """A file of the documentation as a module."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_limit_of_ones_own_is_kept_and_judged(panda):
+    settings = {"starts": 1, "controls": 16, "compile": "never", "model": "source-method-2"}
+    ends = {"start": START, "goal": GOAL, "duration": 2.5}
+    for mode in ("reshape", "retime"):
+        free = eo.optimize(panda, mode=mode, **ends, **settings)
+        used = np.abs(free.trajectory.effort * free.trajectory.velocity).max(axis=0)
+        bound = np.maximum(0.9 * used, 1.0)
+        own = example("my_limit").DrivePower(bound)
+        held = eo.optimize(panda, mode=mode, **ends, **settings, conditions=[own])
+        assert held.certificate.max_violation["drive_power"] <= 1e-6 and held.status == "solved"
+        power = np.abs(held.trajectory.effort * held.trajectory.velocity)
+        assert (power <= bound * (1 + 1e-5)).all() and (used > bound).any()
+
+
+def test_conditions_are_options(panda, tmp_path):
+    ends = {"start": START, "goal": GOAL, "mode": "retime", "model": "source-method-2"}
+    conditions = [eo.conditions.MaxPower(400), eo.conditions.ToolSpeed(0.9), eo.conditions.KeepLine(2000)]
+    request = OptimizeRequest("panda", **ends, conditions=conditions)
+    assert request == OptimizeRequest("panda", **ends, max_power=400.0, tool_speed=0.9, keep="line:2000")
+    for wrong, says in (
+        (["nowhere.py"], "no such Python file"), ([3], "expected a condition"),
+        ([conditions[0], conditions[0]], "given twice"), ([eo.conditions.Tube()], "expected radians"),
+    ):  # fmt: skip
+        with pytest.raises(eo.BadInput, match=says):
+            OptimizeRequest("panda", **ends, conditions=wrong)
+    with pytest.raises(eo.BadInput, match="given twice"):
+        OptimizeRequest("panda", **ends, max_power=300.0, conditions=conditions)
+    file = tmp_path / "mine.py"
+    file.write_text((EXAMPLES / "my_limit.py").read_text().replace("bound = 25.0", "bound = 0.001"))
+    out = ["--out", str(tmp_path / "out"), "--quiet"]
+    words = ["optimize", "--robot", "panda", "--path", str(file), "--conditions", str(file), *out]
+    assert main(words) == 2  # a Python file is no path
+    moves = [
+        "optimize",
+        "--robot",
+        "panda",
+        f"--start={','.join(map(str, START))}",
+        f"--goal={','.join(map(str, GOAL))}",
+    ]
+    assert main([*moves, "--mode", "retime", "--duration", "2.5", "--conditions", str(file), *out]) == 3
+
+
+def test_examples_are_short():
+    for name in ("my_limit", "my_effects"):
+        assert len((EXAMPLES / f"{name}.py").read_text().splitlines()) <= 40
+
+
+def test_a_format_of_ones_own_is_read_and_written(panda, tmp_path):
+    example("my_format")
+    try:
+        path = tmp_path / "way.joints"
+        path.write_text(" ".join(reversed(panda.joints)) + "\n" + "\n".join(
+            " ".join(map(str, reversed(q))) for q in (START, GOAL)
+        ))  # fmt: skip
+        out = tmp_path / "out"
+        assert main(["optimize", "--robot", "panda", "--path", str(path), "--mode", "retime", "--duration", "2",
+                     "--out", str(out), "--quiet"]) == 0  # fmt: skip
+        result = eo.optimize("panda", path=path, mode="retime", duration=2.0)
+        np.testing.assert_allclose(result.trajectory.position[[0, -1]], [START, GOAL], atol=1e-9)
+        FORMATS["text"].write(result.trajectory, tmp_path / "again.joints")
+        again = FORMATS["text"].read(tmp_path / "again.joints").of(panda.joints)
+        np.testing.assert_allclose(again.position, result.trajectory.position, atol=1e-8)
+    finally:
+        del FORMATS["text"]

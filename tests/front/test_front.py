@@ -1,0 +1,167 @@
+"""The front door: what a person writes in Python, what comes back, and how wrong arguments are named."""
+
+from __future__ import annotations
+
+import doctest
+import json
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import energy_opt as eo
+from energy_opt.effects import ALL_EFFECTS
+from energy_opt.motion.path import straight
+from energy_opt.motion.reshape.nodes import node_functions
+
+README = Path(__file__).parents[2] / "README.md"
+START, GOAL = [0, -0.785, 0, -2.356, 0, 1.571, 0.785], (1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4)
+QUICK = {"starts": 1, "controls": 16, "compile": "never"}
+
+
+@pytest.fixture(scope="module")
+def result(panda):
+    return eo.optimize(panda, eo.source_model(panda), start=START, goal=GOAL, duration=2.0, **QUICK)
+
+
+def test_importing_the_package_is_fast_and_brings_nothing_heavy():
+    code = (
+        "import sys, energy_opt as eo; before = set(sys.modules); assert 'numpy' not in before, 'numpy';"
+        "assert {'optimize', 'effects'} <= set(dir(eo)); eo.BadInput; eo.effects.CoulombFriction(tau_c=1);"
+        "print([m for m in ('pinocchio', 'toppra', 'matplotlib', 'scipy', 'pyarrow') if m in sys.modules])"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[]"
+
+
+def test_every_name_is_there():
+    assert len(eo.__all__) <= 30 and set(eo.__all__) < set(dir(eo)) and type(eo) is ModuleType
+    for name in dir(eo):
+        assert getattr(eo, name) is not None
+    assert all(getattr(eo.effects, kind.__name__) is kind for kind in ALL_EFFECTS)
+    with pytest.raises(AttributeError, match="optimise"):
+        eo.optimise  # noqa: B018
+
+
+def test_no_package_has_the_name_of_a_verb():
+    rooms = {path.name for path in Path(eo.__file__).parent.iterdir() if path.is_dir()}
+    assert not rooms & (set(eo.__all__) - {"effects", "conditions"})
+
+
+def test_a_result_prints_in_five_lines_and_saves_what_the_command_writes(result, tmp_path):
+    assert len(str(result).splitlines()) == 5 and "loss" in str(result)
+    assert len(repr(result)) < 120 and repr(result).startswith("Answer('solved', 'panda'")
+    assert "<table>" in result._repr_html_() and "scaled" in result._repr_html_()
+    assert repr(result.trajectory).startswith("Trajectory(7 joints") and repr(result.arm) == "Robot('panda', 7 joints)"
+    out = result.save(tmp_path / "out")
+    assert {f.name for f in out.iterdir()} >= {
+        "result.json", "trajectory.csv", "trajectory.yaml", "plot.png", "report.html",
+    }  # fmt: skip
+    stored = json.loads((out / "result.json").read_text())
+    assert stored["format"] == "energy-opt/result/1" and stored["request"]["goal"] == list(GOAL)
+    assert stored["request"]["version"] == eo.__version__ and stored["request"]["seed"] == 0
+    assert stored["request"]["model"]["effect"][0] == {"name": "standby", "power": 88.04}
+    assert pickle.loads(pickle.dumps(result.energy)) == result.energy
+
+
+def test_arguments_as_people_have_them(panda):
+    by_name = dict(zip(reversed(panda.joints), reversed(GOAL), strict=True))
+    common = {"mode": "retime", "max_duration": 4.0}
+    one = eo.optimize("panda", "source_method_2", start=START, goal=by_name, payload=1.5, **common)
+    assert one.request["payload"] == {"mass": [1.5], "com": [0.0, 0.0, 0.0]}
+    for path in (np.array([START, GOAL]), lambda s: straight(START, GOAL)(s), one.trajectory):
+        again = eo.optimize(panda, eo.source_model("panda"), path=path, payload=(1.5, 0, 0, 0), **common)
+        assert again.energy.total == pytest.approx(one.energy.total, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"start": START[:3], "goal": GOAL}, r"^start: shape \(3,\); panda has 7 joints"),
+        ({"start": START}, "^goal is missing; give start and goal, or path"),
+        ({"start": START, "goal": {"panda_joint1": 0, "panda_jont2": 0}}, "did you mean 'panda_joint2'"),
+        ({"start": START, "goal": GOAL, "duration": -1}, "^duration -1: not a duration"),
+        ({"start": START, "goal": GOAL, "duratoin": 1}, "no argument 'duratoin'; did you mean"),
+        ({"start": START, "goal": [np.nan] * 7}, "^goal: expected finite"),
+        ({"path": np.zeros((3, 4))}, r"^path: shape \(3, 4\); expected waypoints \(K, 7\)"),
+        ({"start": START, "goal": GOAL, "payload": [1, 2]}, r"^payload \[1, 2\]: expected a mass"),
+        ({"start": START, "goal": GOAL, "model": "source-metod-2"}, "did you mean 'source-method-2'"),
+        ({"start": START, "goal": "here"}, "^goal here: "),
+    ],
+)
+def test_wrong_arguments_are_named_as_arguments(panda, arguments, says):
+    with pytest.raises(eo.BadInput, match=says):
+        eo.optimize(panda, **arguments)
+
+
+def test_models_add_and_subtract(tmp_path):
+    model = eo.source_model("panda") + eo.effects.CoulombFriction(tau_c=0.3)
+    assert repr(model) == (
+        "PowerModel('panda': Standby(power=88.04) + CopperLoss(r_over_kt2=0.0036) + CoulombFriction(tau_c=0.3))"
+    )
+    model.save(str(tmp_path / "m.toml"))
+    assert eo.load_model(str(tmp_path / "m.toml")) == model
+    assert model - "coulomb_friction" == model - eo.effects.CoulombFriction == eo.source_model("panda")
+    with pytest.raises(eo.BadInput, match="twice"):
+        model + eo.effects.CoulombFriction(tau_c=0.1)
+    with pytest.raises(eo.BadInput, match="has no 'coulomb_fricton'; did you mean"):
+        model - "coulomb_fricton"
+
+
+def test_moves_compare():
+    assert eo.Move(START, GOAL) == eo.Move(np.array(START), np.array(GOAL)) != eo.Move(START, GOAL, duration=2.0)
+    one, other = (eo.Move(START, GOAL, "retime", path=straight(START, q)) for q in (GOAL, START))
+    assert one != other and len({eo.Move(START, GOAL), eo.Move(START, GOAL)}) == 1
+
+
+def test_a_payload_is_added_to_a_planner_without_building_it_again(panda, monkeypatch):
+    built = []
+    monkeypatch.setattr(
+        "energy_opt.motion.plan.context.node_functions", lambda *a: built.append(a) or node_functions(*a)
+    )
+    model = eo.source_model(panda)
+    planner = eo.Planner(panda, model, eo.Settings(**QUICK))
+    move = eo.Move(START, GOAL, duration=2.5)
+    losses = []
+    for mass in (0.0, 1.0, 2.5, 0.0):
+        planner.set_model(model if mass == 0 else model + eo.effects.Payload(mass=mass, com=[0, 0, 0.1]))
+        losses.append(planner.solve(move).energy.loss)
+    assert len(built) == 2 and losses[0] < losses[1] < losses[2] and losses[3] == pytest.approx(losses[0])
+    with pytest.raises(eo.BadInput, match="other effects"):
+        planner.set_model(model + eo.effects.CoulombFriction(tau_c=0.1))
+
+
+def test_a_front_and_measured_data_through_the_door(panda, tmp_path):
+    found = eo.tradeoff(panda, start=START, goal=GOAL, mode="retime", durations=[2.0, 3.0])
+    assert found.durations.tolist() == [2.0, 3.0] and np.isfinite(found.energies).all() and "2 points" in repr(found)
+    assert found.document["status"] == "solved" and found.document["models"][1]["name"] == "careful"
+    found.save(tmp_path / "front")
+    assert (tmp_path / "front/tradeoff.json").is_file()
+    with pytest.raises(eo.BadInput, match=r"log\.toml"):
+        eo.diagnose(tmp_path, "source-method-2")
+
+
+def test_a_front_keeps_clear_and_says_what_cannot_be_done(tmp_path):
+    ends = {"start": [0, 1, -1, 0, 0, 0], "goal": [0.5, 1, -1, 0, 0, 0], "mode": "retime"}
+    found = eo.tradeoff("z1", **ends, durations=[0.01, 0.02])
+    assert found.document["status"] == "infeasible" and "shortest that can" in found.document["message"]
+    (tmp_path / "s.yaml").write_text("objects: [{name: box, type: box, size: [2, 2, 2], position: [0, 0, 1.2]}]")
+    with pytest.raises(eo.Infeasible, match="touches box"):
+        eo.tradeoff("z1", **ends, durations=[2.0], scene=tmp_path / "s.yaml")
+
+
+def test_readme_shows_what_works(tmp_path, monkeypatch):
+    """README's Python is run as it stands there."""
+    monkeypatch.chdir(tmp_path)
+    text = README.read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    test = doctest.DocTestParser().get_doctest(block, {}, "README", str(README), 0)
+    assert len(test.examples) >= 4
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    assert runner.run(test).failed == 0
+    assert (tmp_path / "out/result.json").is_file()

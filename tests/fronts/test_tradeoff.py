@@ -1,0 +1,272 @@
+"""The front of energy against duration: its logic on a planner with known answers, then the real one."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from poses import MIDDLE
+
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.cli.main import main
+from energy_opt.effects import CopperLoss, Standby
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.fronts import Cycle, trace
+from energy_opt.fronts.output import document, table, write
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.judge.energy import Energy
+from energy_opt.motion.path import through
+from energy_opt.motion.plan.neighbour import Optimum
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel, source_method_2
+from energy_opt.robot import load_robot
+
+FASTEST = 1.0
+
+
+@dataclass(frozen=True)
+class KnownMove:
+    """What the front needs of a move."""
+
+    duration: float | None = None
+    max_duration: float | None = None
+    mode: str = "reshape"
+
+
+def law(branch: int, duration: float) -> float:
+    """Energy of two families of local optima; the second is the better one from 2 s on."""
+    return 10 * duration + 40 / duration**3 + 2 * (2 - duration) * branch
+
+
+def answer(branch, duration):
+    """A trajectory that tells its family by its position, and its energy."""
+    energy, standby = law(branch, duration), 10 * duration
+    still = np.zeros((2, 1))
+    trajectory = Trajectory(("j",), np.array([0.0, duration]), np.full((2, 1), float(branch)), still, still)
+    return trajectory, Energy(energy, standby, 0.0, energy - standby)
+
+
+class TwoOptima:
+    """A planner that knows only the first family, and steps that fall into the second one unaided beyond 3.5 s."""
+
+    def __init__(self):
+        self.steps = 0
+        self.settings = Settings()
+
+    def minimum_time(self, move):
+        return FASTEST
+
+    def score(self, trajectory):
+        return answer(int(trajectory.position[0, 0]), trajectory.duration)[1]
+
+    def solve(self, move, warm=()):
+        branches = {int(t.position[0, 0]) for t in warm} | {0}
+        grid = [FASTEST] if self.settings.objective == "time" else np.linspace(1, 6, 5001)
+        _, duration, branch = min((law(b, d), d, b) for d in grid for b in branches)
+        trajectory, energy = answer(branch, duration)
+        return SimpleNamespace(status="solved", energy=energy, trajectory=trajectory)
+
+    def at(self, duration, neighbour):
+        self.steps += 1
+        branch = 1 if duration > 3.5 else int(neighbour.trajectory.position[0, 0])
+        return Optimum(*answer(branch, duration), converged=True)
+
+
+def front_of(planner=None, **options):
+    planner = planner or TwoOptima()
+    return trace(planner, KnownMove(), steps=planner, **options)
+
+
+def test_better_optima_spread_both_ways():
+    durations = np.linspace(1.0, 5.0, 33)
+    front = front_of(durations=durations)
+    best = [min(law(0, d), law(1, d)) for d in durations]
+    assert [p.total for p in front.points] == pytest.approx(best, rel=1e-12)
+    assert front.fastest.duration == FASTEST
+
+
+def test_minimum_is_not_read_off_the_grid():
+    front = front_of(durations=[1.0, 2.0, 5.0])
+    assert min(abs(front.minimum.duration - d) for d in (1.0, 2.0, 5.0)) > 0.05
+    assert front.minimum.total <= min(p.total for p in front.points)
+
+
+def test_too_short_durations_are_marked_with_a_reason():
+    front = front_of(durations=[0.5, 0.9, 1.5])
+    assert [p.status for p in front.points] == ["infeasible", "infeasible", "solved"]
+    assert "shorter than the fastest move, 1 s" in front.points[0].reason
+    rows = table(front).splitlines()
+    assert rows[0] == "duration,energy_total,energy_standby,energy_loss,status"
+    assert rows[1] == "0.5,,,,infeasible"
+
+
+def test_interrupted_front_keeps_what_is_there():
+    class Interrupted(TwoOptima):
+        def at(self, duration, neighbour):
+            if self.steps == 5:
+                raise KeyboardInterrupt
+            return super().at(duration, neighbour)
+
+    front = front_of(Interrupted(), durations=np.linspace(1, 5, 9))
+    assert front.interrupted
+    assert sum(p.status == "solved" for p in front.points) == 5
+    assert front.minimum is not None
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return load_robot("panda")
+
+
+GOAL = np.array([1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4])
+START = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+
+
+def test_waiting_costs_standby_and_holding(panda):
+    model = source_method_2()
+    zero = np.zeros((1, panda.n))
+    gravity = panda.body.torque(GOAL[None], zero, zero)
+    wait = Cycle(panda, model, GOAL, 5.0).waiting(2.0)
+    assert wait.standby == pytest.approx(3 * 88.04, rel=1e-12)
+    assert wait.holding == pytest.approx(3 * 0.0036 * float(np.sum(gravity**2)), rel=1e-12)
+    idle = Cycle(panda, model, GOAL, 5.0, idle_power=20.0).waiting(2.0)
+    assert (idle.standby, idle.holding) == (pytest.approx(60.0), pytest.approx(wait.holding))
+    assert Cycle(panda, model, GOAL, 5.0).waiting(5.0).total == 0.0
+
+
+@pytest.mark.parametrize(("length", "idle"), [(0.0, None), (-1.0, None), (5.0, -1.0), (np.inf, None)])
+def test_impossible_cycles(panda, length, idle):
+    with pytest.raises(BadInput):
+        Cycle(panda, source_method_2(), GOAL, length, idle)
+
+
+def test_cycle_weighs_the_wait_against_a_slower_move(panda):
+    """With the arm's own standby waiting is as dear as moving, so slow is best; with none, the free optimum is."""
+    model = PowerModel("panda", (Standby(power=10.0), CopperLoss(r_over_kt2=0.0)))
+    durations = np.linspace(1, 3, 9)
+    dear = front_of(durations=durations, cycle=Cycle(panda, model, GOAL, 3.0))
+    assert dear.cycle_minimum.duration == pytest.approx(3.0, abs=0.02)
+    cheap = front_of(durations=durations, cycle=Cycle(panda, model, GOAL, 3.0, 0.0))
+    assert cheap.cycle_minimum.duration == pytest.approx(cheap.minimum.duration, rel=2e-3)
+    wide = np.linspace(1, 5, 17)
+    half = front_of(durations=wide, cycle=Cycle(panda, model, GOAL, 3.0, 6.0))
+    fine = np.linspace(1, 3, 4001)
+    costs = [min(law(0, d), law(1, d)) + 6 * (3 - d) for d in fine]
+    assert half.cycle_minimum.cycle_total == pytest.approx(min(costs), rel=1e-4)
+    with pytest.raises(Infeasible, match="shorter than the fastest"):
+        front_of(cycle=Cycle(panda, model, GOAL, 0.8))
+
+
+def test_files(tmp_path, panda):
+    cycle = Cycle(panda, source_method_2(), GOAL, 4.0)
+    front = front_of(durations=[0.5, 1, 2, 3, 4], cycle=cycle)
+    found = document(front, robot="panda", joints=panda.joints, mode="retime", cycle=cycle)
+    write(tmp_path, front, found, panda)
+    read = json.loads((tmp_path / "tradeoff.json").read_text())
+    assert {"points", "minimum", "fastest", "cycle"} <= set(read)
+    assert read["minimum"].keys() >= {"duration", "energy_total"}
+    assert read["points"][0]["status"] == "infeasible"
+    assert read["cycle"]["minimum"]["energy_total"] <= read["cycle"]["at_free_minimum"]["energy_total"]
+    assert (tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
+    assert len((tmp_path / "tradeoff.csv").read_text().splitlines()) == 6
+
+
+def test_convex_retiming_gives_a_convex_front(panda):
+    """E(T) on one path, by the program's own choice of durations; second differences never below the solver's noise."""
+    move = Move(START, GOAL, mode="retime")
+    planner = Planner(panda, source_method_2(), Settings(compile="never"))
+    fastest = planner.minimum_time(move)
+    durations = np.linspace(1.02 * fastest, 2 * fastest, 7)
+    front = trace(planner, move, durations=durations)
+    assert [p.status for p in front.points] == ["solved"] * 7
+    energy = np.array([p.total for p in front.points])
+    assert np.diff(energy, 2).min() > -2e-5 * energy.max()
+    assert front.minimum.total <= energy.min() * (1 + 1e-6)
+    assert front.fastest.duration == pytest.approx(fastest, rel=1e-9)
+
+
+def test_reshaped_front_has_no_bumps_and_beats_the_retimed_one(panda):
+    planner = Planner(panda, source_method_2(), Settings(compile="never", starts=2))
+    durations = [0.5, 0.9, 1.2, 1.6]
+    reshaped = trace(planner, Move(START, GOAL, mode="reshape"), durations=durations)
+    retimed = trace(planner, Move(START, GOAL, mode="retime"), durations=durations)
+    assert [p.status for p in reshaped.points] == ["infeasible", "solved", "solved", "solved"]
+    assert reshaped.fastest.duration < retimed.fastest.duration
+    for a, b in zip(reshaped.points[1:], retimed.points[1:], strict=True):
+        assert planner.certify(a.trajectory).valid
+        assert a.trajectory.duration == pytest.approx(a.duration, rel=1e-12)
+        assert planner.score(a.trajectory).total == pytest.approx(a.total, rel=1e-12)
+        assert a.energy.loss < b.energy.loss
+    assert reshaped.minimum.total <= min(p.total for p in reshaped.points) * (1 + 1e-6)
+
+
+def test_a_front_finds_what_single_moves_find(panda):
+    """One search for both: at 2 s the front once stood half above, and other durations beside it changed a point."""
+    planner = Planner(panda, source_method_2(), Settings(compile="never", controls=20, starts=4))
+    move = Move(START, GOAL, mode="reshape")
+    alone = trace(planner, move, durations=[2.0])
+    among = trace(planner, move, durations=[1.4, 2.0])
+    single = planner.solve(Move(START, GOAL, mode="reshape", duration=2.0)).energy.loss
+    assert alone.points[0].energy.loss <= single * (1 + 1e-9)
+    assert among.points[1].energy.loss <= single * (1 + 1e-9)
+    assert among.points[1].energy.loss == pytest.approx(alone.points[0].energy.loss, rel=2e-3)
+
+
+@pytest.mark.parametrize(("given", "durations"), [(False, [1.5, 2.0]), (True, [1.5])])
+def test_a_front_that_keeps_clear_finds_what_single_moves_find(panda, given, durations):
+    """It once went on from neighbours alone where the arm's own body is in the way, and stood 1 % above at 1.5 s."""
+    settings = Settings(compile="never", controls=16, starts=1)
+    planner = Planner(panda, source_method_2(), settings, cell=load_cell(panda, CellRequest()))
+    path = through(np.stack([START, MIDDLE, GOAL])) if given else None
+    front = trace(planner, Move(START, GOAL, path=path), durations=durations)
+    for point in front.points:
+        single = planner.solve(Move(START, GOAL, path=path, duration=point.duration))
+        assert point.status == single.status == "solved"
+        assert point.total <= single.energy.total * (1 + 1e-6)
+        assert planner.certify(point.trajectory).clearance.proven
+
+
+def command(*words):
+    return [*words, "--robot", "panda", "--start", "0,-0.785,0,-2.356,0,1.571,0.785", "--quiet", "--mode", "retime"]
+
+
+def test_command_line(tmp_path, capsys):
+    goal = ["--goal", "0.4,-0.5,0.2,-2,0,1.6,0.5", "--out", str(tmp_path)]
+    code = main(
+        command("tradeoff", *goal, "--durations", "0.3:1.5:4", "--cycle", "1.5", "--idle-power", "20", "--json")
+    )
+    found = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert found == json.loads((tmp_path / "tradeoff.json").read_text())
+    assert [p["status"] for p in found["points"]] == ["infeasible", "solved", "solved", "solved"]
+    assert found["assumptions"] and "What was not given" in (tmp_path / "report.html").read_text()
+    assert found["break_even_friction"] is None or 0 < found["break_even_friction"] < 0.2
+    assert {row["joint"] for row in found["travel"]} <= set(found["joints"])
+    assert found["cycle"]["minimum"]["energy_total"] <= found["cycle"]["at_free_minimum"]["energy_total"] * (1 + 1e-9)
+    header, *rows = (tmp_path / "tradeoff.csv").read_text().splitlines()
+    assert header == "duration,energy_total,energy_standby,energy_loss,status"
+    assert [row.split(",")[-1] for row in rows] == [p["status"] for p in found["points"]]
+    assert (tmp_path / "plot.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "named"),
+    [
+        (["--durations", "1:2"], 2, "FIRST:LAST:COUNT"),
+        (["--durations", "2:1:5"], 2, "FIRST:LAST:COUNT"),
+        (["--durations", "0.1:0.2:2"], 3, "the shortest that can"),
+        (["--idle-power", "10"], 2, "--cycle"),
+        (["--cycle", "0.2"], 3, "shorter than the fastest"),
+        (["--max-duration", "0.2"], 3, "shorter than the fastest"),
+        (["--objective", "torque"], 2, "leave it out"),
+    ],
+)
+def test_command_line_refuses(tmp_path, capsys, words, code, named):
+    goal = ["--goal", "0.4,-0.5,0.2,-2,0,1.6,0.5", "--out", str(tmp_path)]
+    line = [word for word in command("tradeoff", *goal, *words) if word != "--quiet"]
+    assert main(line) == code
+    assert named in capsys.readouterr().err

@@ -1,0 +1,337 @@
+"""`import`: logs as labs have them to a measured set; and sets that are damaged, large, or real."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from logs import PANDA, SIX, Z1, arm, lines, log, put
+
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.measured import check_set, inspect_set, nodes, observe, read_set
+from energy_opt.measured.importing import import_files
+from energy_opt.measured.table import Table
+from energy_opt.robot import load_robot
+
+FIG9 = Path(__file__).resolve().parents[3] / "shared/data/rad_ur3e_power/fig9.csv"
+
+
+def test_degrees_milliseconds_kilowatts_are_converted_and_said(tmp_path, capsys):
+    t, q, v, p = arm(Z1)
+    header = "ms;" + ";".join(
+        [*(f"Achse {k}" for k in range(1, 7)), *(f"Achse {k} speed" for k in range(1, 7)), "Leistung"]
+    )
+    text = lines(header, [1000 * t, np.degrees(q), np.degrees(v), p / 1000], "%.7f", ";").replace(".", ",")
+    path = put(tmp_path / "a.csv", text)
+    assert main(["import", str(path), "--robot", "z1", "--out", str(tmp_path / "set"), "--json"]) == 0
+    printed = capsys.readouterr()
+    document = json.loads(printed.out)
+    assert "degrees" in printed.err and "deg/s" in printed.err and "kW" in printed.err
+    assert document["log"]["columns"]["time"] == {"column": "ms", "unit": "ms"}
+    assert check_set(tmp_path / "set") == []
+    whole = read_set(tmp_path / "set")
+    first = whole.runs[0]
+    np.testing.assert_allclose(first.position, q[: len(first.time)], atol=1e-6)
+    np.testing.assert_allclose(first.power, p[: len(first.power)], atol=1e-3)
+    assert main(["import", str(path), "--robot", "z1", "--out", str(tmp_path / "set"), "--quiet"]) == 2
+
+
+def test_files_are_paired_and_runs_ordered(tmp_path):
+    for k, begin in ((2, 100.0), (10, 0.0)):
+        t, q, _, p = arm(Z1)
+        put(tmp_path / f"motion_{k}.csv", lines("t," + ",".join(f"q{j}" for j in SIX), [1.7e9 + begin + t, q]))
+        put(tmp_path / f"meter_{k}.csv", lines("t,power", [1.7e9 + begin + t[::4], p[::4] + k]))
+    made = import_files(sorted(tmp_path.glob("*.csv")), tmp_path / "set", Z1)
+    rows = [(row["file"], row["power_file"], row["start"]) for row in made.log["run"]]
+    assert rows == [("motion_10.csv", "meter_10.csv", 0.0), ("motion_2.csv", "meter_2.csv", 100.0)]
+    assert made.runs[0].power[0] == pytest.approx(70) and read_set(made.folder).clock
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("time,b\n0,2\n1,2\n", "neither joints' positions nor power"),
+        ("time,q0,q1,q2,q3,q4,q5,power\n" + "0,0,1,-1,0,0,0,5\n" * 9, "no column of times that increase"),
+        (
+            "time,q0,q1,q2,q3,q4,q5,power\n" + "".join(f"{k},0,1,-1,0,0,x,5\n" for k in range(9)),
+            "column q5: 'x' is not",
+        ),
+        ("time,q0,q1,q2,q3,q4,q5,power\n" + "".join(f"{k / 9},0,1,-1,0,0,0,0\n" for k in range(9)), "is 0 throughout"),
+    ],
+)
+def test_what_cannot_be_imported_is_said_and_nothing_written(tmp_path, capsys, text, expected):
+    path = put(tmp_path / "a.csv", text)
+    assert main(["import", str(path), "--robot", "z1", "--out", str(tmp_path / "set")]) == 2
+    error = capsys.readouterr().err
+    assert expected in error and "a.csv" in error and not (tmp_path / "set").exists()
+
+
+def test_several_arms_have_such_columns(tmp_path):
+    path = put(
+        tmp_path / "a.csv", "time,q0,q1,q2,q3,q4,q5,power\n" + "".join(f"{k / 9},0,1,-1,0,0,0,5\n" for k in range(9))
+    )
+    with pytest.raises(BadInput, match="say which with"):
+        import_files([path], tmp_path / "set")
+
+
+def test_other_readers_refuse_degrees(tmp_path, capsys):
+    words = ["optimize", "--robot", "panda", "--out", str(tmp_path / "out")]
+    assert main([*words, "--start", "0,-45,0,-135,0,90,45", "--goal", "0,0,0,-90,0,90,0"]) == 2
+    assert "-45 rad for panda_joint2" in capsys.readouterr().err
+    header = "time," + ",".join(f"{joint}.position" for joint in PANDA.joints)
+    path = put(tmp_path / "move.csv", f"{header}\n0,0,-45,0,-135,0,90,45\n2,0,0,0,-90,0,90,0\n")
+    assert main([*words, "--path", str(path)]) == 2 and main(["check", str(path)]) == 2
+    assert capsys.readouterr().err.count("look like degrees") == 2
+
+
+# -- sets --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def plain(tmp_path):
+    t, q, _, p = arm(Z1)
+    put(tmp_path / "a.csv", lines("time," + ",".join(f"{j}.position" for j in Z1.joints) + ",power", [t, q, p]))
+    return log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("time,", "time,x,", "cells, the header has"),
+        ("\n0.010000,", "\n1e300,", "cannot be a time"),
+        ("\n0.010000,0.000000", "\n0.010000,1e30", "column joint1.position: 1e+30 cannot be a position"),
+    ],
+)
+def test_values_that_no_arm_has(plain, old, new, expected):
+    text = (plain / "a.csv").read_text()
+    assert old in text
+    put(plain / "a.csv", text.replace(old, new, 1))
+    assert any(expected in fault for fault in check_set(plain))
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1000.0), ("s", 0.001), ("us", 1000.0)])
+def test_stamps_in_another_unit_are_doubted(plain, unit, factor):
+    t, q, _, p = arm(Z1)
+    put(
+        plain / "a.csv",
+        lines("time," + ",".join(f"{j}.position" for j in Z1.joints) + ",power", [t * factor, q, p], "%.9f"),
+    )
+    if unit == "ms":
+        assert "s between rows; is the time's unit right" in check_set(plain)[0]
+    log(plain, "z1", f'[columns]\ntime = {{ column = "time", unit = "{unit}" }}\n[[run]]\nfile = "a.csv"\n')
+    assert bool(check_set(plain)) == (unit != "ms")
+
+
+def test_files_stay_in_the_set(plain, tmp_path, capsys):
+    outside = put(tmp_path.parent / f"{tmp_path.name}_x.csv", (plain / "a.csv").read_text())
+    for name in (str(outside), f"../{outside.name}"):
+        log(plain, "z1", f'[[run]]\nfile = "{name}"\n')
+        assert "lies outside" in check_set(plain)[0] and "joint1" not in check_set(plain)[0]
+        assert main(["check", str(plain), "--quiet"]) == 2
+        assert main(["check", str(plain), "--quiet", "--allow-outside"]) == 0
+    assert inspect_set(plain, allow_outside=True)[0] == []
+    capsys.readouterr()
+
+
+def test_a_robot_outside_of_the_set_has_to_be_allowed(plain, tmp_path, monkeypatch, capsys):
+    """By an absolute path, by one that climbs, and by one that is found from the current folder only."""
+    urdf = put(tmp_path.parent / f"{tmp_path.name}_z1.urdf", Z1.urdf.read_text())
+    monkeypatch.chdir(urdf.parent)
+    for name in (str(urdf), f"../{urdf.name}", urdf.name):
+        log(plain, name, '[[run]]\nfile = "a.csv"\n')
+        assert main(["check", str(plain), "--quiet"]) == 2
+        assert urdf.name in (said := capsys.readouterr().err) and "jointGripper" not in said
+        assert "jointGripper" in inspect_set(plain, allow_outside=True)[0][0]  # it was read: the set lacks that joint
+    put(plain / urdf.name, Z1.urdf.read_text())
+    assert "jointGripper" in inspect_set(plain)[0][0]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('[[run]]\nfile = "a.csv"\npower_fil = "p.csv"\n', "did you mean 'power_file'?"),
+        ('[[run]]\nfile = "a.csv"\nstart = "1.0"\n', "start = '1.0'"),
+        ('[[run]]\nfile = "a.csv"\nenergy = true\n', "energy = True"),
+        ('[[run]]\nfile = "a.csv"\npower_start = 1\n', "without a power_file"),
+        ('[[run]]\nfile = "a.csv"\n[meter]\nwindow = "0.1"\n', "window = '0.1'"),
+        ('[[run]]\nfile = "a.csv"\n[meter]\nwindo = 0.1\n', "did you mean 'window'?"),
+        ('[[run]]\nfile = "a.csv"\n[csv]\ndecimal = ";"\n', "decimal = ';'"),
+        ('[[run]]\nfile = "a.csv"\n[csv]\ndelimiter = 3\n', "delimiter = 3"),
+        ('[[run]]\nfile = "a.csv"\n[csv]\ndelimiter = "\\u0000"\n', "delimiter = "),
+        ('[[run]]\nfile = "a.csv"\n[columns]\npower = { product = ["u", 3] }\n', "product a list of headers"),
+        ('[[run]]\nfile = "a.csv"\n[columns]\npower = { column = "u", unt = "W" }\n', "did you mean 'unit'?"),
+        ('[[run]]\nfile = "a.csv"\n[columns]\npreset = ["x"]\n', "known: ur_rtde, franka_state, joint_state"),
+    ],
+)
+def test_keys_and_kinds_of_values_are_held(plain, text, expected):
+    assert expected in check_set(log(plain, "z1", text))[0]
+
+
+def test_no_damage_makes_a_traceback(plain):
+    rng = np.random.default_rng(5)
+    whole = (plain / "a.csv").read_bytes()[:6000]
+    for _ in range(120):
+        raw = bytearray(whole)
+        for _ in range(rng.integers(1, 4)):
+            at, kind = int(rng.integers(len(raw))), rng.integers(5)
+            if kind == 0:
+                raw[at] = int(rng.integers(256))
+            elif kind == 1:
+                del raw[at : at + int(rng.integers(1, 200))]
+            elif kind == 2:
+                raw[at:at] = rng.choice([b'"', b"\n", b",", b";", b"1e300", b"nan", b"\r", b" ", b"\0\0"])
+            elif kind == 3:
+                raw = raw[: max(at, 2)]
+            else:
+                raw[at : at + 4] = b"\xff\xfe\xfd\xfc"
+        put(plain / "a.csv", bytes(raw))
+        for fault in check_set(plain):
+            assert "\n" not in fault and len(fault) < 1000
+
+
+def test_a_tenth_hertz_of_a_million_rows_takes_linear_time(tmp_path):
+    """Two sizes: four times the rows take about four times the time (process time, generous)."""
+    import time
+
+    seconds = []
+    for count in (20_000, 80_000):
+        t = np.arange(count) * 0.002
+        q = np.array([0.1, 1.0, -1.0, 0.1, 0.1, 0.1]) + 0.3 * np.sin(np.outer(t, np.arange(1, 7) / 3))
+        header = "time," + ",".join(f"{j}.position" for j in Z1.joints) + ",power"
+        folder = log(tmp_path / str(count), "z1", '[[run]]\nfile = "a.csv"\n')
+        put(folder / "a.csv", lines(header, [t, q, 60 + np.abs(q[:, 1])]))
+        begun = time.process_time()
+        assert len(read_set(folder).runs[0].time) == count
+        seconds.append(time.process_time() - begun)
+    assert seconds[1] < 8 * seconds[0] + 0.2
+
+
+@pytest.mark.skipif(not FIG9.is_file(), reason="the shared recording is not here")
+def test_a_real_recording_in_one_command(tmp_path):
+    """The arm is found by its torques; the set is read as the preset written by hand."""
+    assert main(["import", str(FIG9), "--out", str(tmp_path / "set"), "--quiet"]) == 0
+    measured = read_set(tmp_path / "set")
+    assert measured.robot.name == "ur3e" and sum(len(r.power) for r in measured.runs) == 888
+    assert measured.runs[0].current is not None and measured.payload is not None and check_set(tmp_path / "set") == []
+
+
+@pytest.mark.skipif(not FIG9.is_file(), reason="the shared recording is not here")
+@pytest.mark.parametrize("offset", [0.0, 12.0])
+def test_a_real_recording_with_a_meter_of_one_hertz(tmp_path, offset):
+    table = Table(FIG9)
+    t = table.column("timestamp")
+    p = table.product(["actual_robot_voltage", "actual_robot_current"])
+    ends = np.arange(24, len(t), 25)
+    mean = np.array([p[k - 24 : k + 1].mean() for k in ends])
+    names = [f"actual_q_{k}" for k in SIX]
+    put(tmp_path / "joints.csv", lines(",".join(["timestamp", *names]), [t, *(table.column(x) for x in names)], "%.9f"))
+    put(tmp_path / "meter.csv", lines("Time [s],Power [W]", [t[ends] - t[0] + offset, mean]))
+    made = import_files([tmp_path / "joints.csv", tmp_path / "meter.csv"], tmp_path / "set", load_robot("ur3e"))
+    measured = read_set(made.folder)
+    stamps = np.concatenate([run.start + run.power_time for run in measured.runs])
+    assert len(stamps) >= 33 and all(len(run.power) >= 4 for run in measured.runs)
+    assert all(run.window == pytest.approx(np.full(len(run.power), 1.0), abs=0.01) for run in measured.runs)
+    assert measured.runs[0].clock == ("estimated" if offset else "shared")
+    assert np.abs(stamps - (t[ends] - t[0])[: len(stamps)]).max() < (0.15 if offset else 1e-6)
+    for run in measured.runs:
+        at = nodes(run)
+        assert math.isfinite(float(observe(run, at, np.ones(len(at))).sum()))
+
+
+def odd_headers(tmp_path, more=""):
+    """Six joints, stamps and power under headers that say nothing."""
+    t, q, _, p = arm(Z1)
+    names = ["A", *(f"k{'abcdef'[j]}" for j in range(6)), "leistungsaufnahme_x", *([more] if more else [])]
+    columns = [1000 * t, q, p, *([p / 2] if more else [])]
+    return put(tmp_path / "odd.csv", lines(",".join(names), columns)), t, q, p
+
+
+def test_columns_named_by_hand(tmp_path, capsys):
+    path, _, q, p = odd_headers(tmp_path)
+    words = ["import", str(path), "--robot", "z1", "--out", str(tmp_path / "set")]
+    assert main(words) == 2  # and says which headers it did not understand
+    assert "not understood: 'A', 'ka'" in capsys.readouterr().err
+    hand = [f"--joint={joint}=k{'abcdef'[j]}:rad" for j, joint in enumerate(Z1.joints)]
+    assert main([*words, "--time", "A:ms", "--power", "leistungsaufnahme_x:W", *hand]) == 0
+    first = read_set(tmp_path / "set").runs[0]
+    np.testing.assert_allclose(first.position, q[: len(first.time)], atol=1e-6)
+    np.testing.assert_allclose(first.power, p[: len(first.power)], atol=1e-3)
+    assert first.time[-1] < 100
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--time", "B"], "--time B: no such column"),
+        (["--power", "A:parsec"], "--power A:parsec: 'parsec' is no unit of power"),
+        (["--joint", "joint9=A"], "--joint joint9: no such joint"),
+        (["--joint", "joint1"], "JOINT=COLUMN"),
+        (["--joint", "joint1=ka"], "no column for the position of joint2, joint3"),
+        (["--time", "ka"], "--time ka: its values do not increase"),
+    ],
+)
+def test_columns_that_cannot_be_meant(tmp_path, capsys, options, expected):
+    path, *_ = odd_headers(tmp_path)
+    hand = [f"--joint={joint}=k{'abcdef'[j]}" for j, joint in enumerate(Z1.joints)] if "--time" in options else []
+    words = ["import", str(path), "--robot", "z1", "--out", str(tmp_path / "set"), *hand, *options]
+    assert main(words) == 2 and expected in capsys.readouterr().err
+    assert not (tmp_path / "set").exists()
+
+
+@pytest.mark.parametrize(
+    ("header", "taken"),
+    [
+        (["motor_power_3"], None),
+        (["motor_power_1", "motor_power_2", "motor_power_3"], None),
+        (["joint2 power [W]"], None),
+        (["gripper_power"], None),
+        (["motor_power_3", "robot_power"], "robot_power"),
+        (["motor_power_total", "motor_power_3"], "motor_power_total"),
+        (["power_1", "power_2"], None),
+        (["CH1 power (W)"], "CH1 power (W)"),
+        (["robot_voltage", "robot_current", "power"], ["robot_voltage", "robot_current"]),
+        (["voltage", "current", "power", "pf"], "power"),
+        (["robot_voltage", "robot_current", "power", "frequency"], "power"),
+        (["motor_voltage_2", "motor_current_2"], None),
+    ],
+)
+def test_a_single_motors_power_is_not_the_robots(tmp_path, header, taken):
+    t, q, _, p = arm(Z1)
+    tau = [5 * q] if taken is None else []  # a set without a meter has torques
+    names = ["t", *(f"q{j}" for j in range(6)), *(f"tau_{j}" for j in range(6) if tau), *header]
+    columns = [t, q, *tau, *(np.sqrt(p) if "voltage" in h or "current" in h else p for h in header)]
+    path = put(tmp_path / "a.csv", lines(",".join(names), columns))
+    made = import_files([path], tmp_path / "set", Z1)
+    power = made.log["columns"].get("power")
+    found = None if power is None else power if isinstance(power, str) else power.get("product", power.get("column"))
+    assert found == taken
+    unknown = next(word for word in made.words if "understood" in word)
+    assert taken is not None or all(repr(name) in unknown.partition("not understood")[2] for name in header)
+
+
+@pytest.mark.parametrize("other", ["computed_torque", "tau_model", "estimated_torque", "target_torque"])
+def test_of_measured_and_computed_torque_the_measured_is_taken(tmp_path, other):
+    t, q, _, p = arm(Z1)
+    for k, (first, second) in enumerate(((other, "measured_torque"), ("torque", other))):
+        names = ["t", "power", *(f"q{j}" for j in range(6))]
+        names += [f"{first}_{j}" for j in range(6)] + [f"{second}_{j}" for j in range(6)]
+        path = put(tmp_path / f"a{k}.csv", lines(",".join(names), [t, p, q, 5 * q, 3 * q]))
+        made = import_files([path], tmp_path / f"set{k}", Z1)
+        effort = made.log["columns"][f"{Z1.joints[0]}.effort"]
+        name = effort if isinstance(effort, str) else effort["column"]
+        assert not name.startswith(other)
+
+
+def test_a_run_of_standstill_is_static_for_all_its_noise(tmp_path):
+    t, q, _, p = arm(Z1)
+    noise = 0.0015 * np.random.default_rng(0).standard_normal(q.shape)
+    names = "t,power," + ",".join(f"q{j}" for j in range(6))
+    moving = put(tmp_path / "moving.csv", lines(names, [t, p, q + noise]))
+    still = put(tmp_path / "still.csv", lines(names, [t, p, q[:1] + noise]))
+    made = import_files([moving, still], tmp_path / "set", Z1)
+    assert np.ptp(noise, axis=0).max() > 0.008
+    assert {row["file"]: row["kind"] for row in made.log["run"]} == {"moving.csv": "motion", "still.csv": "static"}

@@ -1,0 +1,166 @@
+"""Moves that keep clear of the arm's own body and of what stands around it, judged by Pinocchio's own loop."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from poses import GOAL, START
+
+from energy_opt.batches.moves import random_moves
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene import Scene, SceneObject, Shape
+from energy_opt.cell.scene_files import read_scene
+from energy_opt.errors import Infeasible
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.path import straight
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+from energy_opt.robot.catalog import srdf_beside
+from energy_opt.robot.kinematics import Kinematics
+from energy_opt.robot.meshes import mesh_files
+from energy_opt.robot.plain_urdf import plain_urdf
+
+PROBLEMS = Path(__file__).parents[3] / "shared/data/mbm"
+
+
+@pytest.fixture(scope="module")
+def planner(panda: Robot, model: PowerModel) -> Planner:
+    return Planner(panda, model, Settings(starts=2, ways=1))
+
+
+def post(panda: Robot, share: float) -> Scene:
+    """A ball of 5 cm where the tool is at a share of the straight line from START to GOAL."""
+    poses = Kinematics(panda.body.tree())((START + share * (GOAL - START))[None])
+    at = np.eye(4)
+    at[:3, 3] = poses.origin[0, 6]
+    return Scene((SceneObject("post", (Shape("sphere", (0.05,)),), at),))
+
+
+def touches(robot: Robot, t: Trajectory, ball: np.ndarray | None = None, samples: int = 500) -> int:
+    """Poses of a dense sampling in which Pinocchio finds a contact of links, or with a ball of 5 cm."""
+    model = pin.buildModelFromUrdf(str(robot.urdf))
+    geometry = pin.buildGeomFromUrdfString(
+        model, plain_urdf(robot.description, mesh_files(robot.description)), pin.GeometryType.COLLISION
+    )
+    locked = [model.getJointId(name) for name in robot.locked]
+    model, geometry = pin.buildReducedModel(model, geometry, locked, pin.neutral(model))
+    own = geometry.ngeoms
+    geometry.addAllCollisionPairs()
+    pin.removeCollisionPairs(model, geometry, str(srdf_beside(robot.name, robot.urdf)))
+    if ball is not None:
+        import coal
+
+        geometry.addGeometryObject(pin.GeometryObject("ball", 0, pin.SE3(ball), coal.Sphere(0.05)))
+        for k in range(own):
+            if geometry.geometryObjects[k].parentJoint > 0:
+                geometry.addCollisionPair(pin.CollisionPair(k, own))
+    data, found = model.createData(), geometry.createData()
+    q = t.sample(np.linspace(t.time[0], t.time[-1], samples))[0]
+    return sum(pin.computeCollisions(model, data, geometry, found, row, True) for row in robot.body.configuration(q))
+
+
+def test_a_move_that_would_fold_the_arm_into_itself_keeps_clear(planner: Planner, panda: Robot) -> None:
+    move = Move(START, GOAL, duration=2.0)
+    planner.set_cell(None)
+    folded = planner.solve(move)
+    assert touches(panda, folded.trajectory) > 0 and folded.certificate.clearance is None
+    planner.set_cell(Cell(panda, CellRequest()))
+    result = planner.solve(move)
+    clearance = result.certificate.clearance
+    assert result.status == "solved" and clearance is not None and clearance.proven
+    assert clearance.lower_bound is not None and clearance.lower_bound >= 0.002
+    assert touches(panda, result.trajectory) == 0
+    scaled, retimed = result.baseline("scaled"), planner.solve(Move(START, GOAL, "retime", 2.0))
+    assert scaled is not None and folded.energy.total <= result.energy.total <= retimed.energy.total
+    assert result.document()["certificate"]["clearance"]["verdict"] == "proven"
+
+
+def test_a_move_whose_optimum_is_free_is_left_as_it_is(planner: Planner, panda: Robot) -> None:
+    named, answers = random_moves(panda, 20, 1)[0], []
+    for cell in (None, Cell(panda, CellRequest())):
+        planner.set_cell(cell)
+        answers.append(planner.solve(Move(named.start, named.goal, duration=2.5)))
+    assert np.array_equal(answers[0].trajectory.position, answers[1].trajectory.position)
+    assert answers[1].certificate.clearance.proven
+
+
+def test_around_a_post(planner: Planner, panda: Robot) -> None:
+    """The straight line goes through a ball: a way around is found, reshaped, and nothing is touched."""
+    scene = post(panda, 0.5)
+    planner.set_cell(Cell(panda, CellRequest(), scene))
+    result = planner.solve(Move(START, GOAL, duration=3.0))
+    assert result.status == "solved" and result.certificate.clearance.proven
+    assert result.first_path is not None and result.first_path.source in ("own", "ompl")
+    assert touches(panda, result.trajectory, scene.objects[0].pose) == 0
+
+
+def test_what_cannot_be_free_is_refused(planner: Planner, panda: Robot) -> None:
+    planner.set_cell(Cell(panda, CellRequest(), post(panda, 0.0)))
+    with pytest.raises(Infeasible, match=r"start: .* touches .* mm deep") as info:
+        planner.solve(Move(START, GOAL, duration=3.0))
+    assert info.value.limit == "clearance"
+    planner.set_cell(Cell(panda, CellRequest(), post(panda, 0.5)))
+    with pytest.raises(Infeasible, match=r"the given path is not free: at 0\.\d+ of it .* touches post") as info:
+        planner.solve(Move(START, GOAL, "retime", path=straight(START, GOAL)))
+    assert info.value.position is not None and abs(info.value.position - 0.5) < 0.2
+
+
+@pytest.mark.skipif(not PROBLEMS.is_dir(), reason="the planning problems are not beside the checkout")
+def test_a_real_problem_with_its_planners_path(planner: Planner, panda: Robot) -> None:
+    from energy_opt.formats import read_path
+
+    name = "panda_bookshelf_tall_0070"
+    path = read_path(PROBLEMS / "paths" / f"{name}.csv", panda.joints)
+    planner.set_cell(Cell(panda, CellRequest(), read_scene(PROBLEMS / "scenes" / f"{name}.yaml")))
+    move = Move(path.start, path.goal, path=path)
+    move = Move(path.start, path.goal, path=path, duration=1.5 * planner.minimum_time(move))
+    result = planner.solve(move)
+    assert result.status == "solved" and result.certificate.clearance.proven and result.chosen == "reshape"
+    assert result.saving is not None and result.saving["loss_percent"] > 35
+
+
+def test_a_result_says_that_self_collision_was_off(panda: Robot) -> None:
+    import energy_opt as eo
+
+    asked = CellRequest(self_collision=False)
+    result = eo.optimize(panda, start=START, goal=START + 0.1, mode="retime", cell=asked, model="source-method-2")
+    assert result.certificate.clearance is None and any("self-collision is off" in line for line in result.warnings)
+    checked = eo.optimize(panda, start=START, goal=START + 0.1, mode="retime", model="source-method-2")
+    assert checked.certificate.clearance.proven and not any("self-collision" in line for line in checked.warnings)
+
+
+def test_a_way_that_leads_to_little_is_not_the_last(
+    monkeypatch: pytest.MonkeyPatch, panda: Robot, model: PowerModel
+) -> None:
+    """Where reshaping from the way found saves little another one is looked for, and the cheaper answer is given."""
+    from energy_opt.motion.plan import clear
+    from energy_opt.motion.plan import planner as module
+
+    planner = Planner(panda, model, Settings(starts=2, controls=20), cell=Cell(panda, CellRequest(), post(panda, 0.5)))
+    asked, first_path = [], module.first_path
+
+    def noted(*given):
+        asked.append((given[3].ways, given[3].seed))
+        return first_path(*given)
+
+    monkeypatch.setattr(module, "first_path", noted)
+    plain = planner.solve(Move(START, GOAL, duration=3.0))
+    assert plain.status == "solved" and asked == [(None, 0)]
+    monkeypatch.setattr(clear, "LITTLE", 1.0)
+    again = planner.solve(Move(START, GOAL, duration=3.0))
+    assert asked == [(None, 0), (1, module.OTHER)]
+    assert again.status == "solved" and again.energy.total <= plain.energy.total
+
+
+def test_further_ways_never_end_dearer(panda: Robot, model: PowerModel) -> None:
+    cell = Cell(panda, CellRequest(planner="none"), post(panda, 0.5))
+    alone, more = (Planner(panda, model, Settings(starts=1, controls=14, ways=ways), cell=cell) for ways in (None, 1))
+    begun, _, _ = alone.first_path(Move(START, GOAL))
+    move = Move(START, GOAL, path=begun.path, duration=3.0)
+    first, found = alone.solve(move), more.solve(move)
+    assert found.status == "solved" and found.certificate.clearance.proven
+    assert found.energy.total <= first.energy.total * (1 + 1e-9)
+    assert found.solver.iterations > first.solver.iterations  # more was tried

@@ -1,0 +1,158 @@
+"""An arm's electrical passport: values by hand, intervals, changes that are real, the verb."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import energy_opt as eo
+from energy_opt.cli.main import main
+from energy_opt.passports import friction, loss, read_arm
+from energy_opt.passports.changes import changes_since
+from energy_opt.power.model import Doubt
+
+DRY, OIL, HEAT = np.array([2.0, 3.0, 1.0, 0.5, 0.4, 0.3]), 0.7, 0.006
+
+
+def model(dry=DRY, standby=70.0, spread=None):
+    """A ur5's model; `spread` is the standard deviation of friction [N m] and standby [W]."""
+    out = eo.PowerModel(
+        "ur5",
+        (
+            eo.Standby(power=standby),
+            eo.CopperLoss(r_over_kt2=[HEAT] * 6),
+            eo.CoulombFriction(tau_c=list(dry)),
+            eo.ViscousFriction(b=[OIL] * 6),
+        ),
+    )
+    if spread is None:
+        return out
+    names = ("standby.power.0", *(f"coulomb_friction.tau_c.{k}" for k in range(6)))
+    return replace(out, doubt=Doubt(names, np.eye(7) * spread**2))
+
+
+def test_friction_and_loss_are_those_of_the_formulas():
+    speed = np.tile([0.05, 0.4, 2.0], (6, 1))
+    np.testing.assert_allclose(friction([model()], speed)[0], DRY[:, None] + OIL * speed, rtol=1e-4)
+    torque, v = np.array([-40.0, 0.0, 25.0]), np.array([-1.5, 0.3, 2.0])
+    for j in (0, 4):
+        rubs = (DRY[j] + OIL * np.abs(v)) * np.sign(v)
+        by_hand = HEAT * (torque[:, None] + rubs) ** 2 + rubs * v
+        np.testing.assert_allclose(loss(model(), 6, j, torque, v), by_hand, rtol=1e-4)
+
+
+def test_published_friction_is_that_of_the_paper():
+    """Gaz et al. 2019: A / (1 + exp(-k (v + c))) - A / (1 + exp(-k c))."""
+    arm = read_arm("panda")
+    a, k, c = 1.2794, 5.5903, 0.036194  # of joint 4
+
+    def published(v):
+        return a / (1 + np.exp(-k * (v + c))) - a / (1 + np.exp(-k * c))
+
+    expected = [(published(v) - published(-v)) / 2 for v in arm.speeds[3]]
+    np.testing.assert_allclose(arm.friction[3], expected, rtol=1e-6)
+    number = arm.friction_at(3, 2)
+    assert number.status == "published" and "Gaz" in number.source and number.ci95 is None
+
+
+def test_published_friction_of_the_ur5e_is_that_of_its_table():
+    arm = read_arm("ur5e")
+    torque = friction([arm.model], np.tile([0.5, 1.5, 3.2], (6, 1)))[0]
+    np.testing.assert_allclose(torque[[0, 5]], [[9.5, 13.9, 17.9], [2.2, 3.0, 4.0]], rtol=1e-6)
+    assert arm.number("standby", "power").status == "unknown"  # nobody published it
+
+
+def test_intervals_come_from_the_covariance():
+    (arm,) = eo.passport(model(spread=0.1)).arms
+    number = arm.number("coulomb_friction", "tau_c", 1)
+    assert number.status == "measured" and number.ci95 == pytest.approx((3.0 - 0.196, 3.0 + 0.196))
+    low, high = arm.friction_at(1, 2).ci95
+    assert (high - low) == pytest.approx(2 * 0.196, rel=0.15)  # the quantiles of 600 draws
+    assert arm.number("copper_loss", "r_over_kt2", 2).status == "declared"
+
+
+def test_a_change_is_real_where_it_is_outside_of_the_joint_intervals():
+    worn = DRY + np.array([0.0, 0.0, 0.6, 0.0, 0.0, 0.0])
+    made = eo.passport([model(spread=0.05), model(worn, spread=0.05)])
+    real = [c for c in made.changes if c.real]
+    assert {c.joint for c in real} == {"elbow_joint"} and len(real) == 3
+    assert all(c.difference == pytest.approx(0.6, rel=1e-6) for c in real)
+    assert "elbow_joint" in made.headline
+    # seven independent numbers: the joint interval is Sidak's
+    standby = next(c for c in made.changes if c.quantity == "standby")
+    width = (standby.ci95[1] - standby.ci95[0]) / 2 / (0.05 * 2**0.5)
+    assert width == pytest.approx(norm.ppf((1 + 0.95 ** (1 / 7)) / 2), rel=0.08)
+
+
+def test_without_intervals_nobody_says_that_a_change_is_real():
+    made = eo.passport([model(), model(DRY * 1.5)])
+    assert made.changes and all(c.real is None for c in made.changes)
+    assert "cannot be said" in made.headline
+
+
+def test_what_has_changed_since_names_only_what_differs():
+    robot = eo.load_robot("ur5")
+    found = changes_since(model(spread=0.05), model(DRY * [1, 1.3, 1, 1, 1, 1], spread=0.05), robot)
+    assert {c.joint for c in found} == {"shoulder_lift_joint"} and found[0].real
+    assert not changes_since(model(spread=0.05), model(spread=0.05), robot)
+
+
+def test_the_verb_writes_a_sheet(tmp_path, capsys):
+    model(spread=0.05).save(tmp_path / "march.toml")
+    model(DRY * 2, spread=0.05).save(tmp_path / "november.toml")
+    words = [str(tmp_path / "march.toml"), str(tmp_path / "november.toml")]
+    out = tmp_path / "out"
+    assert main(["passport", *words, "--out", str(out), "--json", "--quiet"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    written = json.loads((out / "passport.json").read_text())
+    assert [row["name"] for row in written.pop("files")] == ["report.html"] and document == written
+    assert [arm["label"] for arm in document["arms"]] == ["march", "november"]
+    assert document["arms"][0]["standby"]["value"] == 70.0
+    friction_row = document["arms"][0]["joints"][0]["friction"][-1]
+    assert friction_row["torque"] == pytest.approx(2.0 + OIL * friction_row["speed"], rel=1e-4)
+    assert any(row["real"] for row in document["changes"])
+    assert "November" not in (out / "report.html").read_text() and "november" in (out / "report.html").read_text()
+    assert main(["passport", words[0], "--out", str(out), "--quiet"]) == 2  # holds the answer to another request
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nobody"], "neither a model file nor a robot's name"),
+        (["missing.toml"], "neither a model file"),
+        (["careful"], "give --robot"),
+        (["FILE", "--robot", "panda"], "the robot has 7 joints"),
+    ],
+)
+def test_bad_input_is_one_line(words, said, tmp_path, capsys):
+    model().save(tmp_path / "model.toml")
+    words = [str(tmp_path / "model.toml") if w == "FILE" else w for w in words]
+    assert main(["passport", *words, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_diagnose_says_what_has_changed_since_the_last_calibration(tmp_path, capsys):
+    pytest.importorskip("mujoco")
+    sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+    from misfit_world import World, write_world
+
+    truth = write_world(World("ur5", 72, (0.0, 0.0), cause="coulomb_friction", motions=5, poses=3), tmp_path / "set")
+    held = truth.declared + eo.CoulombFriction(tau_c=[0.5] * 3 + [0.1] * 3)  # a fraction of today's
+    names = tuple(f"coulomb_friction.tau_c.{k}" for k in range(6))
+    replace(held, doubt=Doubt(names, np.eye(6) * 0.05**2)).save(tmp_path / "last.toml")
+    words = [str(truth.folder), "--model", str(tmp_path / "last.toml"), "--out", str(tmp_path / "out"), "--json"]
+    assert main(["diagnose", *words]) == 0
+    said = capsys.readouterr()
+    document = json.loads(said.out)
+    real = [row for row in document["changes"] if row["real"]]
+    assert real and all(row["quantity"] == "friction" and row["difference"] > 0 for row in real)
+    assert f"changed since {tmp_path / 'last.toml'}: " in said.err

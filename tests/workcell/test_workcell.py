@@ -1,0 +1,145 @@
+"""Cells of several robots known by curves: schedules, bounds, and an independent check of what was written."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+from cell_checker import faults_of_schedule
+
+from energy_opt.cli.main import main
+
+SKODA = Path(__file__).parents[3] / "shared" / "data" / "skoda.json"
+
+
+def run(tmp_path: Path, document: dict) -> tuple[int, dict]:
+    file = tmp_path / "cell.toml"
+    file.write_bytes(tomli_w.dumps(document).encode())
+    code = main(["job", str(file), "--out", str(tmp_path / "out"), "--quiet", "--force"])
+    result = tmp_path / "out" / "job.json"
+    return code, json.loads(result.read_text()) if result.is_file() else {}
+
+
+def two_robots(**more: object) -> dict:
+    curve = [[-1, 400.0], [0, 20.0], [1, 60.0]]
+    wait = {"name": "rest", "wait": [0.0, 20.0]}
+    robots = [
+        {"name": n, "step": [{"name": "move", "duration": [1.0, 9.0], "curve": curve}, dict(wait)]} for n in ("a", "b")
+    ]
+    modes = [{"name": "motors", "power": 200.0}, {"name": "brakes", "power": 50.0, "least": 2.0, "enter": [0.3, 90.0]}]
+    return {"format": "energy-opt/job/2", "cycle_time": 10.0, "mode": modes, "robot": robots, **more}
+
+
+def test_a_wait_takes_the_mode_that_costs_less_and_the_curve_its_best_duration(tmp_path: Path) -> None:
+    code, found = run(tmp_path, two_robots())
+    assert code == 0
+    # brakes: E(d) = 400/d + 20 + 60 d + 90 + 50 (10 - d - 0.3), least where 400/d^2 = 10: beyond 8 s, so at d = 8 s
+    durations = np.linspace(1.0, 8.0, 70001)
+    brakes = 400 / durations + 20 + 60 * durations + 90 + 50 * (10 - durations - 0.3)
+    motors = 400 / durations + 20 + 60 * durations + 200 * (10 - durations)
+    assert found["energy_total"] == pytest.approx(2 * min(brakes.min(), motors.min()), rel=1e-6)
+    assert found["bound"] <= found["energy_total"] <= found["bound"] * (1 + 1e-6)
+    assert [lever["name"] for lever in found["levers"]] == ["as_is", "speeds", "modes"]
+    assert found["levers"][0]["energy_total"] == pytest.approx(2 * (480 + 200 * 9))
+
+
+def test_lags_and_zones_are_kept_cycle_by_cycle(tmp_path: Path) -> None:
+    document = two_robots()
+    for robot in document["robot"]:
+        robot["step"][0] |= {"zone": "table"}
+    document["robot"][1]["step"][0] |= {"after": "a.move", "lag": [0.5, 1.0]}
+    code, found = run(tmp_path, document)
+    assert code == 0
+    assert faults_of_schedule(document, found) == []
+    a, b = (robot["steps"][0] for robot in found["robots"])
+    assert 0.5 - 1e-6 <= (b["start"] - a["start"] - a["duration"]) % 10.0 <= 1.0 + 1e-6
+
+
+def test_a_cell_that_cannot_be_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = two_robots()
+    for robot in document["robot"]:
+        robot["step"][0] |= {"zone": "table", "duration": [6.0, 9.0]}
+    assert run(tmp_path, document)[0] == 3
+    assert "no schedule keeps all lags and zones" in capsys.readouterr().err
+    document["robot"][0]["step"][0]["duration"] = [12.0, 13.0]
+    assert run(tmp_path, document)[0] == 3
+    assert "a: its steps take 12 s at least" in capsys.readouterr().err
+
+
+def test_a_mode_with_postures_is_possible_there_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = two_robots()
+    document["robot"][1]["step"].append({"name": "parked", "wait": [0.0, 20.0]})
+    document["mode"][1]["posture"] = ["parked"]
+    code, found = run(tmp_path, document)
+    assert code == 0
+    waits = {(r["name"], s["name"]): s for r in found["robots"] for s in r["steps"] if s["mode"] == "brakes"}
+    assert list(waits) == [("b", "parked")] and waits["b", "parked"]["duration"] >= 2.0
+    document["mode"][1]["posture"] = ["barked"]
+    assert run(tmp_path, document)[0] == 2
+    assert "mode brakes: posture 'barked' is no pose, nor a wait; did you mean 'parked'?" in capsys.readouterr().err
+
+
+def test_faults_of_a_file_are_named_with_their_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = two_robots()
+    document["robot"][0]["step"][1]["weit"] = 1
+    document["robot"][1]["step"][0]["curve"] = [[2, -1.0]]
+    document["cycle_time"] = True
+    assert run(tmp_path, document)[0] == 2
+    said = capsys.readouterr().err
+    assert "robot 1 (a): step 2 (rest): unknown key 'weit'; did you mean 'wait'?" in said
+    assert "cycle_time = True; expected a number" in said
+    document = two_robots()
+    document["robot"][1]["step"][0] |= {"curve": [[2, -1.0]], "after": "a.mov"}
+    assert run(tmp_path, document)[0] == 2
+    assert "no such step; did you mean 'a.move'?" in capsys.readouterr().err
+    del document["robot"][1]["step"][0]["after"]
+    assert run(tmp_path, document)[0] == 2
+    assert "its curve is not convex" in capsys.readouterr().err
+
+
+def skoda(path: Path) -> dict:
+    """The published cell as a job file; its stays become waits, its points are named."""
+    data = json.loads(path.read_text())
+    robots, named = [], {}
+    for robot in data["robots"]:
+        stays, moves = {s["point"]: s for s in robot["stays"]}, {m["from"]: m for m in robot["moves"]}
+        last = next(s for s in robot["stays"] if s["last_in_cycle"])
+        at, steps = last, []
+        while True:
+            move = moves[at["point"]]
+            at = stays[move["to"]]
+            possible = {m["name"]: p for m, p in zip(robot["modes"], at["power"], strict=True) if p < 10000}
+            curve = [[t["degree"], t["coefficient"]] for t in move["energy"]]
+            steps += [
+                {"name": f"move {move['id']}", "duration": [move["least"], move["most"]], "curve": curve},
+                {
+                    "name": f"stay {at['id']}",
+                    "wait": [at["least"], at["most"]],
+                    "power": possible,
+                    "modes": list(possible),
+                },
+            ]
+            named |= {x["id"]: f"{robot['name']}.{s['name']}" for x, s in zip((move, at), steps[-2:], strict=True)}
+            if at is last:
+                break
+        robots.append({"name": robot["name"], "mode": robot["modes"], "step": steps})
+    lags = [{**lag, "from": named[lag["from"]], "to": named[lag["to"]]} for lag in data["lags"]]
+    return {"format": "energy-opt/job/2", "cycle_time": data["cycle_time"], "robot": robots, "lag": lags}
+
+
+@pytest.mark.skipif(not SKODA.is_file(), reason="needs the shared data")
+def test_the_published_cell_comes_out_as_published(tmp_path: Path) -> None:
+    document = skoda(SKODA)
+    code, found = run(tmp_path, document)
+    assert code == 0
+    assert faults_of_schedule(tomllib.loads(tomli_w.dumps(document)), found) == []
+    energies = {lever["name"]: lever["energy_total"] for lever in found["levers"]}
+    assert energies["as_is"] == pytest.approx(491971, abs=1)
+    assert energies["speeds"] == pytest.approx(400298, abs=2)
+    assert found["levers_alone"][0]["energy_total"] == pytest.approx(450397, abs=1)
+    assert 390655 <= found["bound"] <= energies["modes"] <= 390660
+    assert found["solve_seconds"] < 5

@@ -1,0 +1,219 @@
+"""Two arms in one cycle: the proof between them against distances by Pinocchio and coal alone, and a small cell."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import tomli_w
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.moving import MovingCell
+from energy_opt.cell.request import CellRequest
+from energy_opt.cli.main import main
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import load_robot
+from energy_opt.workcell.aside import others_during
+from energy_opt.workcell.between import TwoArms, prove_apart
+from energy_opt.workcell.motion import Part, PeriodicMotion
+
+REST = np.array([0.0, -0.5, 0.0, -2.3, 0.0, 1.8, 0.8])
+CYCLE = 3.0
+
+
+def swing(joints: tuple[str, ...], goal: np.ndarray, wait: float) -> PeriodicMotion:
+    """From rest to a goal, back, and a wait."""
+    parts, at, start = [], REST, 0.0
+    duration = (CYCLE - wait) / 2
+    for name, to in (("there", goal), ("back", REST)):
+        x = np.linspace(0, 1, 31)
+        s, v, a = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - x) * (1 - 2 * x)
+        q = [np.outer(f, to - at) / duration**k for k, f in enumerate((s, v, a))]
+        parts.append(Part(name, start, duration, Trajectory(joints, x * duration, at + q[0], q[1], q[2])))
+        start, at = start + duration, to
+    still = np.zeros((2, 7))
+    parts.append(
+        Part("wait", start, wait, Trajectory(joints, np.array([0.0, wait]), np.array([REST] * 2), still, still))
+    )
+    return PeriodicMotion(parts, CYCLE)
+
+
+def least_distance(one: PeriodicMotion, two: PeriodicMotion, base: np.ndarray, jitter: float) -> float:
+    """The least distance over a dense grid of time and lateness, by Pinocchio and coal alone."""
+    robot = load_robot("panda")
+    model = pin.buildModelFromUrdf(str(robot.urdf))
+    locked = [model.getJointId(n) for n in model.names[1:] if n not in robot.joints]
+    geometry = pin.buildGeomFromUrdf(model, str(robot.urdf), pin.GeometryType.COLLISION, package_dirs=packages(robot))
+    model, geometry = pin.buildReducedModel(model, geometry, locked, pin.neutral(model))
+    placed = pin.SE3(base)
+    data, gdata = [model.createData() for _ in range(2)], [geometry.createData() for _ in range(2)]
+    import coal
+
+    request, least = coal.DistanceRequest(), np.inf
+    hulls = []
+    for thing in geometry.geometryObjects:
+        shape = thing.geometry
+        if isinstance(shape, coal.BVHModelBase):
+            shape.buildConvexHull(True, "Qt")
+            shape = shape.convex
+        hulls.append(shape)
+    for late in np.linspace(-2 * jitter, 2 * jitter, 3):
+        for t in np.linspace(0, CYCLE, 40):
+            for k, (motion, time) in enumerate(((one, t), (two, t + late))):
+                pin.updateGeometryPlacements(model, data[k], geometry, gdata[k], motion.at(np.array([time]))[0])
+            for a, x in zip(hulls, gdata[0].oMg, strict=True):
+                for b, y in zip(hulls, gdata[1].oMg, strict=True):
+                    y = placed * y
+                    if np.linalg.norm(x.translation - y.translation) > 0.6:
+                        continue
+                    result = coal.DistanceResult()
+                    coal.distance(
+                        a, coal.Transform3s(x.rotation, x.translation), b, coal.Transform3s(y.rotation, y.translation),
+                        request, result,
+                    )  # fmt: skip
+                    least = min(least, result.min_distance)
+    return least
+
+
+def packages(robot: object) -> list[str]:
+    """Folders in which the URDF's package:// is looked for."""
+    return [str(folder) for folder in Path(robot.urdf).parents]
+
+
+@pytest.fixture(scope="module")
+def panda() -> object:
+    return load_robot("panda")
+
+
+@pytest.mark.parametrize(("gap", "jitter"), [(1.6, 0.02), (1.25, 0.02), (1.0, 0.0)])
+def test_the_proof_between_two_arms_agrees_with_dense_distances(panda: object, gap: float, jitter: float) -> None:
+    bases = ((0.0,) * 6, (gap, 0.05, 0.0, 0.0, 0.0, np.pi))
+    cells = [Cell(panda, CellRequest(base=base)) for base in bases]
+    goal = REST + np.array([0.3, 0.9, 0.0, 0.7, 0.0, 0.2, 0.0])
+    one, two = swing(panda.joints, goal, 0.4), swing(panda.joints, goal, 0.9)
+    found = prove_apart(TwoArms(*cells), (0, 1), one, two, jitter)
+    least = least_distance(one, two, cells[1].request.base_pose, jitter)
+    if found.verdict == "proven":
+        assert found.lower_bound <= least + 1e-5
+        assert least > 0.002
+    else:
+        assert least < 0.06  # hulls over-estimate meshes; between samples arms move
+    assert (found.verdict == "proven") == (gap > 1.1)
+
+
+def test_the_proof_shifts_time_as_lateness_says(panda: object) -> None:
+    cells = [Cell(panda, CellRequest(base=base)) for base in ((0.0,) * 6, (1.2, 0.0, 0.0, 0.0, 0.0, np.pi))]
+    away = REST + np.array([0.0, 0.9, 0.0, 0.7, 0.0, 0.2, 0.0])
+    one = swing(panda.joints, away, 1.6)
+    late = PeriodicMotion([Part(p.name, p.start + 1.5, p.duration, p.trajectory) for p in one.parts], CYCLE)
+    arms = TwoArms(*cells)
+    assert prove_apart(arms, (0, 1), one, one, 0.0).verdict == "colliding"
+    assert prove_apart(arms, (0, 1), one, late, 0.005).verdict == "proven"
+    assert prove_apart(arms, (0, 1), one, late, 0.8).verdict != "proven"
+
+
+def test_the_bodies_of_an_arm_that_moves_are_where_it_is_at_that_instant(panda: object) -> None:
+    bases = ((0.0,) * 6, (0.9, 0.05, 0.0, 0.0, 0.0, np.pi))
+    cells = [Cell(panda, CellRequest(base=base)) for base in bases]
+    goal = REST + np.array([0.3, 0.5, 0.0, 0.4, 0.0, 0.2, 0.0])
+    one, two = swing(panda.joints, goal, 0.4), swing(panda.joints, goal, 0.9)
+    others = others_during(cells[0], [(cells[1], two)], 0.0, CYCLE, 0.0)
+    moving = MovingCell(cells[0], others, REST, REST)
+    u = np.linspace(0, 1, 40)
+    apart = moving.gap(u, one.at(u * CYCLE - 1e-12), 1.0)
+    assert apart < 0.15
+    least = least_distance(one, two, cells[1].request.base_pose, 0.0)
+    own = min(d for q in one.at(u * CYCLE) for _, d in cells[0].distances(q, 1.0))
+    assert apart == pytest.approx(min(least, own), abs=2e-3)
+
+
+@pytest.mark.slow
+def test_an_arm_makes_way_where_both_must_move_at_once(tmp_path: Path) -> None:
+    def robot(name: str, base: list[float], *ends: list[float]) -> dict:
+        steps = [{"name": step, "to": q} for step, q in zip(("there", "back"), ends, strict=True)]
+        return {"name": name, "robot": "panda", "base": base, "step": steps}
+
+    one = [0.685, -0.096, 0.138, -1.761, 0.03, 1.846, 0.975], [-0.434, 0.397, -0.063, -2.172, 0.043, 1.913, 0.737]
+    two = [0.61, 0.033, 0.193, -1.957, -0.014, 1.884, 0.927], [-0.618, 0.3, 0.158, -2.175, 0.018, 1.998, 1.071]
+    document = {
+        "format": "energy-opt/job/2",
+        "cycle_time": 3.422,
+        "robot": [  # across the middle, past each other
+            robot("a", [0.0] * 6, *one),
+            robot("b", [0.739, -0.0919, 0.0, 0.0, 0.0, float(np.pi)], *two),
+        ],
+        "lag": [
+            {"from": f"{x}.{step}", "to": f"{y}.{step}", "length": -0.1} for x, y in ("ab", "ba")
+            for step in ("there", "back")
+        ],
+    }  # fmt: skip
+    file = tmp_path / "cell.toml"
+    file.write_bytes(tomli_w.dumps(document).encode())
+    options = ["--model", "source-method-2", "--starts", "1", "--quiet"]
+    assert main(["job", str(file), "--out", str(tmp_path / "out"), *options]) == 0
+    found = json.loads((tmp_path / "out" / "job.json").read_text())
+    assert found["clearance"]["verdict"] == "proven" and found["around"]
+    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+    from cell_judge import faults_of_cell
+
+    assert faults_of_cell(document, tmp_path / "out") == []
+
+
+@pytest.mark.slow
+def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
+    near = [0.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7]
+    far = [1.5, 0.0, 0.0, -1.9, 0.0, 2.2, 0.7]
+    steps = [
+        {"name": "pick", "to": near, "payload": 0.0},
+        {"name": "grip", "wait": 0.5},
+        {"name": "place", "to": far, "payload": 2.0},
+    ]
+    document = {
+        "format": "energy-opt/job/2",
+        "cycle_time": 9.0,
+        "supply": {"shared": True, "capacity": 20.0, "max_power": 600.0},
+        "robot": [
+            {"name": "a", "robot": "panda", "base": [0.0] * 6, "step": steps},
+            {"name": "b", "robot": "panda", "base": [0.9, 0.0, 0.0, 0.0, 0.0, float(np.pi)], "step": steps},
+        ],
+    }
+    file = tmp_path / "cell.toml"
+    file.write_bytes(tomli_w.dumps(document).encode())
+    options = ["--model", "source-method-2", "--floor", "-0.01", "--starts", "2", "--quiet"]
+    options += ["--write", "follow-joint-trajectory", "--write", "franka"]
+    code = main(["job", str(file), "--out", str(tmp_path / "out"), *options])
+    found = json.loads((tmp_path / "out" / "job.json").read_text())
+    assert code == 0, found["warnings"]
+    assert found["clearance"]["verdict"] == "proven"
+    assert [lever["name"] for lever in found["levers"]] == ["as_is", "speeds", "modes", "paths", "supply"]
+    energies = [lever["energy_total"] for lever in found["levers"]]
+    assert energies == sorted(energies, reverse=True)
+    # one supply may take less than the robots' own: the bound is of one that loses nothing
+    assert 0.5 * found["energy_total"] < found["bound"] <= found["energy_total"] - found["supply"]["lost"] + 1.0
+    assert found["optimality"]["lower_bound"] == found["bound"]
+    assert found["energy_total"] <= found["supply"]["energy_own"]
+    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+    from cell_circuit import cycle_of
+
+    measured = cycle_of(document, tmp_path / "out", 0.0036, 88.04)  # at a meter, by a circuit of its own
+    assert measured.energy == pytest.approx(found["energy_total"], rel=0.01)
+    assert measured.peak <= 600.0
+    assert measured.lost == pytest.approx(found["supply"]["lost"], rel=0.05, abs=1.0)
+    for robot in found["robots"]:
+        assert sum(step["duration"] for step in robot["steps"]) == pytest.approx(9.0)
+        files = {row["file"]: row for row in found["written"] if row["robot"] == robot["name"]}
+        assert list(files) == [f"cycle_{robot['name']}{end}" for end in (".csv", ".goal.yaml", ".franka.csv")]
+        assert all(row["valid"] and row["starts_at"] == robot["steps"][0]["start"] for row in files.values())
+        with (tmp_path / "out" / f"cycle_{robot['name']}.csv").open() as lines:
+            rows = list(csv.DictReader(lines))
+        for row in rows:
+            values = {
+                kind: [float(x) for key, x in row.items() if key.endswith(kind)] for kind in (".velocity", "ation")
+            }
+            if not any(values[".velocity"]):
+                assert np.abs(values["ation"]).max() < 1e-6  # no jump of the acceleration at a join

@@ -133,8 +133,21 @@ def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     if any(True for document in documents for _ in trajectories(document)):
         return _trajectory(file, request, notes)
     if any(map(is_scene, documents)):
-        return check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
+        faults = check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
+        return faults or _poses(file, request)
     return _trajectory(file, request, notes) if file.suffix == ".json" else _limits(file, request)
+
+
+def _poses(file: Path, request: CheckRequest) -> list[str]:
+    """What is wrong with the poses of the tool that a sound scene file names."""
+    from energy_opt.cell.scene_files import read_scene
+    from energy_opt.poses.given import poses_of_scene
+
+    try:
+        poses_of_scene(read_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large))
+    except BadInput as error:
+        return [str(error)]
+    return []
 
 
 def _set(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:

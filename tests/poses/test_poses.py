@@ -15,9 +15,10 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.front.rivals import rivals_from
 from energy_opt.jobs import check_job, load_job
+from energy_opt.motion import Trajectory
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.poses.estimate import curves
-from energy_opt.poses.freedom import improved
+from energy_opt.poses.estimate import curves, straight
+from energy_opt.poses.freedom import Bent, improved
 from energy_opt.poses.given import Given, in_base, poses_of_request, scene_of
 from energy_opt.poses.inverse import ToolKinematics, jacobian_of, reach, solve
 from energy_opt.poses.pose import Freedom, Pose, missed, pose_from
@@ -217,6 +218,10 @@ def test_a_pose_in_the_frame_of_an_object_and_from_a_message(tmp_path: Path, ur:
         assert np.allclose(pose.matrix[:3, 3], [0.2, 0.0, 0.2], atol=1e-6)
         assert np.allclose(pose.matrix[:3, :3], np.eye(3), atol=1e-6)
     assert given.pose("pick", "goal").free[0].axis == "rz"
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(scene.read_text().replace("free: [rz]", "free: [turn]"))
+    assert main(["check", str(scene), "--quiet"]) == 0
+    assert main(["check", str(wrong), "--quiet"]) == 2
     with pytest.raises(BadInput, match="no frame 'box_2'; did you mean 'box_1'"):
         in_base(given.pose("box_2: 0,0,0,0,0,0", "goal"), ur.robot, scene_of(request), request.base_pose)
 
@@ -299,3 +304,47 @@ def test_a_panda_is_found_at_every_angle_of_its_redundancy() -> None:
         held = q[(error < 1e-9) & (np.abs(q[:, 6] - angle) < 0.05)]
         if len(held):
             assert np.abs(found - held[0, 6]).min() < 0.35
+
+
+def test_a_bent_motion_costs_what_it_did_and_changes_as_the_straight_moves_do(ur: ToolKinematics) -> None:
+    """Of a straight quintic, bent to another end, the straight quintic to that end is left."""
+    scorers = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
+    start, goal, other = np.zeros(6), np.full(6, 0.5), np.full(6, 0.5) + 0.1 * np.eye(6)[2]
+    x = np.linspace(0, 1, 200)[:, None]
+    way, time = goal - start, 2.0 * x[:, 0]
+    rows = Trajectory(
+        ur.robot.joints, time, start + way * (x**3 * (10 - 15 * x + 6 * x**2)),
+        way * (30 * x**2 * (1 - x) ** 2) / 2.0, way * (60 * x * (1 - x) * (1 - 2 * x)) / 4.0,
+    )  # fmt: skip
+    bent = Bent(scorers, rows, fixed=True)
+    assert bent(None, goal[None])[0] == pytest.approx(scorers[0].energy(rows).total, rel=1e-4)
+    expected = straight(scorers, start[None], other[None], np.array([2.0]))[0]
+    assert bent(None, other[None])[0] == pytest.approx(expected, rel=1e-3)
+    assert bent(start[None], other[None])[0] == bent(None, other[None])[0]
+
+
+@pytest.mark.slow
+def test_a_job_of_poses_costs_no_more_than_with_the_nearest_and_placed_no_more_than_there(tmp_path: Path) -> None:
+    path = tmp_path / "job.toml"
+    steps = JOB.partition("[[step]]")[2].rpartition("[[step]]")[0].replace("world: ", "")
+    path.write_text(JOB.partition("home =")[0] + "[poses]\n" + JOB.partition("[poses]\n")[2].partition("[[step]]")[0]
+                    + "[[step]]" + steps)  # fmt: skip
+    out = tmp_path / "out"
+    words = ["--model", "source-method-2", "--starts", "1", "--quiet", "--out", str(out)]
+    assert main(["job", str(path), *words]) == 0
+    found = json.loads((out / "job.json").read_text())
+    assert found["energy_total"] <= found["choice"]["greedy_nearest"] + 1e-9
+    for row, wanted in zip(found["poses"], ([0.45, 0.2, 0.1], [-0.2, 0.5, 0.2]), strict=True):
+        last = np.loadtxt(out / f"step_{row['step']:02d}.csv", delimiter=",", skiprows=1)[-1, 1:7]
+        off = np.linalg.norm(by_pinocchio(load_robot("ur5e"), last)[:3, 3] - wanted)
+        assert off <= (1e-3 if row["step"] == 2 else 1e-6)
+    words[-1] = str(tmp_path / "placed")
+    counts = ["--looked-at", "10", "--seeds", "1", "--steps", "1"]
+    assert main(["place", str(path), "--base-box=-0.1,0.1,-0.1,0.1,0,0", *counts, *words]) == 0
+    placed = json.loads((tmp_path / "placed" / "place.json").read_text())
+    assert placed["energy_total"] <= placed["given"]["energy_total"]
+    job = json.loads((tmp_path / "placed" / "job" / "job.json").read_text())
+    assert job["energy_total"] == pytest.approx(placed["energy_total"])
+    for row, wanted in zip(placed["goals"], ([0.45, 0.2, 0.1], [-0.2, 0.5, 0.2]), strict=True):
+        at = by_pinocchio(load_robot("ur5e"), np.array(row["goal"]))[:3, 3] + placed["base"][:3]
+        assert np.linalg.norm(at - wanted) <= (1e-3 if row["step"] == 2 else 1e-6)

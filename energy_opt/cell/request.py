@@ -14,6 +14,7 @@ from energy_opt.robot.links import pose_of
 PlannerName = Literal["auto", "none", "ompl"]
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
 CLEARANCE = 0.002  # [m] kept by default; where an end is nearer, half of that end's distance
+TURN = 4 * np.pi  # [rad] of the base, two turns: more are degrees
 FAR = 100.0  # [m] no arm's cell is larger; beyond it a length is a slip of the unit
 
 
@@ -56,6 +57,12 @@ class CellRequest:
             raise BadInput(f"--planner {self.planner!r}; expected {', '.join(PLANNERS)}")
         if len(self.base) != 6 or not np.isfinite(self.base).all() or np.abs(self.base[:3]).max() > FAR:
             raise BadInput(f"--base {','.join(f'{x:g}' for x in self.base)}: expected X,Y,Z [m] and R,P,Y [rad]")
+        if np.abs(self.base[3:]).max() > TURN:
+            turn = max(self.base[3:], key=abs)
+            raise BadInput(
+                f"--base {','.join(f'{x:g}' for x in self.base)}: R,P,Y in degrees? Expected rad "
+                f"({turn:g} deg = {np.radians(turn):.4g} rad)"
+            )
         if self.floor is not None and not abs(self.floor) <= FAR:
             raise BadInput(f"--floor {self.floor:g}: not a height; expected metres")
         if self.clearance is not None and not 0 < self.clearance <= 1:

@@ -32,6 +32,8 @@ AnyPayload = float | Sequence[float] | Payload | Mapping[str, Any] | str
 
 DEFAULT = "source-method-2"
 DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for degrees: two turns
+HEAVIEST = 5.0  # times what an arm moves of itself: no arm carries its own weight twice
+FARTHEST = 2.0  # [m] of a payload's centre from the last joint: tools of large robots are half as long
 PAYLOAD = "MASS or MASS,CX,CY,CZ"
 
 
@@ -103,11 +105,28 @@ def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
     return named_model(name, robot if isinstance(robot, Robot) else str(robot))
 
 
+def carried(given: Any, robot: Robot) -> Payload:
+    """`payload_from`, of what an arm may carry.
+
+    Raises:
+        BadInput: as `payload_from`, or far more than the arm itself weighs.
+    """
+    payload = payload_from(given)
+    mass = float(payload.values["mass"][0])
+    own = sum(link.mass for link in robot.body.tree())
+    if mass > HEAVIEST * own:
+        raise BadInput(
+            f"--payload: {mass:g} kg, where {robot.name} moves {own:.3g} kg of itself; expected kg (are these grams? "
+            f"{mass / 1000:g} kg then)"
+        )
+    return payload
+
+
 def payload_from(given: Any) -> Payload:
     """A payload from its mass [kg], from mass and centre (m, x, y, z) [kg, m] in the last joint's frame, or by name.
 
     Raises:
-        BadInput: another number of values, or values that are none.
+        BadInput: another number of values, values that are none, or a centre as far off as none is.
     """
     if isinstance(given, Payload):
         return given
@@ -125,6 +144,12 @@ def payload_from(given: Any) -> Payload:
             numbers = np.zeros(0)
         if numbers.shape not in ((1,), (4,)):
             raise BadInput(f"--payload {given!r}: expected a mass, or mass and centre of mass: (m, x, y, z)")
+    far = float(np.abs(numbers[1:]).max(initial=0.0))
+    if far > FARTHEST:
+        raise BadInput(
+            f"--payload: its centre is {far:g} m from the last joint; expected metres (are these millimetres? "
+            f"{far / 1000:g} m then)"
+        )
     return Payload(mass=numbers[0], com=numbers[1:] if numbers.size == 4 else np.zeros(3))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk
-from energy_opt.front.given import DEFAULT, AnyModel, model_from, payload_from, several
+from energy_opt.front.given import DEFAULT, AnyModel, carried, model_from, several
 from energy_opt.front.grounds import grounded
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import Scorer
@@ -49,7 +49,7 @@ def rivals_from(
     for number, given in enumerate(names, start=1):
         model = model_from(given, robot)
         if payload is not None:
-            model = model.for_move(payload_from(payload))
+            model = model.for_move(carried(payload, robot))
         rivals.append(Rival(_name(given, number), model))
     if len(rivals) == 1 and robust is None:
         return rivals, None

@@ -84,7 +84,8 @@ def with_assumptions(limits: Limits, joints: Sequence[str], slides: Sequence[boo
             warnings.append(f"{joint}: velocity limit {velocity[j]:g} {speed}; assumed: {ASSUMED_VELOCITY:.4g} {speed}")
             velocity[j] = ASSUMED_VELOCITY
         elif velocity[j] >= DOUBTFUL_VELOCITY:
-            warnings.append(f"{joint}: velocity limit {velocity[j]:g} {speed} (a placeholder?); assumed: as stated")
+            hint = "a placeholder?" if slides[j] else f"a placeholder, or {np.radians(velocity[j]):.4g} rad/s in deg/s?"
+            warnings.append(f"{joint}: velocity limit {velocity[j]:g} {speed} ({hint}); assumed: as stated")
     acceleration = np.where(np.isfinite(limits.acceleration), limits.acceleration, np.minimum(RAMP * velocity, FASTEST))
     jerk = np.where(np.isfinite(limits.jerk), limits.jerk, SHARPNESS * acceleration)
     return Limits(lower, upper, velocity, acceleration, jerk, limits.effort), warnings

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from poses import GOAL, START
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import BadInput
 from energy_opt.formats import read_path
+from energy_opt.front.given import carried
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
@@ -68,3 +70,25 @@ def test_the_long_way_of_a_joint_without_an_end_is_told() -> None:
     (said,) = planner._long_turns(Move(start, goal))
     assert kinova.joints[k] in said and "3.18319 rad is the same pose 0.08319 rad away" in said
     assert planner._long_turns(Move(goal, np.where(goal == -3.1, -3.0, goal))) == []
+
+
+def test_payloads_in_grams_and_millimetres_are_refused(panda: Robot) -> None:
+    with pytest.raises(BadInput, match=r"grams\? 0\.5 kg"):
+        carried("500", panda)
+    for given in ("1.5,20,0,50", [1.5, 0.0, 0.0, 50.0]):
+        with pytest.raises(BadInput, match=r"millimetres\? 0\.05 m"):
+            carried(given, panda)
+    assert float(carried("3,0,0,0.2", panda).values["mass"][0]) == 3.0
+
+
+def test_a_base_turned_by_degrees_is_refused() -> None:
+    with pytest.raises(BadInput, match=r"in degrees\? Expected rad \(-90 deg = -1\.571 rad\)"):
+        CellRequest(base=(0.5, 0.0, 0.2, 0.0, 0.0, -90.0))
+    CellRequest(base=(0.5, 0.0, 0.2, 0.0, 0.0, np.pi))
+
+
+def test_a_duration_in_milliseconds_is_told(panda: Robot) -> None:
+    start, goal = START, START + 0.2 * (GOAL - START)
+    planner = Planner(panda, source_method_2(), Settings(compile="never"))
+    said = [" ".join(planner.solve(Move(start, goal, "retime", T)).warnings) for T in (500.0, 2.0)]
+    assert "milliseconds? 0.5 s" in said[0] and "milliseconds" not in said[1]

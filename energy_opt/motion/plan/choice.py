@@ -18,6 +18,7 @@ from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
+SLOW = 200.0  # times the shortest duration, from which one is worth a word
 HAIR = 1e-3  # of a bound
 SAME_DURATION = 1e-12  # relative: durations that differ less are one
 
@@ -96,7 +97,7 @@ def choose(
         solver=report,
         message="interrupted; the best so far" if interrupted else message,
         interrupted=interrupted,
-        warnings=tuple(_warnings(context)),
+        warnings=(*_warnings(context), *_slow(move, work.timing)),
         progress=tuple(context.progress.losses),
     )
 
@@ -211,6 +212,16 @@ def _optimality(move: Move, name: str, best: Judged, solution: RetimeSolution | 
     total = best.energy.total
     bound = min(solution.lower_bound, total)  # slower than standstill, friction may help by a little more than it knows
     return Optimality(solution.kind, bound, 100 * (total - bound) / max(abs(total), 1e-12))
+
+
+def _slow(move: Move, timing: Timing | None) -> list[str]:
+    """What to say of a duration that is asked for and is hundreds of times the shortest."""
+    if move.duration is None or timing is None or not timing.path.moves or move.duration < SLOW * timing.duration:
+        return []
+    return [
+        f"the duration of {move.duration:g} s is {move.duration / timing.duration:.3g} times the shortest on the first "
+        f"path, {timing.duration:.3g} s; expected seconds (are these milliseconds? {move.duration / 1000:g} s then)"
+    ]
 
 
 def _warnings(context: Context) -> list[str]:

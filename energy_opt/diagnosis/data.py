@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -149,6 +149,16 @@ class Samples:
         """d tau / d gravity of the bare arm, (K, n, 3)."""
         rest = np.zeros_like(self.v)
         return np.stack([self.body.torque(self.q, rest, rest, None, unit) for unit in np.eye(3)], axis=2)
+
+    @cached_property
+    def rigid(self) -> dict[Any, tuple[np.ndarray, np.ndarray]]:
+        """Torques of rigid bodies last asked for, see `rigid_torque`."""
+        return {}
+
+    @cached_property
+    def nominal_links(self) -> np.ndarray:
+        """Mass, centre and inertia (13 n,) of the URDF's links that joints of their own carry, link by link."""
+        return np.concatenate([[x.mass, *x.lever, *x.inertia.T.ravel()] for x in self.body.plain.own_links()])
 
     @cached_property
     def regressors(self) -> np.ndarray:

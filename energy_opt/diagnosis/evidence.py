@@ -19,6 +19,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dposv
 
 from energy_opt.diagnosis.candidates import Candidate
 from energy_opt.diagnosis.clusters import clusters
@@ -118,7 +120,7 @@ class Bank:
         if nuisance not in self._grids:
             before = self.fit.world.before(nuisance)
             lower = np.linalg.cholesky(self._uu + before)
-            x, y = np.linalg.solve(lower, self._au.T), np.linalg.solve(lower, self._ur)
+            x, y = (solve_triangular(lower, z, lower=True, check_finite=False) for z in (self._au.T, self._ur))
             worth = 0.5 * float(y @ y) + 0.5 * float(np.linalg.slogdet(before)[1]) - float(np.log(np.diag(lower)).sum())
             self._grids[nuisance] = x, self._ar - x.T @ y, worth - 0.5 * self._rr
         return self._grids[nuisance]
@@ -143,8 +145,7 @@ class Bank:
         own = taken[:, rows]
         h = self._aa[np.ix_(rows, rows)] - own.T @ own + precision
         g = small[rows] + precision @ mean
-        lower = np.linalg.cholesky(h)
-        x = np.linalg.solve(lower.T, np.linalg.solve(lower, g))
+        lower, x, _ = dposv(h, g, lower=1)
         if (x < low - 1e-9).any() or (x > high + 1e-9).any():
             x = bounded_step(h, g, np.minimum(low, 0.0), np.maximum(high, 0.0))
         determinant = sum(self._logs[k] for k in chosen) / 2

@@ -24,6 +24,7 @@ from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
 from energy_opt.power.past import heated, returned_power, store_of
 
+MOST_RIGID = 6  # torques of rigid bodies that are kept
 STORE_STEP = 1e-3  # share of a store's capacity, or of a time constant, by which a derivative is taken
 AT_ONCE = 2048  # nodes: a batch holds its arrays, and batches are kept
 PER_JOINT = ("temperature", "warmth", "heated")  # signals of which each joint has its own
@@ -75,7 +76,7 @@ def _batch(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...
 
 
 @lru_cache(maxsize=64)
-def _rigid_map(structure: tuple[tuple[str, ...], ...], own: tuple[int, ...], last: int, count: int) -> ca.Function:
+def _rigid_map(structure: tuple[tuple[str, ...], ...], own: tuple[int, ...], last: int, count: int) -> Batch:
     """(gravity, nominal links (13, n), p) of a structure's rigid effects -> change (10 L,) of all links' inertial
     parameters, gravity (3,), and both one's Jacobians by p; the n `own` of L = `count`, the `last` has the payload."""
     n = len(own)
@@ -94,8 +95,9 @@ def _rigid_map(structure: tuple[tuple[str, ...], ...], own: tuple[int, ...], las
             if changed is not None:
                 for k, was, link in zip(own, before, changed, strict=True):
                     phi[10 * k : 10 * k + 10] += _inertial(*link) - was
-    slopes = [ca.densify(ca.jacobian(x, p)) for x in (phi, gravity)]
-    return ca.Function("rigid", [given, nominal, p], [ca.densify(phi), ca.densify(gravity), *slopes])
+    slopes = [ca.densify(ca.vec(ca.jacobian(x, p).T)) for x in (phi, gravity)]
+    arguments = [given, ca.vec(nominal), p]
+    return Batch(ca.Function("rigid", arguments, [ca.densify(phi), ca.densify(gravity), *slopes]), 1)
 
 
 def _inertial(mass: ca.SX, place: ca.SX, inertia: ca.SX) -> ca.SX:
@@ -104,55 +106,69 @@ def _inertial(mass: ca.SX, place: ca.SX, inertia: ca.SX) -> ca.SX:
     return ca.vertcat(mass, mass * place, i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2])
 
 
-def nominal_links(s: Samples) -> np.ndarray:
-    """Mass, centre and inertia (13, n) of the URDF's links that joints of their own carry."""
-    return np.column_stack([[x.mass, *x.lever, *x.inertia.T.ravel()] for x in s.body.plain.own_links()])
-
-
 def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]:
-    """Rigid torque (K, n), and its derivatives (K, n, R) by the values of the model's rigid effects, in their order."""
+    """Rigid torque (K, n), and its derivatives (K, n, R) by the values of the model's rigid effects, in their order.
+
+    The samples keep the last few, as most models that are tried differ elsewhere.
+    """
     rigid = PowerModel("", tuple(e for e in model.effects if e.stage == "rigid"))
-    if not rigid.effects:
-        return s.free_torque + s.gravity_torque @ s.body.gravity, np.zeros((*s.q.shape, 0))
-    structure = tuple(e.form for e in rigid.effects)
+    key = tuple((e.form, e.full(s.n).tobytes()) for e in rigid.effects)
+    if key not in s.rigid:
+        if len(s.rigid) >= MOST_RIGID:
+            del s.rigid[next(iter(s.rigid))]
+        s.rigid[key] = _rigid_torque(rigid, s)
+    return s.rigid[key]
+
+
+def _rigid_torque(rigid: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]:
     body = s.body
+    if not rigid.effects:
+        return s.free_torque + s.gravity_torque @ body.gravity, np.zeros((*s.q.shape, 0))
+    structure = tuple(e.form for e in rigid.effects)
     out = _rigid_map(structure, tuple(body.coupling.own.tolist()), body.last, len(body.tree()))(
-        s.body.gravity, nominal_links(s), rigid.values(s.n)
+        body.gravity, s.nominal_links, rigid.values(s.n)
     )
-    phi, gravity, by_phi, by_gravity = (np.array(x) for x in out)
-    tau, slope = s.free_torque + s.gravity_torque @ gravity.ravel(), np.zeros((*s.q.shape, len(rigid.values(s.n))))
+    phi, gravity = (x[0] for x in out[:2])
+    by_phi, by_gravity = (x[0].reshape(count, -1) for x, count in zip(out[2:], (len(phi), 3), strict=True))
+    tau, slope = s.free_torque + s.gravity_torque @ gravity, np.zeros((*s.q.shape, len(rigid.values(s.n))))
     by_g = s.gravity_torque
-    live = np.flatnonzero(by_phi.any(axis=1) | phi.any(axis=1))
+    live = np.flatnonzero(by_phi.any(axis=1) | (phi != 0))
     if live.size:
         if by_gravity.any():
             by_g = by_g.copy()
         for rows, own in s.by_links(live):
-            regressor = own[..., 0] + own[..., 1:] @ gravity.ravel()
-            tau[rows] += regressor @ phi.ravel()[live]
+            regressor = own[..., 0] + own[..., 1:] @ gravity
+            tau[rows] += regressor @ phi[live]
             slope[rows] += regressor @ by_phi[live]
             if by_gravity.any():
-                by_g[rows] += np.einsum("njpk,p->njk", own[..., 1:], phi.ravel()[live])
+                by_g[rows] += np.einsum("njpk,p->njk", own[..., 1:], phi[live])
     slope += by_g @ by_gravity
     for effect, where in zip(rigid.effects, rigid.slices(s.n), strict=True):
-        added = _changing(effect.form, s.n)(s.dwell[None], effect.full(s.n))
-        mass, share, by_mass = (np.array(x) for x in added)
+        added = _changing(effect.form, s.n)
+        if added is None:
+            continue
+        mass, share, by_mass = (x.copy() for x in added(s.dwell[:, None], effect.full(s.n)))
         if share.any():
-            regressor = s.last_regressors[..., 0] + s.last_regressors[..., 1:] @ gravity.ravel()
-            tau += share.T * (regressor @ mass[:, 0])
-            slope[:, :, where] += share.T[:, :, None] * (regressor @ by_mass[:, : where.stop - where.start])
+            regressor = s.last_regressors[..., 0] + s.last_regressors[..., 1:] @ gravity
+            tau += share * (regressor @ mass[0])
+            slope[:, :, where] += share[:, :, None] * (regressor @ by_mass[0].reshape(10, -1))
     return tau, slope
 
 
 @lru_cache(maxsize=64)
-def _changing(form: tuple[str, ...], n: int) -> ca.Function:
-    """(dwell, p) of a rigid effect whose mass comes and goes -> inertial parameters (10,), share, Jacobian by p."""
+def _changing(form: tuple[str, ...], n: int) -> Callable[..., list[np.ndarray]] | None:
+    """(dwell, p) of a rigid effect whose mass comes and goes -> inertial parameters, share, Jacobian by p, at K nodes."""
     effect = of_form(form, n)
     p, dwell, none = ca.SX.sym("p", effect.size(n, effect.extents)), ca.SX.sym("dwell"), ca.SX.zeros(n)
     assert isinstance(effect, RigidEffect)
     held = effect.held(Signals(none, none, none, none, ca.SX(0), dwell=dwell), effect.named(p, n))
-    mass, com, share = held or (ca.SX(0), ca.SX.zeros(3), ca.SX(0))
+    if held is None:
+        return None
+    mass, com, share = held
     phi = _inertial(mass, com, ca.SX.zeros(3, 3))
-    return ca.Function("held", [dwell, p], [ca.densify(phi), ca.densify(share), ca.densify(ca.jacobian(phi, p))])
+    columns = [ca.densify(phi), ca.densify(share), ca.densify(ca.vec(ca.jacobian(phi, p).T))]
+    law = ca.Function("held", [dwell, p], columns)
+    return lambda dwell, p: Batch(law, len(dwell))(dwell, p)
 
 
 def predict(

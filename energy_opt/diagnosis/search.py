@@ -61,6 +61,7 @@ class Search:
         return frozenset(k for k, b in enumerate(bank.blocks) if isinstance(b.source, int))
 
     variants: dict[str, int] = field(default_factory=dict)
+    found: dict[int, list[Candidate]] = field(default_factory=dict)
     profiled: dict[int, float] = field(default_factory=dict)
 
     def bank(self, f: Fit) -> Bank:
@@ -94,7 +95,9 @@ class Search:
 
     def _bank(self, f: Fit) -> Bank:
         blocks = self._own(f)
-        found = list(candidates(f))
+        if f.token not in self.found:
+            self.found[f.token] = list(candidates(f))
+        found = self.found[f.token]
         self.variants.update({name: max(n, self.variants.get(name, 1)) for name, n in _count(found).items()})
         curves = (
             [] if f.free or self.closed else list(functions(f))
@@ -181,11 +184,11 @@ class Search:
             self.fits[key] = new
         return self.fits[key]
 
-    def descend(self, start: Fit) -> Fit:
+    def descend(self, start: Fit, rounds: int = ROUNDS) -> Fit:
         """The likeliest hypothesis from a fit on."""
         best = self.keep(self._settled(start))
         poor: set[frozenset[str]] = set()
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             if len(poor) >= POOR:
                 break
             bank = self.bank(best)

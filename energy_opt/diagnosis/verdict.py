@@ -46,6 +46,7 @@ BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed whe
 TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
 LAGS = 1.5  # times what rows and steps of positions leave open of the time, that a lag of the meter must exceed
 NOISE = 1.2  # times the noise, below which a model's held-out error is noise
+TURNS, EARLY = 5, 2  # of the search for the noise, and rounds of search in each: a misfit read as effects hides it
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
 SLOW = 0.1  # of a joint's velocity limit
 
@@ -245,18 +246,18 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
 
 def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, Fit, Noise]:
     """The likeliest hypothesis, under the noise that is likeliest for it."""
-    best, noise = nothing, world.whiten.noise
-    for turn in range(3):
-        log.info("effects, round %d of at most 3", turn + 1, extra={"share": 0.05 + 0.1 * turn})
-        tried[:] = [found := Search(world)]
-        best = found.descend(best)
+    best, found = nothing, Search(world)
+    for turn in range(TURNS):
+        log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
+        tried[:] = [found]
+        best = found.descend(best, EARLY)
         noise = noise_of(best)
-        if alike(noise, world.whiten.noise):
+        if alike(noise, found.world.whiten.noise):
             break
-        world = world.under(noise)
-        best = moved(best, world)
+        found = Search(world.under(noise))
+        best = moved(best, found.world)
     log.info("effects under the noise that was found", extra={"share": 0.35})
-    tried[:] = [found := Search(world)]
+    tried[:] = [found]
     named = found.descend(best)
     log.info("structures that no effect has", extra={"share": 0.5})
     found.open()

@@ -197,7 +197,7 @@ class FieldWeakening(Law):
 class Conduction(Law):
     """Transistors conduct at a voltage that grows with the logarithm of the current."""
 
-    kin = frozenset({"inverter_loss"})
+    kin = frozenset({"inverter_loss", "copper_loss"})  # as the square of small currents, as large ones' size
 
     def draw(self, rng: np.random.Generator) -> None:
         self.first = rng.uniform(0.01, 0.04) * self.limits.effort

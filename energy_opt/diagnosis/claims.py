@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.diagnosis.candidates import candidates
-from energy_opt.diagnosis.evidence import noise_of
+from energy_opt.diagnosis.evidence import Subset, noise_of
 from energy_opt.diagnosis.fit import Fit, fit
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.diagnosis.search import GAIN, Search, buildable, moved, root
@@ -15,8 +15,9 @@ from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
 RIVAL = 3.0  # and within which another set explains as well: twenty to one
-LOOKED = 6.0  # alternatives this near when weighed linearly are fitted
 TURNS = 3
+AS_LINKS = ("payload", "base_tilt", "gravity_spring")  # effects that deviations of links can stand for
+MOST = 6  # alternatives that are fitted
 WIDE_ENOUGH = 1.1  # times as wide, below which a law stays as it is
 CHANGES = 3  # of the accepted set for a likelier alternative
 
@@ -127,8 +128,8 @@ def likelier(found: Search, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[F
     return accepted, claims, rivals
 
 
-def alternatives(found: Search, accepted: Fit) -> tuple[Fit, ...]:
-    """Sets of other effects whose evidence is as good: one for another."""
+def alternatives(found: Search, accepted: Fit, reach: float = RIVAL) -> tuple[Fit, ...]:
+    """Sets of other effects whose evidence is as good, within `reach`: one for another."""
     if all(c.term.name in found.world.given for c in accepted.charts):
         return (accepted,)
     bank = found.bank(accepted)
@@ -145,19 +146,36 @@ def alternatives(found: Search, accepted: Fit) -> tuple[Fit, ...]:
             if not buildable(bank, option):
                 continue
             found_value = bank.weigh(option).value
-            if b.name != bank.blocks[k].name and found_value > value - LOOKED:
+            if b.name != bank.blocks[k].name and found_value > value - 2 * reach:
                 near.append((found_value, option))
     out = {frozenset(accepted.names): accepted}
     reached = found.score(accepted)
     for new in other_drives(found, accepted):
-        if found.score(new) > reached - RIVAL:
+        if found.score(new) > reached - reach:
             out.setdefault(frozenset(new.names), new)
-    for _, option in sorted(near, key=lambda row: -row[0])[:6]:
+    first: dict[frozenset[str], Subset] = {}
+    for _, option in sorted(near, key=lambda row: -row[0]):
+        first.setdefault(frozenset(bank.blocks[i].name for i in option), option)
+    for option in list(first.values())[:MOST]:
         new = found.refit(bank, option)
         names = frozenset(new.names)
-        if names not in out and found.score(new) > reached - RIVAL:
+        if names not in out and found.score(new) > reached - reach:
             out[names] = new
     return tuple(out.values())
+
+
+def instead_of_links(found: Search, start: Fit) -> list[Fit]:
+    """Single effects whose odds are as good as those of links that are off: a payload, as a link's own mass is."""
+    bank = found.bank(start)
+    here = found.whole(bank)
+    value = bank.weigh(here).value
+    out: dict[str, Fit] = {}
+    for k, b in enumerate(bank.blocks):
+        if b.name in AS_LINKS and k not in here and bank.weigh(here | {k}).value > value - RIVAL:
+            new = found.refit(bank, here | {k})
+            if found.score(new) > found.score(start) - RIVAL:
+                out.setdefault(b.name, new)
+    return list(out.values())
 
 
 def widened(f: Fit) -> Fit:

@@ -88,9 +88,13 @@ class Samples:
                 out.__dict__[name] = self.__dict__[name][rows]
         return out
 
-    def bare(self) -> Samples:
-        """A copy without what was computed of it, for another motion in its place."""
-        return replace(self)
+    def at_nodes(self) -> Samples:
+        """The same motions with a reading of nothing at each node, without what was computed of them."""
+        count = len(self.slices)
+        return replace(
+            self, at=self.t, power=np.zeros(len(self.t)), parts=self.slices, operators=(None,) * count,
+            counts=(1,) * count, weight=np.ones(len(self.t)), allowed=np.zeros(0),
+        )  # fmt: skip
 
     def shown(self, x: np.ndarray) -> np.ndarray:
         """What readings (M, ...) show of values at the nodes (K, ...): means over windows and bins."""

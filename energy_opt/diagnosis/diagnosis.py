@@ -23,11 +23,12 @@ from energy_opt.diagnosis.findings import (
 )
 from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_remarks, side_rows
 from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
+from energy_opt.diagnosis.modes import mode_words, modes_of
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.diagnosis.residual import Remainder, goes_with
 from energy_opt.diagnosis.verdict import NOISE, Inference, excited, infer, plain_fit
 from energy_opt.diagnosis.words import headline, joints_headline, next_step, remarks, speeds_seen, summary
-from energy_opt.effects import Payload, effect_class
+from energy_opt.effects import LinkInertia, Payload, effect_class
 from energy_opt.errors import BadInput
 from energy_opt.files import write_json
 from energy_opt.measured import MeasuredSet
@@ -112,11 +113,12 @@ def diagnose(
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     effects, left = findings_of(found), _remainder(found, joints)
-    nuisance, fits = found.best.nuisance, found.after.ratio < NOISE  # else levels may be misfit, too
+    nuisance, fits = found.best.nuisance, found.after.ratio < NOISE  # else levels and noise may be misfit, too
     offset = float(np.hypot(nuisance.offset, nuisance.drift)) if fits else 0.0
-    ahead = foreseen(model, samples, found.still, offset)
+    ahead = foreseen(model, samples, found.noise if fits else found.still, offset, found.accepted)
     floor = found.after.noise
     rows = side_rows(side, joints, limits, found.accepted if enough else None)
+    modes = modes_of(model, samples)
     document: dict[str, Any] = {
         "verdict": found.verdict or None,
         "interrupted": stopped(),
@@ -140,7 +142,8 @@ def diagnose(
         "joint_side": rows,
         "next_motion": None,
         "worth": None,
-        "remarks": remarks(found, measured, declared),
+        "modes": [vars(mode) for mode in modes],
+        "remarks": [*remarks(found, measured, declared), *mode_words(modes)],
         "evidence": evidence_rows(found),
         "candidates": candidate_rows(found),
         "robot": measured.robot.name,
@@ -171,8 +174,8 @@ def _metered(measured: MeasuredSet) -> MeasuredSet:
 
 
 def _news(f: Any) -> list[str]:
-    """The effects of a fit that are news: not those that were free from the start."""
-    return [name for name in f.names if name not in f.world.given]
+    """The effects of a fit that are news: not those that were free from the start; its links where there are none."""
+    return [name for name in f.names if name not in f.world.given] or [LinkInertia.name]
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:

@@ -10,14 +10,19 @@ import numpy as np
 
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.noise import Noise
-from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.fit import Fit, fit
+from energy_opt.diagnosis.hypothesis import Term, chart
+from energy_opt.diagnosis.noise import Noise, Shared, Whitener
+from energy_opt.diagnosis.predict import Prediction, predict
 from energy_opt.power import PowerModel
 
 DRAWS = 999
 SLOWER = 1.6  # times as slow is the motion that one is compared with
 STATED = 0.7  # of further motions, of which the stated error is not exceeded
-HALF = 0.5  # of the error above the noise, that claims must take away to be claimed where more than noise is left
+SHARE = 0.9  # of the squares above the noise, that claims must take away to be claimed where more than noise is left
+OPEN_NOISE = 0.25  # of the noise's variance, by which it is not known
+SURE = 2.0  # standard deviations above the noise, below which errors of energies are noise
+OPEN = ("coulomb_friction", "viscous_friction", "copper_loss")  # may hide below the noise
 DIFFERENCE = 20.0  # [%] of the difference of energy between two motions, within which a model can plan
 
 
@@ -30,7 +35,9 @@ class Quality:
             0 where there are none.
         noise_motion, noise_rest: what the noise alone would leave there, W.
         noise: the same over all readings.
-        squares: (C,) W^2, mean square error of every distinct motion or pose. least: W^2, of the meter's noise alone.
+        squares: (C,) mean square error of every distinct motion or pose, the meter's noise made white with variance 1:
+            noise with memory counts for as little as it says.
+        counts: (C,) how many readings a repeat of each has.
     """
 
     motion: float
@@ -40,7 +47,7 @@ class Quality:
     rmse: float
     noise: float
     squares: np.ndarray
-    least: float
+    counts: np.ndarray
 
     @property
     def ratio(self) -> float:
@@ -49,8 +56,8 @@ class Quality:
 
     @property
     def excess(self) -> float:
-        """W^2, mean square above the noise, every distinct motion counted once."""
-        return max(float(np.mean(self.squares)) - self.least, 0.0)
+        """Mean square above the noise, every distinct motion counted once, in units of the noise's variance."""
+        return max(float(np.mean(self.squares)) - 1, 0.0)
 
     def document(self) -> dict[str, Any]:
         """As in diagnosis.json."""
@@ -61,15 +68,16 @@ class Quality:
         return {"motion": moving, "rest": resting}
 
 
-def halved(before: Quality, after: Quality) -> bool:
-    """Is `HALF` of the error above the noise gone, over all motions and without any one of them (of three or more)?
+def mostly_explained(before: Quality, after: Quality, unknown: bool) -> bool:
+    """Is `SHARE` of the squares above the noise gone, over all motions and without any one of them (of three or more)?
 
-    What an unknown law does in a single motion many effects can follow.
+    A law that no effect has is followed by effects that resemble it: most of it, or all of it in a single motion.
+
+    Args:
+        unknown: a function that is no effect's is likelier; else what is left may be noise that is not quite known.
     """
-    if after.excess > (1 - HALF) * before.excess:
-        return False
-    spare = (1 - HALF) * (before.squares - before.least) - (after.squares - after.least)
-    return len(spare) < 3 or bool(np.sum(spare) >= np.max(spare))
+    spare = (1 - SHARE) * (before.squares - 1) - (after.squares - 1 - (0.0 if unknown else OPEN_NOISE))
+    return bool(np.sum(spare) >= (max(np.max(spare), 0.0) if len(spare) > 2 else 0.0))
 
 
 def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray) -> Quality:
@@ -78,7 +86,12 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     Args:
         noise: of the meter at standstill. drift: (R,) of its level in each run, W.
     """
-    shown = reading_of(model, samples)
+    now = predict(model, samples)
+    shown = reading_of(model, samples, now)
+    levels = Shared(np.concatenate([np.full(p.stop - p.start, x) for p, x in zip(samples.parts, drift, strict=True)])
+                    [:, None], tuple((np.arange(p.start, p.stop), 1) for p in samples.parts))  # fmt: skip
+    whiten = Whitener(replace(noise, misfit=1.0), [samples.at[p] for p in samples.parts], samples.weight, levels)
+    white = whiten(samples.power - now.reading) ** 2
     squares, moving, allowed = [], [], []
     usual = samples.floor**2 + noise.wave**2
     runs = zip(samples.slices, samples.parts, shown, samples.single, drift, strict=True)
@@ -92,18 +105,18 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     def rms(x: np.ndarray, where: np.ndarray) -> float:
         return float(np.sqrt(np.mean(x[where]))) if where.any() else 0.0
 
-    own = np.array([np.mean([np.mean(squares[r]) for r in group]) for group in clusters(samples)])
+    each = [[(np.mean(own := white[samples.parts[r]]), len(own)) for r in group] for group in clusters(samples)]
+    own, counts = np.array([np.mean(group, axis=0) for group in each]).T
     least, always = usual**0.5, np.ones(len(live), dtype=bool)
     return Quality(
         rms(every, live), rms(every, ~live), rms(expected, live) or least, rms(expected, ~live) or least,
-        rms(every, always), rms(expected, always), own, usual,
+        rms(every, always), rms(expected, always), own, counts,
     )  # fmt: skip
 
 
-def reading_of(model: PowerModel, samples: Samples) -> list[np.ndarray]:
-    """The model's power [W] at every single reading of every run."""
-    p = predict(model, samples)
-    out = []
+def reading_of(model: PowerModel, samples: Samples, p: Prediction | None = None) -> list[np.ndarray]:
+    """The model's power [W] at every single reading of every run; `p` is its prediction at the samples."""
+    p, out = p or predict(model, samples), []
     for rows, part, op, (time, _) in zip(samples.slices, samples.parts, samples.operators, samples.single, strict=True):
         if op is None:
             out.append(np.interp(time, samples.t[rows], p.power[rows]))
@@ -161,7 +174,7 @@ class Foreseen:
 
     Attributes:
         percent: error of the difference of energy between going evenly and going `SLOWER` times as fast and waiting,
-            over that difference, %: with probability `STATED` a further motion has less (conformal over motions).
+            over that difference, %: with probability `STATED` a further motion has less.
         motions: how many distinct ones the set has.
     """
 
@@ -169,43 +182,90 @@ class Foreseen:
     motions: int
 
 
-def foreseen(model: PowerModel, samples: Samples, noise: Noise, offset: float) -> Foreseen:
+def foreseen(model: PowerModel, samples: Samples, noise: Noise, offset: float, f: Fit) -> Foreseen:
     """The error of energies over a set's distinct motions, beside what going faster and waiting changes there.
 
     A motion's error is e = measured - model [J] less the common level, which two plans of the same time share; the
     errors of two plans differ by about sqrt(2) |e|. What the meter's noise adds to an energy is taken off first, in
-    squares. The difference is the model's own, in rms over the motions.
+    squares, and all of it where it is no more than noise; what may hide below the noise is added, see `hidden`. The
+    difference is the model's own, in rms over the motions, and the error is stated conformally over them.
 
     Args:
-        noise: of the meter at standstill. offset: of its level from run to run, W.
+        noise: of the meter. offset: of its level from run to run, W. f: the fit that the model is of.
     """
     shown = reading_of(model, samples)
-    slow = replace(samples.bare(), v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
-    fast_power, slow_power = (predict(model, s).power for s in (samples, slow))
     errors_, lasting, changes = [], [], []
+    difference, _ = _changes(_unmetered(model), samples)
     for group in clusters(samples):
         if samples.kinds[group[0]] != "motion":
             continue
-        error, change, length = [], [], []
-        for r in group:
-            (time, power), rows = samples.single[r], samples.slices[r]
-            own = samples.t[rows]
-            error.append(energy(time, power) - energy(time, shown[r]))
-            length.append(float(np.ptp(own)))
-            waiting = fast_power[rows][-1] * (SLOWER - 1) * length[-1]
-            change.append(energy(own, fast_power[rows]) + waiting - energy(slow.t[rows], slow_power[rows]))
+        error = [energy(*samples.single[r]) - energy(samples.single[r][0], shown[r]) for r in group]
         errors_.append(float(np.mean(error)))
-        lasting.append(float(np.mean(length)))
-        changes.append(float(np.mean(change)))
+        lasting.append(float(np.mean([np.ptp(samples.t[samples.slices[r]]) for r in group])))
+        changes.append(float(np.mean([difference[r] for r in group])))
     if not errors_:
         return Foreseen(None, 0)
     e, time = np.array(errors_), np.array(lasting)
     e = e - time * (e @ time) / max(float(time @ time), 1e-9)
     by_noise = (noise.white**2 * samples.step + 2 * noise.wave**2 * noise.memory) * time + (offset * time) ** 2
-    own = np.sqrt(np.maximum(e**2 - by_noise, 0.0))
-    scores = np.sort(2**0.5 * own / max(float(np.sqrt(np.mean(np.square(changes)))), 1e-9))
-    rank = min(int(np.ceil((len(scores) + 1) * STATED)), len(scores))
-    return Foreseen(100 * float(scores[rank - 1]), len(scores))
+    size = max(float(np.sqrt(np.mean(np.square(changes)))), 1e-9)
+    beside = float(np.mean(e**2 / np.maximum(by_noise, 1e-12)))
+    noise_alone = beside < 1 + SURE * (2 / len(e)) ** 0.5
+    own = np.zeros(len(e)) if noise_alone else np.sort(np.maximum(e**2 - by_noise, 0.0))
+    rank = min(int(np.ceil((len(own) + 1) * STATED)), len(own))
+    return Foreseen(100 * float(np.sqrt(2 * own[rank - 1] + hidden(f))) / size, len(own))
+
+
+def hidden(f: Fit) -> float:
+    """Mean square [J^2] of what numbers that the data leave open change in the differences of `foreseen`.
+
+    The numbers of the fit, its links, and those of friction and copper loss that it takes as they are declared: an
+    effect that is too small to be seen can be large beside a small difference.
+    """
+    w, n = f.world, f.world.samples.n
+    charts, numbers = list(f.charts), list(f.numbers)
+    for name in OPEN:
+        if name not in f.names:
+            new = chart(Term(name, declared=w.declared.get(name) is not None), w.declared, w.scale, n)
+            charts.append(new)
+            numbers.append(new.origin)
+    moving = [r for r, kind in enumerate(w.samples.kinds) if kind == "motion"]
+    if not moving:
+        return 0.0
+    wide = fit(w, f.nuisance, charts, numbers, amounts=f.amounts, iterations=0)
+    model = _unmetered(wide.model)
+    _, slopes = _changes(model, w.samples, w.links.basis)
+    where = dict(zip((e.name for e in model.effects), model.slices(n), strict=True))
+    count, none = slopes.shape[1] - len(f.amounts), slice(0, 0)
+    own = [slopes[:, s] @ c.slope(z) if (s := where.get(c.term.name, none)) != none else np.zeros((len(slopes), len(z)))
+           for c, z in zip(charts, numbers, strict=True)]  # fmt: skip
+    by = np.column_stack([*own, slopes[:, count:], np.zeros((len(slopes), len(f.levels)))])[moving]
+    return float(np.mean(np.einsum("rp,pq,rq->r", by, np.linalg.inv(wide.hessian), by)))
+
+
+def _unmetered(model: PowerModel) -> PowerModel:
+    return replace(model, effects=tuple(e for e in model.effects if e.stage != "meter"))
+
+
+def _changes(model: PowerModel, samples: Samples, links: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Energy (R,) [J] of every run, then waiting, less that of going evenly in `SLOWER` times its time.
+
+    And its derivatives (R, P + c) by the values of a model without meter, and by deviations `links` (10 L, c).
+    """
+    fast = samples.at_nodes()
+    slow = replace(fast, v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
+    tables = []
+    for s in (fast, slow):
+        p = predict(model, s, None, None if links is None else s.deviating(links))
+        tables.append(np.column_stack([p.power, p.jacobian, p.pushed]))
+    out = []
+    for rows in samples.slices:
+        t = samples.t[rows]
+        waits = tables[0][rows][-1] * (SLOWER - 1) * np.ptp(t)
+        each = [np.trapezoid(table[rows], t, axis=0) for table in tables]
+        out.append(each[0] + waits - SLOWER * each[1])
+    both = np.array(out)
+    return both[:, 0], both[:, 1:]
 
 
 def usable(ahead: Foreseen, after: dict[str, Any] | None, tolerance: float) -> bool:

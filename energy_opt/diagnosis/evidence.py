@@ -25,8 +25,9 @@ from scipy.linalg.lapack import dposv
 from energy_opt.diagnosis.candidates import Candidate
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance, bounded_step
+from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance
 from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, likeliest
+from energy_opt.numerics.box import bounded_step
 
 SPREADS = (0.003, 0.025, 0.05, 0.085)  # of links around their URDF
 SPREAD_ODDS = (0.2, 0.2, 0.3, 0.3)  # before the data: most arms are off by 3 to 10 %
@@ -39,6 +40,7 @@ LEVELS = (
 )  # fmt: skip
 STEADY = 50.0  # [W] added to the level, as meters of small arms drift as much
 DRIFT = 0.025  # of the arm's level, that a meter drifts at most
+SURE = 2.0  # standard deviations of von Neumann's ratio, below which neighbouring levels have nothing in common
 FEW_LEVELS = 4  # runs, of fewer of which no drift can be seen
 JUMP = 6.0  # times the usual change of level between neighbouring runs, beyond which it is a step, no drift
 LEVEL_ODDS = (0.35, 0.15, 0.15, 0.1, 0.05, 0.05, 0.075, 0.075)
@@ -244,22 +246,26 @@ def _unwhitened(f: Fit) -> np.ndarray:
     return np.column_stack([*own, *(g.columns for g in f.free), p.pushed, f.world.offsets])
 
 
-def drift_of(f: Fit, samples: Samples) -> np.ndarray:
+def drift_of(f: Fit, samples: Samples, centred: bool) -> np.ndarray:
     """(R,) W by which the meter's drift, as the fitted runs show it, moves the level of some runs.
 
     Only what neighbouring runs have in common counts as drift, no more than meters drift, and no step: a load that is
-    switched is a cause of its own.
+    switched is a cause of its own. `centred`: about the runs' common level, which a model's standby has taken up.
     """
     own = np.array([f.world.samples.at[part].mean() for part in f.world.samples.parts])
     order = np.argsort(own)
     levels = without_steps(own[order], f.levels[order])
+    middle = float(np.mean(levels))
+    levels = levels - middle
     whole = float(np.mean(levels**2))
     if len(levels) < FEW_LEVELS or whole == 0:
         return np.zeros(len(samples.parts))
-    common = max(0.0, 1 - float(np.mean(np.diff(levels) ** 2)) / 2 / whole) ** 0.5
+    common = 1 - float(np.mean(np.diff(levels) ** 2)) / 2 / whole
+    common = common**0.5 if common > SURE / len(levels) ** 0.5 else 0.0
     most = DRIFT * (f.world.scale.level + STEADY)
     at = np.array([samples.at[part].mean() for part in samples.parts])
-    return np.asarray(np.clip(common * np.interp(at, own[order], levels), -most, most))
+    moved = common * np.interp(at, own[order], levels) + (0.0 if centred else middle)
+    return np.asarray(np.clip(moved, -most, most))
 
 
 def without_steps(time: np.ndarray, levels: np.ndarray) -> np.ndarray:

@@ -20,7 +20,6 @@ from energy_opt.power import PowerModel
 
 STUDENT = 1.96
 WIDER = 1.1  # of intervals, for errors of smoothing and clocks that repeat; from misfit sets, seeds 61 and 62
-FLIPS = 4999  # of signs, for p-values
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,8 @@ class Finding:
     Attributes:
         parameters, ci95, units: values, 95 % intervals and units by parameter.
         share_of_residual: of the squares that all effects explain together, those that are left without this one.
-        p_value: of the gain on motions left out, by flipping its signs. log_odds: for the effect, None where not known.
+        p_value: None: effects are chosen among many, for which no p-value is calibrated.
+        log_odds: for the effect, None where not known.
         refit: the declared model has it. motions_improved: how many of how many motions left out are foreseen better.
     """
 
@@ -39,7 +39,7 @@ class Finding:
     ci95: dict[str, Any]
     units: dict[str, str]
     share_of_residual: float
-    p_value: float | None
+    p_value: None
     log_odds: float | None
     refit: bool
     motions_improved: tuple[int, int] | None = None
@@ -84,7 +84,7 @@ def findings_of(found: Inference) -> list[Finding]:
         values[0].update(effect.choices)
         share = float(np.clip((size(less) - here) / explained, 1e-6, 1.0))
         improved = int((gained > 0).sum()), len(gained)
-        rows.append(Finding(c.term.name, *values, share, sign_flip(gained), claim.odds, c.term.declared, improved))
+        rows.append(Finding(c.term.name, *values, share, None, claim.odds, c.term.declared, improved))
     return sorted(rows, key=lambda row: -row.share_of_residual)
 
 
@@ -122,12 +122,6 @@ def _values(effect: Effect, deviation: np.ndarray, n: int) -> tuple[dict[str, An
         values[p.name] = float(value[0]) if single else value.tolist()
         intervals[p.name] = [float(low[0]), float(high[0])] if single else np.column_stack([low, high]).tolist()
     return values, intervals, units
-
-
-def sign_flip(gains: np.ndarray, seed: int = 0) -> float:
-    """Chance of a mean gain as large by flipping the signs of independent gains (C,): exact where none is the truth."""
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (FLIPS, len(gains)))
-    return float((1 + np.sum(signs @ gains >= gains.sum() * (1 - 1e-12))) / (1 + FLIPS))
 
 
 def nuisance_of(found: Inference) -> list[str]:

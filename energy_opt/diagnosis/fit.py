@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 from itertools import count
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from energy_opt.diagnosis.clusters import shared_functions
 from energy_opt.diagnosis.data import Samples
@@ -25,14 +24,13 @@ from energy_opt.diagnosis.hypothesis import Chart, Scale
 from energy_opt.diagnosis.links import Links
 from energy_opt.diagnosis.noise import Noise, Shared, Whitener
 from energy_opt.diagnosis.predict import Prediction, predict
+from energy_opt.numerics.box import bounded_step
 from energy_opt.power import PowerModel
 
 ITERATIONS = 12
 ENOUGH = 0.05  # a step that lowers phi by less ends the fit
 DRIFTS = 150.0  # [s] over which a meter's level drifts
 MOST_HELD = 400e6  # bytes
-ROUNDS = 4  # by the count of numbers, of the search for the bounds that a step touches
-PATIENCE = 3  # rounds without progress before one number at a time is exchanged
 
 
 @dataclass(frozen=True)
@@ -324,55 +322,3 @@ def _before(
     low = np.concatenate([*(c.lower for c in charts), -inf])
     high = np.concatenate([*(c.upper for c in charts), inf])
     return mean, block_diag(*(c.precision for c in charts), np.diag(weights), world.before(nuisance)), low, high
-
-
-def bounded_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """min 1/2 x^T H x - g^T x with low <= x <= high (low <= 0 <= high), by block pivoting.
-
-    All numbers that break a bound are held there and all held ones that pull inwards are freed at once, as long as
-    there are fewer of them from time to time; else one at a time, which always ends (Murty's rule; Portugal, Judice and
-    Vicente, Math. Comp. 63, 1994). Numbers without bounds are eliminated first.
-    """
-    x = np.zeros(len(gradient))
-    bound = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
-    loose = np.flatnonzero(~(np.isfinite(low) | np.isfinite(high)))
-    if loose.size:
-        across = hessian[np.ix_(loose, bound)]
-        both = solve_positive(hessian[np.ix_(loose, loose)], np.column_stack([across, gradient[loose]]))
-        h = hessian[np.ix_(bound, bound)] - across.T @ both[:, :-1]
-        x[bound] = _pivoted(h, gradient[bound] - across.T @ both[:, -1], low[bound], high[bound])
-        x[loose] = both[:, -1] - both[:, :-1] @ x[bound]
-        return x
-    return _pivoted(hessian, gradient, low, high)
-
-
-def _pivoted(h: np.ndarray, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    held, x = np.zeros(len(g), dtype=bool), np.zeros(len(g))
-    fewest, patience = len(g) + 1, PATIENCE
-    for _ in range(ROUNDS * (1 + len(g))):
-        free, fixed = np.flatnonzero(~held), np.flatnonzero(held)
-        x[free] = solve_positive(h[np.ix_(free, free)], g[free] - h[np.ix_(free, fixed)] @ x[fixed])
-        pull = g - h @ x
-        wrong = np.where(held, ((x <= low) & (pull > 1e-9)) | ((x >= high) & (pull < -1e-9)),
-                         (x < low - 1e-12) | (x > high + 1e-12))  # fmt: skip
-        wrong &= ~held | (low < high)
-        count = int(wrong.sum())
-        if not count:
-            break
-        if count < fewest:
-            fewest, patience = count, PATIENCE
-        elif patience:
-            patience -= 1
-        else:
-            wrong[: np.flatnonzero(wrong)[-1]] = False
-        held ^= wrong
-        x = np.where(held & wrong, np.where(x < low, low, high), x)
-    return np.clip(x, low, high)
-
-
-def solve_positive(h: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """h^-1 g of a positive definite matrix."""
-    if not len(h):
-        return np.zeros_like(g)
-    _, x, info = dposv(h, g)
-    return np.asarray(x if info == 0 else np.linalg.lstsq(h, g, rcond=None)[0])

@@ -123,8 +123,8 @@ def _effects(report: Report, result: Result) -> None:
     improved = [f"{x.motions_improved[0]} of {x.motions_improved[1]}" if x.motions_improved else None
                 for x in result.effects]  # fmt: skip
     report.table(
-        ["effect", "share of what is explained [%]", "p (sign flips over motions)", "left-out motions improved"],
-        [[x.name, 100 * x.share_of_residual, x.p_value, y] for x, y in zip(result.effects, improved, strict=True)],
+        ["effect", "share of what is explained [%]", "log odds", "left-out motions improved"],
+        [[x.name, 100 * x.share_of_residual, x.log_odds, y] for x, y in zip(result.effects, improved, strict=True)],
         digits=3,
     )
     header = ["effect", "parameter", "joint", "value", "95 % interval", "unit"]

@@ -157,7 +157,7 @@ def _rigid_torque(rigid: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray
 
 @lru_cache(maxsize=64)
 def _changing(form: tuple[str, ...], n: int) -> Callable[..., list[np.ndarray]] | None:
-    """(dwell, p) of a rigid effect whose mass comes and goes -> inertial parameters, share, Jacobian by p, at K nodes."""
+    """Of a mass that comes and goes: (dwell, p) -> inertial parameters, share, Jacobian by p, at K nodes."""
     effect = of_form(form, n)
     p, dwell, none = ca.SX.sym("p", effect.size(n, effect.extents)), ca.SX.sym("dwell"), ca.SX.zeros(n)
     assert isinstance(effect, RigidEffect)

@@ -18,6 +18,7 @@ from energy_opt.diagnosis.claims import (
     alike,
     alternatives,
     claimed,
+    instead_of_links,
     likelier,
     links_show,
     other_drives,
@@ -28,7 +29,7 @@ from energy_opt.diagnosis.claims import (
 )
 from energy_opt.diagnosis.clusters import FEWEST, clusters
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import Quality, halved, quality
+from energy_opt.diagnosis.errors import Quality, mostly_explained, quality
 from energy_opt.diagnosis.evidence import drift_of, left_out, links_odds, noise_of
 from energy_opt.diagnosis.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis import Measured, Scale
@@ -42,6 +43,8 @@ from energy_opt.robot import Limits
 
 log = logging.getLogger(__name__)
 
+ALIKE = 1.1  # times the error, within which a set foresees as well
+CHANCE = 2.0  # standard deviations
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
 TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
 LAGS = 1.5  # times what rows and steps of positions leave open of the time, that a lag of the meter must exceed
@@ -68,21 +71,26 @@ class Judge:
     def of(self, f: Fit, level: bool = True) -> Quality:
         """The error of the model that is written for a fit; with `level` the runs' common level goes to its standby."""
         if (id(f), level) not in self.seen:
-            self.seen[id(f), level] = f, self.of_model(written(f, level=level), f)
+            self.seen[id(f), level] = f, self.of_model(written(f, level=level), f, level)
         return self.seen[id(f), level][1]
 
-    def of_model(self, model: PowerModel, f: Fit) -> Quality:
-        """The same of a model; `f` has the runs where none is held out."""
+    def of_model(self, model: PowerModel, f: Fit, level: bool = False) -> Quality:
+        """The same of a model; `f` has the runs where none is held out. `level`: its standby has the common level."""
         samples = self.held or f.world.samples
-        drift = drift_of(self.drifts, samples) if self.drifts is not None else np.zeros(len(samples.parts))
+        drift = drift_of(self.drifts, samples, level) if self.drifts is not None else np.zeros(len(samples.parts))
         return quality(model, samples, self.noise, drift)
 
     def gains(self, more: Fit, less: Fit) -> np.ndarray:
-        """By how much (C,) the error of each motion is lower under `more`; each motion counts once."""
+        """Logarithm of the odds (C,) by which each motion is likelier under `more`; repeats count once."""
         if self.held is None:
-            return left_out(less) - left_out(more)
+            return (left_out(less) - left_out(more)) / 2
         level = "standby" not in set(more.names) - set(less.names)
-        return self.of(less, level).squares - self.of(more).squares
+        after = self.of(more)
+        return (self.of(less, level).squares - after.squares) * after.counts / 2
+
+    def share(self, f: Fit) -> float:
+        """Readings held out for one that was fitted; without any, 1: each motion was left out in turn."""
+        return 1.0 if self.held is None else len(self.held.power) / len(f.world.samples.power)
 
 
 @dataclass(frozen=True)
@@ -166,21 +174,9 @@ def infer(
         model = written(best, links=False) if given or best is not nothing else declared
         after = judge.of_model(model, best)
         return Inference(
-            found,
-            nothing,
-            best,
-            nothing,
-            verdict,
-            (),
-            (nothing,),
-            still,
-            still,
-            as_declared,
-            after,
-            model,
-            idle=idle,
-            **more,
-        )
+            found, nothing, best, nothing, verdict, (), (nothing,), still, still, as_declared, after, model,
+            idle=idle, **more,
+        )  # fmt: skip
 
     if blind:
         return plain(Search(world), "insufficient", blind=True)
@@ -214,7 +210,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     if accepted.free:
         accepted = plain_fit(found, accepted)
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
-        rivals = (accepted,)
+        rivals = _as_good(found, judge, accepted) if claims else (accepted,)
     rivals = tuple(widened(f) for f in rivals)
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     after = judge.of(accepted)
@@ -228,8 +224,8 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         start = accepted
     linked = _links_are_off(found, judge, start, declared) if not claims else False
     if linked:
-        accepted, rivals = start, (start,)
-        model, after = written(start, links=True), judge.of_model(written(start, links=True), start)
+        accepted, rivals = start, (start, *instead_of_links(found, start))
+        model, after = written(start, links=True), judge.of_model(written(start, links=True), start, True)
     fits = after.ratio < NOISE
     if len(rivals) > 1:
         verdict = "ambiguous"
@@ -280,9 +276,26 @@ def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -
     """Do links alone take the held-out error from above the noise to it?"""
     if declared.ratio < NOISE or not links_show(start):
         return False
-    after = judge.of_model(written(start, links=True), start)
-    better = bool(np.mean(declared.squares - after.squares) > 0)
+    after = judge.of_model(written(start, links=True), start, True)
+    better = bool(np.sum((declared.squares - after.squares) * after.counts) > 0)
     return after.ratio < NOISE and better and links_odds(found.bank(start)) > CLAIM
+
+
+def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
+    """Where some law is not in the library: all sets that foresee held-out motions as well, whatever their odds.
+
+    Odds compare laws in detail, and here no law holds in detail.
+    """
+    most = ALIKE * judge.of(accepted).rmse
+    return tuple(f for f in alternatives(found, accepted, np.inf) if f is accepted or judge.of(f).rmse <= most)
+
+
+def _by_chance(expected: float) -> float:
+    """How low a logarithm of odds may be by chance, where so much is expected; 0 where much is.
+
+    A true effect's log likelihood ratio is about normal with this mean and twice as much variance.
+    """
+    return min(0.0, expected - CHANCE * (2 * max(expected, 0.0) + 1) ** 0.5)
 
 
 def _trifling(found: Search, named: Fit, best: Fit) -> bool:
@@ -298,7 +311,7 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
     """The claims that motions held out bear out: each lowers the error there.
 
     Where more than noise is left, an unknown law is shared out among effects that resemble it: there each must hold a
-    good part of what is explained, and all of them half of what there was, whichever motion is left out.
+    good part of what is explained, and all of them most of what there was, whichever motion is left out.
     """
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # nothing can be left out
@@ -307,18 +320,16 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
         if late is not None:
             accepted, claims = claimed(found, late.without)
             continue
-        plain = plain_fit(found, accepted)
-        gains = [float(np.mean(judge.gains(plain, plain_fit(found, c.without)))) for c in claims]
-        worst = int(np.argmin(gains))
-        start = root(found.world, accepted.nuisance)
-        left = judge.of(plain)
-        if gains[worst] > 0 and left.ratio >= NOISE:
-            if not halved(judge.of(start), left):
-                return without_effects(found, accepted), ()
-            least = BESIDE * float(np.mean(judge.gains(plain, start)))
-        else:
-            least = 0.0
-        if gains[worst] > least:
+        plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
+        left, share = judge.of(plain), judge.share(accepted)
+        noisy = left.ratio >= NOISE
+        if noisy and not mostly_explained(judge.of(start), left, bool(accepted.free)):
+            return without_effects(found, accepted), ()
+        whole = BESIDE * float(np.sum(judge.gains(plain, start))) if noisy else 0.0
+        gains = [float(np.sum(judge.gains(plain, plain_fit(found, c.without)))) for c in claims]
+        spare = [g - max(whole, 0.0) - _by_chance(share * c.odds) for g, c in zip(gains, claims, strict=True)]
+        worst = int(np.argmin(spare))
+        if spare[worst] > 0:
             return accepted, claims
         accepted, claims = claimed(found, claims[worst].without)
     return accepted, claims

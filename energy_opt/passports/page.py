@@ -57,6 +57,11 @@ def _values(report: Report, arm: Arm) -> None:
     report.section(f"{arm.label}: {arm.robot.name}")
     if not any(arm.measured(e.name) for e in arm.model.effects):
         report.text("Nothing here was measured on this arm: the values are published, declared or assumed, as stated.")
+    if len(arm.modes) > 1:
+        report.text("Levels of power at rest, as of motors on, brakes on or drives off:")
+        report.table(
+            ["power [W]", "seconds", "standstills"], [[m["power"], m["seconds"], m["standstills"]] for m in arm.modes]
+        )
     rows = [["standby", None, *_cells(arm.number("standby", "power"))]]
     rows += [["R/Kt²", arm.robot.joints[j], *_cells(arm.number("copper_loss", "r_over_kt2", j))] for j in range(n)]
     for j in range(n):

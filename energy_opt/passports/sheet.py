@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
@@ -120,7 +120,7 @@ def passport(
             arms.append(arm_of(model, body or load_robot(model.robot, limits=file), label or f"model {k}"))
         else:
             arm = read_arm(model, body, file)
-            arms.append(Arm(label, arm.robot, arm.model, arm.file, arm.sources))
+            arms.append(replace(arm, label=label))
     found = [change for arm in arms[1:] for change in changes(arms[0], arm)]
     return Passport(tuple(arms), tuple(found))
 
@@ -181,6 +181,7 @@ def _document(arm: Arm) -> dict[str, Any]:
         "robot": arm.robot.name,
         "file": arm.file or None,
         "standby": arm.number("standby", "power").document(),
+        "modes": list(arm.modes),
         "joints": joints,
         "values": arm.numbers(),
         "rivals": [[e.name for e in rival.effects] for rival in known.rivals] if known is not None else [],
@@ -190,6 +191,9 @@ def _document(arm: Arm) -> dict[str, Any]:
 def _in_words(arm: Arm) -> list[str]:
     shares = "friction at 1, 10, 50 and 100 % of the velocity limit [N m]"
     lines = [f"{arm.label} ({arm.robot.name})", f"  {'joint':<24}{'R/Kt² [W/(N m)²]':>20}   {shares}"]
+    if len(arm.modes) > 1:
+        levels = ", ".join(f"{mode['power']:.4g} W for {mode['seconds']:.3g} s" for mode in arm.modes)
+        lines.insert(1, f"  power at rest: {levels}")
     for j, joint in enumerate(arm.robot.joints):
         heat = arm.number("copper_loss", "r_over_kt2", j)
         rubs = [arm.friction_at(j, k).value for k in range(arm.speeds.shape[1])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -60,6 +61,7 @@ class Arm:
     Attributes:
         label: what it is called beside others. file: the model file, "" where there is none.
         sources: where effects' values come from, by the effect's name.
+        modes: levels of power at rest [{power (W), seconds, standstills}] that the diagnosis found, highest first.
     """
 
     label: str
@@ -67,6 +69,7 @@ class Arm:
     model: PowerModel
     file: str
     sources: dict[str, str]
+    modes: tuple[dict[str, Any], ...] = ()
 
     @cached_property
     def speeds(self) -> np.ndarray:
@@ -210,4 +213,15 @@ def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) 
     except BadInput as error:
         raise BadInput(f"{file}: {error}") from None
     rows = read_toml(file).get("effect", [])
-    return Arm(label, robot, model, str(word), {row["name"]: row["source"] for row in rows if row.get("source")})
+    sources = {row["name"]: row["source"] for row in rows if row.get("source")}
+    return Arm(label, robot, model, str(word), sources, _modes(file, robot))
+
+
+def _modes(file: Path, robot: Robot) -> tuple[dict[str, Any], ...]:
+    """The levels of power at rest that the diagnosis beside a model file found; none without one of the same robot."""
+    try:
+        document = json.loads(file.with_name("diagnosis.json").read_text(encoding="utf-8"))
+        rows = document["modes"] if document["robot"] == robot.name else []
+        return tuple({key: float(row[key]) for key in ("power", "seconds", "standstills")} for row in rows)
+    except (OSError, ValueError, TypeError, KeyError):
+        return ()

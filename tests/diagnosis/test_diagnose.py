@@ -12,7 +12,6 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.errors import Quality, halved
 from energy_opt.diagnosis.evidence import without_steps
 from energy_opt.diagnosis.predict import friction_torque
 from energy_opt.diagnosis.recordings import take_samples
@@ -55,7 +54,7 @@ def test_friction_is_named_with_its_values(found):
     true = FRICTION.values["tau_c"]
     width = high - low
     assert ((low - width / 4 <= true) & (true <= high + width / 4)).all()
-    assert row["p_value"] <= 0.01 and row["share_of_residual"] > 0.95
+    assert row["p_value"] is None and row["log_odds"] > 7 and row["share_of_residual"] > 0.95
 
 
 def test_runs_of_which_only_the_total_is_known_have_a_step(coulomb):
@@ -131,17 +130,6 @@ def test_a_switched_load_is_no_drift_of_the_meter():
     pause = np.where(np.arange(12) >= 6, 3600.0, 0.0)  # in which a meter may drift
     wander = drift + 0.01 * pause**0.5
     np.testing.assert_array_equal(without_steps(time + pause, wander), wander)
-
-
-def test_what_helps_in_a_single_motion_alone_is_no_cause():
-    def error(*squares):
-        return Quality(1.0, 0.0, 0.6, 0.6, 1.0, 0.6, np.array(squares), 0.36)
-
-    before = error(0.80, 4.28, 0.60, 0.76)
-    assert not halved(before, error(0.69, 2.18, 0.68, 0.61))  # most of it in one motion
-    assert halved(before, error(0.50, 2.00, 0.45, 0.50))
-    assert not halved(before, error(0.80, 4.28, 0.60, 0.76))
-    assert halved(error(2.0, 2.0), error(0.8, 0.8))
 
 
 def test_supply_and_gain_are_one_at_the_meter(tmp_path):

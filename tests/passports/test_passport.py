@@ -13,6 +13,9 @@ from scipy.stats import norm
 
 import energy_opt as eo
 from energy_opt.cli.main import main
+from energy_opt.diagnosis.modes import mode_words, modes_of
+from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.measured import read_set
 from energy_opt.passports import friction, loss, read_arm
 from energy_opt.passports.changes import changes_since
 from energy_opt.power.model import Doubt
@@ -156,3 +159,31 @@ def test_diagnose_says_what_has_changed_since_the_last_calibration(tmp_path, cap
     real = [row for row in document["changes"] if row["real"]]
     assert real and all(row["quantity"] == "friction" and row["difference"] > 0 for row in real)
     assert f"changed since {tmp_path / 'last.toml'}: " in said.err
+
+
+def test_levels_of_power_at_rest_are_found_in_a_log_and_shown(tmp_path, capsys):
+    """Motors on, brakes on, drives off and back, in two poses whose holding takes different power."""
+    robot, rng, step, entries = eo.load_robot("ur5"), np.random.default_rng(4), 0.02, []
+    declared = eo.PowerModel("ur5", (eo.Standby(power=70.0), eo.CopperLoss(r_over_kt2=[HEAT] * 6)))
+    header = ",".join(["time", *(f"{j}.position" for j in robot.joints), "power"])
+    for k, pose in enumerate(([0, -0.4, 0.3, 0, 0, 0], [0, -1.5, 0, 0, 0, 0])):
+        held = HEAT * float(np.sum(robot.body.torque(np.array([pose]), np.zeros((1, 6)), np.zeros((1, 6))) ** 2))
+        level = np.repeat([70.0 + held, 31.0 + held, 12.0 + held, 70.0 + held], [300, 200, 150, 250])
+        power = level + 0.5 * rng.normal(size=len(level))
+        rows = np.column_stack([np.arange(len(level)) * step, np.tile(pose, (len(level), 1)), power])
+        np.savetxt(tmp_path / f"run{k}.csv", rows, "%.6f", ",", header=header, comments="")
+        entries.append(f'[[run]]\nfile = "run{k}.csv"\nkind = "static"\nstart = {60.0 * k}\n')
+    (tmp_path / "log.toml").write_text('format = "energy-opt/log/1"\nrobot = "ur5"\n' + "".join(entries))
+    samples, _ = take_samples(read_set(tmp_path, robot))
+    found = modes_of(declared, samples)
+    np.testing.assert_allclose([m.power for m in found], [70, 31, 12], atol=0.3)
+    np.testing.assert_allclose([m.seconds for m in found], [22, 8, 6], atol=0.2)
+    assert [m.standstills for m in found] == [2, 2, 2] and "3 levels" in mode_words(found)[0]
+    declared.save(tmp_path / "model.toml")
+    document = {"robot": "ur5", "modes": [vars(m) for m in found]}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(document))
+    assert main(["passport", str(tmp_path / "model.toml"), "--out", str(tmp_path / "sheet")]) == 0
+    said = capsys.readouterr()
+    assert "power at rest: 70" in said.out + said.err
+    sheet = json.loads((tmp_path / "sheet" / "passport.json").read_text())
+    assert [round(m["power"]) for m in sheet["arms"][0]["modes"]] == [70, 31, 12]

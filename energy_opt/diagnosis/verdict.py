@@ -66,13 +66,17 @@ class Judge:
     held: Samples | None
     noise: Noise
     drifts: Fit | None = None
-    seen: dict[tuple[int, bool], tuple[Fit, Quality]] = field(default_factory=dict)
+    seen: dict[tuple[int, bool, bool], tuple[Fit, Quality]] = field(default_factory=dict)
 
-    def of(self, f: Fit, level: bool = True) -> Quality:
-        """The error of the model that is written for a fit; with `level` the runs' common level goes to its standby."""
-        if (id(f), level) not in self.seen:
-            self.seen[id(f), level] = f, self.of_model(written(f, level=level), f, level)
-        return self.seen[id(f), level][1]
+    def of(self, f: Fit, level: bool = True, beside: bool = True) -> Quality:
+        """The error of the model that is written for a fit; with `level` the runs' common level goes to its standby.
+
+        `beside`: whether it does so in the model that this one is compared with.
+        """
+        key = id(f), level, beside
+        if key not in self.seen:
+            self.seen[key] = f, self.of_model(written(f, level=level), f, beside)
+        return self.seen[key][1]
 
     def of_model(self, model: PowerModel, f: Fit, level: bool = False) -> Quality:
         """The same of a model; `f` has the runs where none is held out. `level`: its standby has the common level."""
@@ -85,8 +89,8 @@ class Judge:
         if self.held is None:
             return (left_out(less) - left_out(more)) / 2
         level = "standby" not in set(more.names) - set(less.names)
-        after = self.of(more)
-        return (self.of(less, level).squares - after.squares) * after.counts / 2
+        after = self.of(more, True, level)
+        return (self.of(less, level, level).squares - after.squares) * after.counts / 2
 
     def share(self, f: Fit) -> float:
         """Readings held out for one that was fitted; without any, 1: each motion was left out in turn."""

@@ -49,6 +49,8 @@ def _probes(solid: Solid) -> np.ndarray:
     from scipy.sparse.csgraph import connected_components
 
     vertices, triangles = solid.surface
+    used, ends = np.unique(triangles, return_inverse=True)  # files have vertices that no triangle takes
+    vertices, triangles = vertices[used], ends.reshape(triangles.shape)
     _, same = np.unique(vertices.round(9), axis=0, return_inverse=True)  # STL repeats corners
     ends = same.ravel()[triangles]
     size = int(ends.max()) + 1

@@ -10,8 +10,10 @@ import pinocchio as pin
 import pytest
 from poses import START
 
+from energy_opt.cell import solids
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.curve import MotionCurve
+from energy_opt.cell.inside import one_inside_the_other
 from energy_opt.cell.planes import Near
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
@@ -135,6 +137,19 @@ def test_a_mesh_is_not_its_hull_and_has_an_inside(ball: Robot) -> None:
     assert Cell(ball, CellRequest(), shell).touching(np.array([0.0])) is not None
     inside = judged(Cell(ball, CellRequest(), shell), along(straight([-0.05], [0.05]), 2.0, 50))
     assert inside.verdict == "colliding"
+
+
+def test_vertices_that_no_triangle_takes_are_no_part_of_a_mesh() -> None:
+    """Two open sheets side by side; a stray vertex of one lies within a closed box behind it. (Files have such.)"""
+    fold = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0], [5.0, 5.0, 5.0]])
+    two = np.array([[0, 1, 2], [0, 2, 3]])
+    hollow = np.array([[x, y, z] for x in (4.0, 6.0) for y in (4.0, 6.0) for z in (4.0, 6.0)] + [[9.0, 9.0, 9.0]])
+    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
+                      [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
+    sheet, box, inner = solids.mesh(fold, two), solids.mesh(hollow, faces), solids.mesh(fold + 4.5, two)
+    here = solids.placement(np.eye(3), np.zeros(3))
+    assert not one_inside_the_other(solids.Ruler(sheet, box), here, here)
+    assert one_inside_the_other(solids.Ruler(inner, box), here, here)
 
 
 def dense(robot: Robot, t: Trajectory, samples: int = 400) -> float:

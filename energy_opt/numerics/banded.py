@@ -3,9 +3,8 @@
 A symmetric band is kept by columns: entry (c + o, c) at [c, o]. An unknown is control point times n plus joint. A
 window begins at control point `first`, which may lie outside [0, free): what is outside is pinned and is left out.
 
-Numba with a plain Cholesky factorization is chosen over calls of LAPACK and over a library for quadratic programs: a
-program of 294 unknowns takes a third of the time that NumPy and SciPy take with their calls, and a twentieth with 56
-unknowns; PIQP takes three to five times as long, most of it to set up a sparse factorization anew.
+Numba is chosen over calls of LAPACK through SciPy and over a library for quadratic programs: with 56 unknowns a program
+takes 0.7 ms, with NumPy and SciPy 4.8 ms; with 294 unknowns 5 to 8 ms, with PIQP 18 to 38 ms.
 """
 
 from __future__ import annotations

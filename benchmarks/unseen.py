@@ -1,0 +1,100 @@
+"""Unseen scenes: MotionBenchMaker's with their objects moved at random, judged by many poses that share no code.
+
+    python benchmarks/unseen.py [--scenes 6] [--seed 1] [--solver ipopt]
+
+Each object of a scene is moved by up to 4 cm along every axis of the base. Where an end touches something then, another
+draw is taken. Each move is answered from start and goal alone at 1.5 times the least time on its first path. Nothing
+was ever tuned on these scenes. Seconds are CPU times of one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import yaml
+from cells_work import MBM, SLOWER, judged, problems, seen
+from common import finish, table
+
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene_files import read_scene
+from energy_opt.errors import Infeasible
+from energy_opt.motion import Move, Planner, Settings
+from energy_opt.power import source_method_2
+
+FAR, DRAWS = 0.04, 20  # [m] that objects are moved by at most; draws until both ends are free
+
+
+def moved(scene: Path, shift: np.random.Generator, out: Path) -> Path:
+    """The scene with every object moved."""
+    document = yaml.safe_load(scene.read_text())
+    for thing in document["world"]["collision_objects"]:
+        by = shift.uniform(-FAR, FAR, 3)
+        poses = [thing["pose"]] if "pose" in thing else []
+        poses = poses or [*thing.get("primitive_poses", []), *thing.get("mesh_poses", [])]
+        for pose in poses:
+            at = pose["position"]
+            if isinstance(at, dict):
+                pose["position"] = {axis: float(at[axis] + d) for axis, d in zip("xyz", by, strict=True)}
+            else:
+                pose["position"] = [float(x + d) for x, d in zip(at, by, strict=True)]
+    out.write_text(yaml.safe_dump(document))
+    return out
+
+
+def main() -> int:
+    """Run and print; 1 where an answer touches something."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=6, metavar="N")
+    parser.add_argument("--seed", type=int, default=1, metavar="N")
+    parser.add_argument("--solver", default="ipopt")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="the numbers as JSON")
+    args = parser.parse_args()
+    rng, rows, planners = np.random.default_rng(args.seed), list[dict[str, Any]](), dict[str, Planner]()
+    known = [problem for problem in problems(None) if problem.kind == "mbm"]
+    with tempfile.TemporaryDirectory() as folder:
+        for number in rng.permutation(len(known))[: args.scenes].tolist():
+            problem = known[number]
+            robot, ends = problem.robot, (problem.start, problem.goal)
+            settings = Settings(compile="always", solver=args.solver)
+            planner = planners.setdefault(robot.name, Planner(robot, source_method_2(robot.name), settings))
+            for _ in range(DRAWS):
+                scene = moved(MBM / "scenes" / f"{problem.name}.yaml", rng, Path(folder) / "scene.yaml")
+                cell = Cell(robot, CellRequest(), read_scene(scene))
+                if all(cell.touching(q) is None for q in ends):
+                    break
+            else:
+                continue
+            planner.set_cell(cell)
+            row: dict[str, Any] = {"scene": problem.name}
+            begin = time.process_time()
+            try:
+                move = Move(*ends)
+                result = planner.solve(Move(*ends, duration=SLOWER * planner.minimum_time(move)))
+            except Infeasible as error:
+                rows.append({**row, "status": f"infeasible: {error}"[:60], "touching": 0})
+                continue
+            row |= {"seconds": time.process_time() - begin, "status": result.status, "chosen": result.chosen}
+            row |= {"verdict": judged(cell, result.trajectory)[0], "touching": seen(robot, scene, result.trajectory)}
+            row["saved"] = (result.saving or {}).get("loss_percent")
+            rows.append(row)
+            print(row, flush=True)
+    columns = ("scene", "status", "chosen", "seconds", "saved", "verdict", "touching")
+    print(table(list(columns), [[row.get(name, "-") for name in columns] for row in rows]))
+    solved = [row for row in rows if row["status"] == "solved"]
+    if solved:
+        print(f"{len(solved)} of {len(rows)} solved; {median(row['seconds'] for row in solved):.2f} s median")
+    checks = {"no answer called solved touches anything": all(r["touching"] == 0 for r in solved)}
+    checks["every answer called solved is proven"] = all(row["verdict"] == "proven" for row in solved)
+    return finish({"rows": rows}, checks, args.out)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

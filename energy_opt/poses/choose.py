@@ -46,8 +46,8 @@ class Candidate:
 
     Attributes:
         goal: (n,) [rad, m]; estimate: [J] of the straight move; energy: [J] as solved, None where it was not.
-        status: "solved" and so on as results have it; "screened" with the energy of a rough solve; "looked_at",
-            "not_looked_at", "colliding", "too_fast" or "infeasible".
+        status: "solved" and so on as results have it; "screened" with the energy of a rough solve, which knows no
+            bodies; "looked_at", "not_looked_at", "colliding", "too_fast" or "infeasible".
         pose: the pose that it reaches; None where it was given by its joints.
     """
 
@@ -58,8 +58,10 @@ class Candidate:
     pose: Pose | None = None
 
     def document(self) -> dict[str, object]:
-        """As it is in result.json."""
-        return {"goal": self.goal, "estimate": self.estimate, "energy": self.energy, "status": self.status}
+        """As it is in result.json; what a rough solve takes is an estimate."""
+        rough = self.status == "screened"
+        estimate, energy = (self.energy, None) if rough else (self.estimate, self.energy)
+        return {"goal": self.goal, "estimate": estimate, "energy": energy, "status": self.status}
 
 
 Solved = tuple[Candidate, Result]
@@ -111,7 +113,8 @@ class Chooser:
     Args:
         scorers: of the models that are planned under; `worst`: goals are compared by the worst of them, else the mean.
         cell: what goals must keep clear of; None for nothing.
-        solver: solves a move, given motions to start from; rough: the same with few control points and one start.
+        solver: solves a move, given motions to start from; rough: the same with few control points, one start
+            and no regard to bodies: a goal whose rough solve takes more than the best answer is not solved in full.
     """
 
     def __init__(
@@ -284,8 +287,7 @@ class Chooser:
         for goal, result in sorted(tried, key=_rank):
             if out and _rank((goal, result)) >= min(map(_rank, out)):
                 break
-            at = move if not out else replace(move, duration=result.trajectory.duration, max_duration=None)
-            found = self._attempt(self._solver, at, goal, [result.trajectory])
+            found = self._attempt(self._solver, move, goal, [result.trajectory])
             if isinstance(found, Infeasible):
                 error = found
             else:

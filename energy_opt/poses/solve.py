@@ -45,7 +45,7 @@ def solve_to(
     if ends.start is not None or ends.via:
         move = _placed(ends, move, tool, scorers, cell, settings)
     quick = replace(settings, starts=1, controls=min(CONTROLS, settings.controls), solver="sqp", ways=1)
-    rough = Planner(robot, Mixture.of(models) if len(models) > 1 else models[0], quick, cell=cell)
+    rough = Planner(robot, Mixture.of(models) if len(models) > 1 else models[0], quick)
     chooser = Chooser(tool, scorers, cell, solve, rough.solve, settings.seed, worst)
     return chooser.choose(move, ends.goals)
 

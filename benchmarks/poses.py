@@ -114,6 +114,7 @@ def solved(move: dict[str, Any], folder: Path) -> dict[str, Any]:
     near = nearest_move(Ends(None, (pose,)), eo.Move(move["start"], move["start"]), robot, cell, settings)
     fastest = eo.Planner(robot, rivals_from([MODEL], None, robot, None)[0][0].model, settings).minimum_time(near)
     duration = float(np.round(1.5 * fastest, 3))
+    eo.optimize(robot, MODEL, start=move["start"], goal=near.goal, duration=duration, cell=request)  # builds, compiles
     begin = time.process_time()
     answer = eo.optimize(robot, MODEL, start=move["start"], goal=pose, duration=duration, cell=request)
     seconds, begin = time.process_time() - begin, time.process_time()
@@ -206,15 +207,16 @@ def report(rows: list[dict[str, Any]], args: argparse.Namespace) -> int:
     share = [(r["solves"]["full"] + r["solves"]["screened"]) / r["count"] for r in compared]
     ratio = float(np.median([r["seconds"] / r["joint_seconds"] for r in good])) if good else np.nan
     print(f"{len(rows)} moves, {len(good)} solved, {len(false)} false; enumeration: {len(compared)} moves, "
-          f"{len(near)} within 1 % of the loss, {100 * np.mean(share) if share else np.nan:.2g} % of its solves; "
+          f"{len(near)} within 1 % of the loss, {100 * np.mean(share) if share else 0:.2g} % of its solves; "
           f"median time {ratio:.3g} joint-goal solves")  # fmt: skip
     checks = {
         "98 % of the moves are solved": len(good) >= 0.98 * len(rows),
         "none is false by Pinocchio and coal": not false,
-        "within 1 % of the loss of the enumeration in 90 %": len(near) >= 0.9 * len(compared),
-        "at most 10 % of its solves": not share or float(np.mean(share)) <= 0.1,
         "at most 3 times a joint-goal solve": ratio <= 3,
     }
+    if compared:
+        checks["within 1 % of the loss of the enumeration in 90 %"] = len(near) >= 0.9 * len(compared)
+        checks["at most 10 % of its solves"] = float(np.mean(share)) <= 0.1
     return finish({"rows": rows}, checks, args.out)
 
 

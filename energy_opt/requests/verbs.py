@@ -193,6 +193,11 @@ class PassportRequest(Request):
         None, "MoveIt's joint_limits.yaml (published or the URDF's)", "FILE", kind=Path, main=True
     )
 
+    @classmethod
+    def read(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """Without `contents`, what the files held."""
+        return {key: value for key, value in given.items() if key != "contents"}
+
 
 @dataclass(frozen=True)
 class CheckRequest(CellGroup, PayloadGroup, PrefixGroup, RobotGroup):

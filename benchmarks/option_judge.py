@@ -305,7 +305,10 @@ def judge(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
         if asked.get("max_power") is not None:
             holds("power", float(power.max()) / asked["max_power"] - 1)
     for point in asked.get("via", []):
-        holds("via", float(np.abs(q - point).max(axis=1).min()))
+        k = int(np.argmin(np.abs(q - point).max(axis=1)))  # it may be passed between two rows
+        near = slice(max(k - 1, 0), k + 2)
+        _, (fine, *_) = curve(t[near], q[near], v[near], a[near], 4001)
+        holds("via", float(np.abs(fine - point).max(axis=2).min()))
     faults += _conditions(robot, asked, t, q, v, a)
     for path in out.glob("trajectory.*"):
         faults += _written(path, robot, asked)

@@ -53,7 +53,7 @@ def test_conditions_are_options(panda, tmp_path):
     with pytest.raises(eo.BadInput, match="given twice"):
         OptimizeRequest("panda", **ends, max_power=300.0, conditions=conditions)
     file = tmp_path / "mine.py"
-    file.write_text((EXAMPLES / "my_limit.py").read_text().replace("bound = 25.0", "bound = 0.001"))
+    file.write_text((EXAMPLES / "my_limit.py").read_text().replace("bound = 25.0", "bound = 2.0"))
     out = ["--out", str(tmp_path / "out"), "--quiet"]
     words = ["optimize", "--robot", "panda", "--path", str(file), "--conditions", str(file), *out]
     assert main(words) == 2  # a Python file is no path

@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
 OTHER = 1000  # seeds that another way is away from the first
 LONGER = 1.0, 1.05, 1.2  # times a shortest duration that is named, until what is named works
-CONFIRMING = 10.0  # [s] of CPU after which only the longest is tried: an answer takes a minute at most
+CONFIRMING = 10.0  # [s] of CPU after which only the longest is tried; after three times that, none
 BEYOND = 1.0, 1.01, 1.05  # times that which have to work too
 
 Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
@@ -216,7 +216,11 @@ class Planner:
                 continue
             digits = 5 - int(np.floor(np.log10(longer * named)))
             tried = float(np.ceil(longer * named * 10**digits) / 10**digits)
-            if all(self._works(replace(move, duration=share * tried, max_duration=None)) for share in BEYOND):
+            if all(
+                process_time() - begin < 3 * CONFIRMING
+                and self._works(replace(move, duration=share * tried, max_duration=None))
+                for share in BEYOND
+            ):
                 return error.named(tried)
         return error.named(None)
 

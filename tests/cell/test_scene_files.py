@@ -252,9 +252,12 @@ def test_the_example_works(tmp_path: Path) -> None:
 def test_a_thousand_objects_are_read_in_linear_time(tmp_path: Path) -> None:
     def seconds(count: int) -> float:
         path = written(tmp_path, "a.yaml", {"objects": [short(name=f"o{k}")["objects"][0] for k in range(count)]})
-        before = time.process_time()
-        assert len(read_scene(path).objects) == count
-        return time.process_time() - before
+        times = []
+        for _ in range(3):  # the least of three: a collection of garbage is no part of reading
+            before = time.process_time()
+            assert len(read_scene(path).objects) == count
+            times.append(time.process_time() - before)
+        return min(times)
 
     seconds(10)
     assert seconds(4000) < 12 * seconds(1000)  # quadratic would be 16 times

@@ -27,6 +27,7 @@ from energy_opt.effects import (
 )
 from energy_opt.formats import read_trajectory, table
 from energy_opt.measured import read_set
+from energy_opt.motion.limits.base import values_of
 from energy_opt.next_motion import Rival, propose, rivals_of
 from energy_opt.next_motion.contrast import contrast_functions, contrast_parameters
 from energy_opt.next_motion.legs import PAUSE
@@ -73,6 +74,11 @@ def hidden(**given):
     return SimpleNamespace(rivals=tuple(fits), accepted=fits[0], idle=given.get("idle", ()))
 
 
+def parameters_of(models, weights):
+    """What node functions take: all models' values and the weights, and behind them the plain width of kinks."""
+    return np.concatenate([contrast_parameters(models, 6, weights), values_of(())])
+
+
 def test_the_cost_is_the_weighted_square_of_the_difference(ur5):
     """Without copper loss, viscous friction adds sum b v^2 and nothing else; dry friction sum tau_c |v|."""
     b, dry = np.linspace(0.5, 3.0, 6), np.linspace(1.0, 2.0, 6)
@@ -81,7 +87,7 @@ def test_the_cost_is_the_weighted_square_of_the_difference(ur5):
     functions = contrast_functions(models, ur5.body, np.zeros(6, dtype=int))
     z, _, v, _, duration = node(ur5)
     weights = np.array([0.3, 0.2, 0.7])
-    cost, _ = functions.value(z, 0.5, contrast_parameters(models, 6, weights))
+    cost, _ = functions.value(z, 0.5, parameters_of(models, weights))
     first, second = b @ v**2, dry @ np.abs(v)
     apart = weights @ np.array([first**2, second**2, (first - second) ** 2])
     assert float(cost) == pytest.approx(-duration / (duration + PAUSE) * apart, rel=2e-3)  # the smoothed sign
@@ -98,7 +104,7 @@ def test_a_lag_shows_by_how_fast_the_power_changes(ur5):
         return tau @ speed + BASE.get("copper_loss").values["r_over_kt2"] @ tau**2
 
     change = (power(1e-5) - power(-1e-5)) / 2e-5
-    cost, _ = functions.value(z, 0.5, contrast_parameters(models, 6, np.ones(1)))
+    cost, _ = functions.value(z, 0.5, parameters_of(models, np.ones(1)))
     assert float(cost) == pytest.approx(-duration / (duration + PAUSE) * (0.06 * change) ** 2, rel=1e-6)
 
 
@@ -109,7 +115,7 @@ def test_derivatives_of_the_cost(ur5):
         BASE.replaced(MeterFilter(time_constant=0.1)),
     ]
     functions = contrast_functions(models, ur5.body, np.array([0, 1, 2, 0, 1, 2]))
-    parameters = contrast_parameters(models, 6, np.array([1e-3, 2e-3, 3e-3]))
+    parameters = parameters_of(models, np.array([1e-3, 2e-3, 3e-3]))
     z, *_ = node(ur5, 2)
     _, slope = functions.cost(z, 0.4, parameters)
     lam, step = np.linspace(-0.2, 0.3, 6), 1e-6

@@ -64,7 +64,8 @@ def test_conditions_are_options(panda, tmp_path):
         f"--start={','.join(map(str, START))}",
         f"--goal={','.join(map(str, GOAL))}",
     ]
-    assert main([*moves, "--mode", "retime", "--duration", "2.5", "--conditions", str(file), *out]) == 3
+    retime = ["--mode", "retime", "--duration", "2.5", "--model", "source-method-2"]
+    assert main([*moves, *retime, "--conditions", str(file), *out]) == 3
 
 
 def test_examples_are_short():

@@ -96,10 +96,17 @@ DEFAULT = {
     "simulate": 1,
 }  # of each verb run by default; two of others
 
+
+def marks(verb: str, number: int) -> list[pytest.MarkDecorator]:
+    """The first requests run by default, one more among slow tests, all others at night."""
+    quick = DEFAULT.get(verb, 2)
+    return [] if number < quick else [pytest.mark.slow if number == quick else pytest.mark.nightly]
+
+
 CASES = [
-    pytest.param(verb, given, id=f"{verb}-{k}", marks=[] if k < DEFAULT.get(verb, 2) else pytest.mark.slow)
-    for verb, rows in requests().items()
-    for k, given in enumerate(rows)
+    pytest.param(verb, given, id=f"{verb}-{k}", marks=marks(verb, k))
+    for verb, given_to_it in requests().items()
+    for k, given in enumerate(given_to_it)
 ]
 
 

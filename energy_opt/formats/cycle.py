@@ -115,8 +115,10 @@ def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = No
     """
     ends = [(a.trajectory.acceleration[-1], b.trajectory.acceleration[0]) for a, b in pairwise(parts)]
     jumps = [float((np.abs(b - a) / limits.jerk).max()) for a, b in ends]  # [s] that each takes
-    if max(jumps, default=0.0) <= NANOSECOND:
+    if not any(jumps):
         return parts
+    if max(jumps) <= NANOSECOND:
+        return _met(parts, limits)
     both = parts[0].trajectory.acceleration[0], parts[-1].trajectory.acceleration[-1]  # begun and ended with, at rest
     shortest = max(*jumps, *(float((np.abs(a) / limits.jerk).max()) for a in both))
     width = float(whole(max(ROOM * shortest, 0.0 if rate is None else SAMPLES / rate)))
@@ -132,6 +134,18 @@ def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = No
             seconds = t.duration if part.waits else t.duration * (1 - width / moving)
         out[n] = part if seconds == t.duration else replace(part, trajectory=t.slowed(seconds).on_nanoseconds())
     return [Part(joined([part.trajectory for part in out]).averaged(width))]
+
+
+def _met(parts: Sequence[Part], limits: Limits) -> Sequence[Part]:
+    """Each motion begins with the acceleration that the one before ended with: they differ by rounding alone."""
+    out = [parts[0]]
+    for part in parts[1:]:
+        t = part.trajectory
+        acceleration = t.acceleration.copy()
+        before = out[-1].trajectory.acceleration[-1]
+        acceleration[0] = np.where(np.isfinite(limits.jerk), before, acceleration[0])
+        out.append(replace(part, trajectory=replace(t, acceleration=acceleration)))
+    return out
 
 
 def _at(parts: Sequence[Part], rate: float) -> Trajectory:

@@ -95,14 +95,15 @@ def test_a_cycle_of_retimed_moves_holds_in_every_file(panda: Robot, tmp_path: Pa
 
 
 def test_a_cycle_that_does_not_hold_ends_with_4(tmp_path: Path, capsys) -> None:
-    """Without a wait there is no time in which accelerations could change sign at the fastest timing."""
+    """A stop on a straight way, without a wait: at the fastest timing the acceleration has no time to change sign."""
     file = tmp_path / "job.toml"
     goal = [round(float(x), 4) for x in START + 0.5 * (GOAL - START)]
-    file.write_text(JOB.format(cycle=0.1, home=START.tolist(), goal=goal, wait=""))
+    on = f"[[step]]\nto = {[round(float(x), 4) for x in GOAL]}\nmode = 'retime'"
+    file.write_text(JOB.format(cycle=0.1, home=START.tolist(), goal=goal, wait=on))
     words = ["job", str(file), "--compile", "never", "--model", "source-method-2"]
     assert main([*words, "--out", str(tmp_path / "a"), "--json"]) == 3
     shortest = json.loads(capsys.readouterr().out)["shortest_duration"]
-    file.write_text(JOB.format(cycle=shortest, home=START.tolist(), goal=goal, wait=""))
+    file.write_text(JOB.format(cycle=shortest, home=START.tolist(), goal=goal, wait=on))
     code = main([*words, "--out", str(tmp_path / "b"), "--quiet"])
     found = json.loads((tmp_path / "b" / "job.json").read_text())
     (row,) = found["written"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +144,11 @@ def test_accelerations_that_jump_between_motions_are_spread_over_milliseconds(pa
         assert np.abs(moved).max() < 0.01
     still = [Part(wait, waits=True), Part(wait, waits=True)]
     assert without_jumps(still, panda.limits) is still
+    back = cubic(middle, START)  # begins with the acceleration that the way there ends with, but for rounding
+    back = replace(back, acceleration=back.acceleration * (1 + 3e-8))
+    assert not judge(joined_parts([moves[0], back])).within_limits
+    turned = joined_parts([p.trajectory for p in without_jumps([Part(moves[0]), Part(back)], panda.limits)])
+    assert judge(turned).within_limits and turned.duration == pytest.approx(3.6, abs=1e-9)
 
 
 def test_a_standstill_on_the_way_is_no_path_of_one_move(cycle, tmp_path: Path, capsys) -> None:

@@ -143,7 +143,7 @@ def _done(args: argparse.Namespace, words: tuple[str, ...]) -> int:
     if args.json:
         answer = folder / verb.answer
         sys.stdout.write(read_text(answer) if answer.is_file() else found.to_json())
-    elif not args.quiet and (text := found.text(folder)):
+    elif (verb.printed or not args.quiet) and (text := found.text(folder)):
         print(text)
     return int(found.exit_code)
 

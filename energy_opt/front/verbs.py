@@ -22,6 +22,7 @@ class Verb:
         out: the folder of its results where none is given; empty where it has none, or where its request says.
         report: whether that holds a report.html.
         answer: the file there that holds its answer; empty where that is no file.
+        printed: whether its text is what was asked for: it is printed with --quiet too.
     """
 
     summary: str
@@ -30,6 +31,7 @@ class Verb:
     out: str = ""
     report: bool = False
     answer: str = ""
+    printed: bool = False
 
     @property
     def run(self) -> Callable[..., Any]:
@@ -47,7 +49,10 @@ VERBS = {
         "energy against duration for one move",
         moves.TradeoffRequest, "tradeoff", "energy_opt_tradeoff", True, "tradeoff.json",
     ),
-    "bench": Verb("a batch of moves, in parallel, resumable, with a report", verbs.BenchRequest, "bench", report=True),
+    "bench": Verb(
+        "a batch of moves, in parallel, resumable, with a report",
+        verbs.BenchRequest, "bench", report=True, printed=True,
+    ),
     "job": Verb(
         "a cycle of moves and waits, its time spent where it saves most",
         moves.JobRequest, "job", "energy_opt_job", True, "job.json",
@@ -78,7 +83,9 @@ VERBS = {
         "play trajectories on a virtual arm and write a measured set", verbs.SimulateRequest, "simulate"
     ),
     "check": Verb("is this log, trajectory, model or suite usable", verbs.CheckRequest, "check"),
-    "robots": Verb("the robots known by name, with joints and limits", verbs.RobotsRequest, "robots"),
-    "effects": Verb("the effects known, with parameters, units and laws", verbs.EffectsRequest, "effects"),
+    "robots": Verb("the robots known by name, with joints and limits", verbs.RobotsRequest, "robots", printed=True),
+    "effects": Verb(
+        "the effects known, with parameters, units and laws", verbs.EffectsRequest, "effects", printed=True
+    ),
     "run": Verb("repeat the request of a result, or one written by hand", verbs.RunRequest, "run", report=True),
 }  # fmt: skip

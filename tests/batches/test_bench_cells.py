@@ -119,6 +119,7 @@ def test_options_take_the_place_of_the_suites_cell(folder: Path, monkeypatch: py
     """What the command line says of body and cell holds for every move, and what it does not say stays."""
     from energy_opt.batches import batch
     from energy_opt.cli.main import main
+    from energy_opt.front import bench
 
     (folder / "suite.toml").write_text(
         HEAD + 'self_collision = false\nclearance = 0.002\nplanner = "none"\nfloor = -0.5\n' + MOVE
@@ -129,7 +130,7 @@ def test_options_take_the_place_of_the_suites_cell(folder: Path, monkeypatch: py
         found.append(suite.tasks[0].surroundings)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("energy_opt.batches.run_batch", stop)
+    monkeypatch.setattr(bench, "run_batch", stop)  # as imported there, whatever ran before
     words = ["bench", str(folder / "suite.toml"), "--out", str(folder / "out"), "--quiet"]
     main(words)
     main(

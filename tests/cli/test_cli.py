@@ -110,6 +110,13 @@ def test_robots(capsys):
     assert "panda_joint7" in capsys.readouterr().out
 
 
+def test_quiet_leaves_what_was_asked_for(capsys):
+    assert main(["robots", "panda", "--quiet"]) == 0
+    assert "panda_joint7" in capsys.readouterr().out
+    assert main(["effects", "standby", "--quiet"]) == 0
+    assert "power" in capsys.readouterr().out
+
+
 def test_check_names_the_fault(tmp_path, capsys):
     model = tmp_path / "model.toml"
     model.write_text('format = "energy-opt/model/1"\nrobot = "panda"\n[[effect]]\nname = "standbye"\npower = 1\n')

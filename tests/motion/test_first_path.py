@@ -91,23 +91,29 @@ def test_an_end_that_touches_is_named_with_pair_and_depth(panda: Robot, model: P
 def test_without_a_way_it_says_what_would_help(
     panda: Robot, model: PowerModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A wall from floor to ceiling between the two poses, all around the base but for the arm's own column."""
-    walls, side = [], np.array([0.6, 0, 0, 0, 0, 0, 0])
-    for k, turn in enumerate((0.6, 0.6 + np.pi)):
+    """Walls on both sides of the base's column and over it, between two poses whose elbows are on different sides.
+
+    The elbow turns 0.316 m around the shoulder, 0.333 m above the floor. Where it crosses the plane of the walls it is
+    more than 0.15 m from the column's axis, or above 0.61 m: in a wall. So no path exists, not even bent backwards.
+    """
+    start, goal = OVER.copy(), OVER.copy()
+    start[[0, 1]], goal[[0, 1]] = (-0.6, 0.7), (1.8, 0.7)
+    walls = []
+    for k, (along, up, width, height) in enumerate(((0.75, 0, 1.2, 6), (-0.75, 0, 1.2, 6), (0, 1.8, 0.4, 2.5))):
         pose = np.eye(4)
-        pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        pose[:3, 3] = pose[:3, :3] @ [0.75, 0, 0]
-        walls.append(SceneObject(f"wall {k}", (Shape("box", (1.2, 0.02, 6.0)),), pose))
+        pose[:2, :2] = [[np.cos(0.6), -np.sin(0.6)], [np.sin(0.6), np.cos(0.6)]]
+        pose[:3, 3] = pose[:3, :3] @ [along, 0, up]
+        walls.append(SceneObject(f"wall {k}", (Shape("box", (width, 0.02, height)),), pose))
     monkeypatch.setattr(ompl, "installed", lambda: False)
     shut = Cell(panda, CellRequest(), Scene(tuple(walls)))
     with pytest.raises(Infeasible, match=r"pip install 'energy-opt\[plan\]'"):
-        planner(shut, model).first_path(Move(HOME - side, OVER + side, "retime"))
+        planner(shut, model).first_path(Move(start, goal, "retime"))
     quick = Planner(panda, model, Settings(starts=1, controls=12, compile="never"), cell=shut)
     with pytest.raises(Infeasible, match=r"no way around was found; pip install .* nor did reshaping") as caught:
-        quick.solve(Move(HOME - side, OVER + side, duration=4.0))
+        quick.solve(Move(start, goal, duration=4.0))
     assert caught.value.limit == "clearance"
     with pytest.raises(BadInput, match="OMPL is not installed"):
-        planner(Cell(panda, CellRequest(planner="ompl"), shut.scene), model).first_path(Move(HOME - side, OVER + side))
+        planner(Cell(panda, CellRequest(planner="ompl"), shut.scene), model).first_path(Move(start, goal))
 
 
 def test_quick_poses_and_exact_distances_agree(cell: Cell) -> None:

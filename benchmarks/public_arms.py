@@ -145,6 +145,9 @@ def public_arm(name: str, options: Sequence[str] = ()) -> Arm:
 def one(arm: Arm, seconds: float) -> Row:
     """Load, solve and judge an arm."""
     row = Row(arm.name)
+    if not arm.urdf.is_file():  # that is no refusal
+        row.status, row.reason = "no file", f"{arm.urdf.name} is not there"
+        return row
     try:
         lock = {
             name: float(np.clip(0.0, joint.bounds.get("lower", -1.0), joint.bounds.get("upper", 1.0)))

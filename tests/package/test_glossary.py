@@ -6,9 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import energy_opt
-
-SCRIPT = Path(energy_opt.__file__).parents[1] / ".ci" / "glossary.py"
+SCRIPT = Path(__file__).parents[2] / ".ci" / "glossary.py"
 
 
 def test_no_room_uses_more_words_of_our_own_than_it_did() -> None:

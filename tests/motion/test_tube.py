@@ -89,7 +89,7 @@ def test_a_solved_move_stays_in_it(panda: Robot, model: PowerModel, words: str) 
     assert retimed.certificate.max_violation["tube"] < -0.999 and retimed.energy.total > result.energy.total
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_one_too_narrow_to_search_is_answered_all_the_same(panda: Robot, model: PowerModel) -> None:
     """The path itself is within it, in its best timing."""
     planner = Planner(panda, model, Settings(tube="0.00003m", tool="panda_hand_tcp", **QUICK))

@@ -164,7 +164,7 @@ def test_an_arm_makes_way_where_both_must_move_at_once(tmp_path: Path) -> None:
     assert faults_of_cell(document, tmp_path / "out") == []
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
     near = [0.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7]
     far = [1.5, 0.0, 0.0, -1.9, 0.0, 2.2, 0.7]

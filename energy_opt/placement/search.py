@@ -277,41 +277,41 @@ def place(
     reached = [(point, value) for point, value in looked if np.isfinite(value)]
     seeds: list[np.ndarray] = []
     inside = bool(((given >= search.bounds[:, 0] - 1e-12) & (given <= search.bounds[:, 1] + 1e-12)).all())
-    done: list[tuple[float, np.ndarray]] = []
+    done: list[tuple[bool, float, np.ndarray]] = []  # not solved, energy [J], placement: a proven one comes first
     if given_result is not None and inside:
-        done.append((given_result.energy, given))
+        done.append((not given_result.solved, given_result.energy, given))
     for point, _ in reached:
         if len(seeds) >= request.seeds or (stopped() and done):
             break
-        near = [*seeds, *(at for _, at in done)]
+        near = [*seeds, *(at for *_, at in done)]
         if any((np.abs(point - other)[search.free] < APART * search.span[search.free]).all() for other in near):
             continue
         progress(f"seed {len(seeds) + 1}/{request.seeds}", 0.3 + 0.4 * len(seeds) / max(request.seeds, 1))
         found = search.solve(point, "seed")
         if found is not None:
             seeds.append(point)
-            done.append((found.energy, point))
+            done.append((not found.solved, found.energy, point))
     if not done:
         raise _nowhere(search, looked)
-    best = min(done, key=lambda item: item[0])
+    best = min(done, key=lambda item: item[:2])
     relax = RELAXED
     for k in range(request.steps):
         if stopped():
             break
         progress(f"step {k + 1}/{request.steps}", 0.7 + 0.3 * k / request.steps)
-        at, ends, gain = search.better(best[1])
-        losses = sum(answer.energy.loss for answer in search.solved[search.at(best[1]).base][1].plan.answers)
+        at, ends, gain = search.better(best[2])
+        losses = sum(answer.energy.loss for answer in search.solved[search.at(best[2]).base][1].plan.answers)
         if gain < WORTH * losses:
             break
-        found = search.solve(*search.beyond(best[1], at, ends, relax))
-        if found is None or not found.solved or found.energy >= best[0]:
+        found = search.solve(*search.beyond(best[2], at, ends, relax))
+        if found is None or not found.solved or (False, found.energy) >= best[:2]:
             if relax == 1.0:
                 break
             relax = 1.0  # the bound itself is kept
             continue
-        relax = float(np.clip(relax * (best[0] - found.energy) / gain, 1.0, MOST_RELAXED)) if relax > 1 else 1.0
-        best = found.energy, search.point(search.path[-1].base)
-    base = search.at(best[1]).base
+        relax = float(np.clip(relax * (best[1] - found.energy) / gain, 1.0, MOST_RELAXED)) if relax > 1 else 1.0
+        best = False, found.energy, search.point(search.path[-1].base)
+    base = search.at(best[2]).base
     fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
     warnings = [f"joint positions do not change with the base: {', '.join(fixed)}"] if fixed else []
     tried = tuple(Looked(search.at(point).base, value, "estimate") for point, value in looked)

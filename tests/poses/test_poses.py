@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -13,10 +14,13 @@ import pytest
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
+from energy_opt.front.given import source_model
 from energy_opt.front.rivals import rivals_from
 from energy_opt.jobs import check_job, load_job
 from energy_opt.motion import Trajectory
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.placement import PlaceRequest, place
+from energy_opt.placement.search import Search
 from energy_opt.poses.estimate import curves, straight
 from energy_opt.poses.freedom import Bent, improved
 from energy_opt.poses.given import Given, in_base, poses_of_request, scene_of
@@ -321,6 +325,26 @@ def test_a_bent_motion_costs_what_it_did_and_changes_as_the_straight_moves_do(ur
     expected = straight(scorers, start[None], other[None], np.array([2.0]))[0]
     assert bent(None, other[None])[0] == pytest.approx(expected, rel=1e-3)
     assert bent(start[None], other[None])[0] == bent(None, other[None])[0]
+
+
+def test_a_proven_placement_comes_before_a_cheaper_one_that_is_none(
+    tmp_path: Path, ur: ToolKinematics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    points = [np.zeros(4), np.array([0.2, 0.0, 0.0, 0.0])]
+
+    def solve(search: Search, point: np.ndarray, kind: str, ends: object = None) -> SimpleNamespace:
+        proven = point[0] == 0.0
+        found = SimpleNamespace(solved=proven, energy=5.0 if proven else 1.0)
+        search.solved[search.at(point).base] = {}, found
+        return found
+
+    monkeypatch.setattr(Search, "solve", solve)
+    monkeypatch.setattr(Search, "estimates", lambda search: [(points[1], 1.0), (points[0], 5.0)])
+    job = load_job(path, lambda name: ur.robot)
+    found = place(job, source_model(ur.robot), PlaceRequest((-0.2, 0.2, 0.0, 0.0, 0.0, 0.0), seeds=2, steps=0))
+    assert found.solved and found.base[0] == 0.0 and found.result.energy == 5.0
 
 
 @pytest.mark.slow

@@ -262,11 +262,17 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         values = np.array([row for _, row in body], dtype=float)
     except ValueError:
         values = np.empty((0, 0))
-    if not values.size or not np.isfinite(values).all():
+    underscored = any("_" in "".join(row) for _, row in body)  # Python and NumPy read 3_0 as 30
+    if not values.size or underscored or not np.isfinite(values).all():
         for k, row in body:
             for name, cell in zip(header, row, strict=True):
                 finite_number(cell, f"{path}: row {k}, column {name}")
     return {name: values[:, c] for c, name in enumerate(header)}
+
+
+def words_of(text: str) -> list[str]:
+    """The words of a list, separated by commas, spaces or both; two commas in a row leave an empty word."""
+    return re.split(r"\s*,\s*|\s+", text.strip().removesuffix(","))
 
 
 def finite_number(word: str, where: str, expected: str = "") -> float:
@@ -277,7 +283,7 @@ def finite_number(word: str, where: str, expected: str = "") -> float:
     """
     tail = f"; expected {expected}" if expected else ""
     try:
-        value = float(word)
+        value = float("none" if "_" in word else word)  # Python reads 3_0 as 30
     except ValueError:
         raise BadInput(f"{where}: {word!r} is not a number{tail}") from None
     if not math.isfinite(value):

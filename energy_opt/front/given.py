@@ -5,6 +5,7 @@ Words are those of the command line: `"0.1,0.2"`, `"joint=0.1"`, `"1.5,0,0,0.1"`
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, near
-from energy_opt.files import finite_number
+from energy_opt.files import finite_number, words_of
 from energy_opt.power import PowerModel
 from energy_opt.power.locked import of_joints
 from energy_opt.power.model import model_from_document
@@ -35,6 +36,7 @@ DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for 
 HEAVIEST = 5.0  # times what an arm moves of itself: no arm carries its own weight twice
 FARTHEST = 2.0  # [m] of a payload's centre from the last joint: tools of large robots are half as long
 PAYLOAD = "MASS or MASS,CX,CY,CZ"
+_NUMBER = re.compile(r"[-+.]*\d")
 
 
 def robot_from(
@@ -131,8 +133,7 @@ def payload_from(given: Any) -> Payload:
     if isinstance(given, Payload):
         return given
     if isinstance(given, str):
-        words = given.split(",")
-        numbers = np.array([finite_number(word, f"--payload {given}", PAYLOAD) for word in words])
+        numbers = np.array([finite_number(word, f"--payload {given}", PAYLOAD) for word in words_of(given)])
         if len(numbers) not in (1, 4):
             raise BadInput(f"--payload {given}: {len(numbers)} numbers; expected {PAYLOAD}")
     else:
@@ -177,7 +178,7 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
     """Joint positions (n,) [rad] from any sequence in the robot's order, by joint names in any order, or as words.
 
     Args:
-        given: also `"0.1,0.2"`, `"joint=0.1,…"`, or the name of a pose of the robot's SRDF (`srdf`, or its own).
+        given: also `"0.1,0.2"`, `"0.1 0.2"`, `"joint=0.1,…"`, or the name of a pose of the SRDF (`srdf`, or its own).
         name: of the argument, for messages.
 
     Raises:
@@ -185,7 +186,7 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
     """
     if isinstance(given, str):
         word = given.strip()
-        if not word or any(c in word for c in ",=") or word.replace(".", "").lstrip("+-").isdigit():
+        if not word or any(c in word for c in ",=") or _NUMBER.match(word):
             return _in_words(given, robot.joints, f"--{name}")
         from energy_opt.robot.srdf import semantics
 
@@ -219,7 +220,7 @@ def _by_name(given: Mapping[str, float], joints: Sequence[str], flag: str) -> li
 
 def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
     """Joint positions (n,) from `0.1,0.2,…` or `name=value,…` in any order."""
-    parts = [part.strip() for part in text.split(",") if part.strip()]
+    parts = words_of(re.sub(r"\s*=\s*", "=", text))
     if any("=" in part for part in parts):
         named: dict[str, float] = {}
         for part in parts:

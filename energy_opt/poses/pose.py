@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.request import pose_of
 from energy_opt.errors import BadInput
-from energy_opt.files import finite_number
+from energy_opt.files import finite_number, words_of
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 FAR = 100.0  # [m] no tool is farther away; beyond it a length is a slip of the unit
@@ -116,7 +116,7 @@ def pose_from(
     freedom = tuple(f if isinstance(f, Freedom) else Freedom.of(f) for f in free)
     allowed = tolerance_of(tolerance) if isinstance(tolerance, str) else tolerance or (1e-6, 1e-6)
     if isinstance(given, str):
-        numbers = np.array([finite_number(word, f"{name} {given}", FORM) for word in given.split(",")])
+        numbers = np.array([finite_number(word, f"{name} {given}", FORM) for word in words_of(given)])
     else:
         numbers = np.asarray(given, dtype=float)
     if numbers.shape == (4, 4):

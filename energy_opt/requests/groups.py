@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from energy_opt.errors import BadInput
-from energy_opt.files import finite_number
+from energy_opt.files import finite_number, words_of
 from energy_opt.requests.option import Request, option
 
 if TYPE_CHECKING:
@@ -41,12 +41,12 @@ MODEL = "power model: a file, or source-method-1, source-method-2, careful"
 
 
 def numbers_of(given: Any, count: int, flag: str, expected: str) -> tuple[float, ...]:
-    """`count` finite numbers from a comma-separated word or any sequence.
+    """`count` finite numbers from words (`words_of`) or any sequence.
 
     Raises:
         BadInput: another count, or something that is no number.
     """
-    words = given.split(",") if isinstance(given, str) else [f"{x}" for x in given]
+    words = words_of(given) if isinstance(given, str) else [f"{x}" for x in given]
     shown = given if isinstance(given, str) else ",".join(words)
     numbers = tuple(finite_number(word, f"{flag} {shown}", expected) for word in words)
     if len(numbers) != count:

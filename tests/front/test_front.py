@@ -16,8 +16,11 @@ import pytest
 
 import energy_opt as eo
 from energy_opt.effects import ALL_EFFECTS
+from energy_opt.errors import BadInput
+from energy_opt.front.given import positions
 from energy_opt.motion.path import straight
 from energy_opt.motion.reshape.nodes import node_functions
+from energy_opt.robot import load_robot
 
 README = Path(__file__).parents[2] / "README.md"
 START, GOAL = [0, -0.785, 0, -2.356, 0, 1.571, 0.785], (1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4)
@@ -165,3 +168,24 @@ def test_readme_shows_what_works(tmp_path, monkeypatch):
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     assert runner.run(test).failed == 0
     assert (tmp_path / "out/result.json").is_file()
+
+
+@pytest.mark.parametrize("word", ["0.1,0.2,0.3,0.4,0.5,0.6", "0.1 0.2 0.3 0.4 0.5 0.6", " .1, .2 ,.3 .4,0.5, 6e-1,"])
+def test_positions_are_separated_by_commas_or_spaces(word: str) -> None:
+    assert np.allclose(positions(word, load_robot("z1"), "start"), np.arange(1, 7) / 10)
+    by_name = ", ".join(f"joint{k} = {value}" for k, value in enumerate(word.replace(",", " ").split(), start=1))
+    assert np.allclose(positions(by_name, load_robot("z1"), "start"), np.arange(1, 7) / 10)
+
+
+@pytest.mark.parametrize(
+    ("word", "says"),
+    [
+        ("0.1,,0.2,0.3,0.4,0.5", "'' is not a number"),
+        ("0.1 0.2 0.3 0.4 0.5 3_0", "'3_0' is not a number"),
+        ("0.1 0.2", "2 positions; the robot has 6"),
+        ("no such pose", "no pose is named"),
+    ],
+)
+def test_positions_that_are_none_are_refused(word: str, says: str) -> None:
+    with pytest.raises(BadInput, match=says):
+        positions(word, load_robot("z1"), "goal")

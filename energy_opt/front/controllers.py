@@ -68,6 +68,23 @@ def moves_of(
     return _moves(request, planner, robust, slower, (planner if robust is None else robust).solve(slower))
 
 
+def with_duration_of_moves(
+    request: OptimizeRequest, planner: Planner, robust: RobustPlanner | None, move: Move, error: Infeasible
+) -> Infeasible:
+    """The error with a shortest duration [s] that also works for the standard moves that --as asks for.
+
+    The duration that an error names is that of a free trajectory; standard moves may need more.
+    """
+    if request.standard is None or move.duration is None or error.shortest_duration is None:
+        return error
+    slower = replace(move, duration=error.shortest_duration)
+    try:
+        _moves(request, planner, robust, slower, (planner if robust is None else robust).solve(slower))
+    except Infeasible as fault:
+        return error.named(None if fault.shortest_duration is None else ROOM * fault.shortest_duration)
+    return error
+
+
 def _moves(
     request: OptimizeRequest, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
 ) -> tuple[Result, StandardMoves | None]:

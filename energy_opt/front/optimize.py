@@ -7,7 +7,14 @@ from typing import Any
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import Infeasible
 from energy_opt.front.answer import ANSWER, Answer, answer_of
-from energy_opt.front.controllers import check_controllers, kept_words, moves_of, with_room_of, write_controllers
+from energy_opt.front.controllers import (
+    check_controllers,
+    kept_words,
+    moves_of,
+    with_duration_of_moves,
+    with_room_of,
+    write_controllers,
+)
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.ends import ends_of
 from energy_opt.front.given import cell_of, robot_of
@@ -60,12 +67,13 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
             )  # fmt: skip
             if ends is not None and chosen is not None:
                 answer = with_goals(answer, chosen, ends.poses, settings)
-        except Infeasible as error:
+        except Infeasible as fault:
+            error = fault if ends is not None else with_duration_of_moves(asked, planner, robust, move, fault)
             desk.failed(
                 ANSWER, error, robot=robot.name, joints=list(robot.joints), mode=move.mode, duration=move.duration,
                 request=document,
             )  # fmt: skip
-            raise
+            raise error from None
         answer = desk.keep(answer)
     for row in answer.files:
         desk.say(f"{row.file if desk.out is None else desk.out / row.file}: {row}")

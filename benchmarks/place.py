@@ -108,7 +108,7 @@ def main() -> int:
             keep(key, {
                 "base": document["base"], "energy": document["energy_total"], "solves": document["solves"],
                 "given": document["given"]["energy_total"], "seconds": time.process_time() - begin,
-                "missed": missed(job, found.base, document["goals"]), "status": document["status"],
+                "missed": missed(job, found.place, document["goals"]), "status": document["status"],
             })  # fmt: skip
         grid = []
         axes = [np.linspace(BOX[2 * k], BOX[2 * k + 1], args.grid[k]) for k in range(3)]

@@ -35,6 +35,7 @@ class CellRequest:
             too), are read.
         payload_size: edges [m] of the payload's box; None for a point.
         payload_at: the centre of that box [m], in the last joint's frame.
+        moved: an object of the scene, and x, y, z [m], roll, pitch, yaw [rad] of its frame in place of the file's.
         tool: FRAME[,X,Y,Z], in whose frame what the tool holds is; None for the last joint's frame.
     """
 
@@ -51,6 +52,7 @@ class CellRequest:
     payload_size: tuple[float, ...] | None = None
     payload_at: tuple[float, ...] = (0.0, 0.0, 0.0)
     tool: str | None = None
+    moved: tuple[str, tuple[float, ...]] | None = None
 
     def __post_init__(self) -> None:
         if self.planner not in PLANNERS:

@@ -7,10 +7,12 @@ base⁻¹ · object.pose · shape.pose · p, with `base` the pose of the robot's
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
+
+from energy_opt.errors import BadInput, near
 
 Kind = Literal["box", "sphere", "cylinder", "cone", "plane", "mesh"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -66,6 +68,18 @@ class SceneObject:
     attached_to: str | None = None
     frame: str | None = None
     touch_links: tuple[str, ...] = ()
+
+    @property
+    def place(self) -> np.ndarray:
+        """(4, 4) of the frame that its name stands for: as MoveIt has it, the only shape's pose where it has no own."""
+        own = len(self.shapes) != 1 or not np.array_equal(self.pose, np.eye(4))
+        return self.pose if own else self.shapes[0].pose
+
+    def at(self, place: np.ndarray) -> SceneObject:
+        """The object with that frame at `place` (4, 4)."""
+        if self.place is self.pose:
+            return replace(self, pose=place)
+        return replace(self, shapes=(replace(self.shapes[0], pose=place),))
 
 
 @dataclass(frozen=True)
@@ -124,6 +138,20 @@ class Scene:
     floor: float | None = None
     warnings: tuple[str, ...] = ()
     poses: Mapping[str, object] = field(default_factory=dict)
+
+    def with_object_at(self, name: str, place: np.ndarray) -> Scene:
+        """The scene with an object's frame at `place` (4, 4) of the scene's frame.
+
+        Raises:
+            BadInput: no object has that name, or it moves with the arm.
+        """
+        still = [thing.name for thing in self.objects if thing.frame is None and thing.attached_to is None]
+        if name not in still:
+            known = ", ".join(still) or "none"
+            raise BadInput(
+                f"{self.source}: no object {name!r} stands in the scene{near(name, still)}; those are {known}"
+            )
+        return replace(self, objects=tuple(o.at(place) if o.name == name else o for o in self.objects))
 
     def placed(self, base: np.ndarray | None = None) -> Iterator[PlacedShape]:
         """Every shape, the floor last; `base` (4, 4) is the pose of the robot's base in the scene's frame.

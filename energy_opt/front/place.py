@@ -78,12 +78,15 @@ class PlaceAnswer:
 
 
 def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
-    """The base pose in a box that makes a job cheapest.
+    """The pose of the base, or of a fixture, in a box that makes a job cheapest.
 
     Raises:
         BadInput: a fault of the job or of the box. Infeasible: the job cannot be done from anywhere in the box.
     """
-    given, counts = request.base_box, {name: getattr(request, name) for name in ("looked_at", "seeds", "steps")}
+    given, counts = (
+        request.base_box,
+        {name: getattr(request, name) for name in ("looked_at", "seeds", "steps", "fixture")},
+    )
     words = given if isinstance(given, str) else ",".join(repr(float(x)) for x in given)
     box, around = Box.of(words, **counts), cell_of(request)
     job = job_from(request)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Choice, Scorers
@@ -24,7 +25,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.poses.estimate import curves, fastest, holding
 from energy_opt.poses.freedom import Bent, has_freedom, improved
-from energy_opt.poses.given import in_base, scene_of
+from energy_opt.poses.given import in_base
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Layer, Ring, Target, positions_near, positions_of, thinned

@@ -22,22 +22,23 @@ def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[s
     (Path(out) / "job").mkdir()
     write_job(placement.result, request, Path(out) / "job")
     looked = placement.looked_at
-    places = np.array([at.base[:2] for at in looked]).reshape(-1, 2)
+    places = np.array([at.place[:2] for at in looked]).reshape(-1, 2)
     solved = [at for at in placement.path if np.isfinite(at.energy) and at.kind in ("seed", "step")]
     solved = [
         at for at in solved if at.kind == "step" or at.energy == min(s.energy for s in solved if s.kind == "seed")
     ]
     energies = np.array([at.energy for at in looked])
-    path = [(at.base[0], at.base[1]) for at in solved if at.base != placement.base]
+    path = [at.place[:2] for at in solved if at.place != placement.place]
     given = placement.given[0], placement.given[1]
-    figure = plot_placements(places[:, 0], places[:, 1], energies, [*path, placement.base[:2]], given)  # type: ignore[list-item]
+    figure = plot_placements(places[:, 0], places[:, 1], energies, [*path, placement.place[:2]], given)  # type: ignore[list-item]
     picture = png(figure)
     (Path(out) / "map.png").write_bytes(picture)
-    report = Report(f"{found['robot']}: where the base stands cheapest").headline(headline(found))
+    what = placement.fixture or "base"
+    report = Report(f"{found['robot']}: where the {what} stands cheapest").headline(headline(found))
     for warning in found["warnings"]:
         report.warning(warning)
-    report.picture(picture, "Estimates of the cycle's energy over the base's x and y, and the path of the search")
-    rows = [[at.kind, *at.base, at.document()["energy_total"]] for at in placement.path]
+    report.picture(picture, f"Estimates of the cycle's energy over x and y of the {what}, and the path of the search")
+    rows = [[at.kind, *at.place, at.document("")["energy_total"]] for at in placement.path]
     report.section("Placements at which the job was solved").table(
         ["", "x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]", "energy [J]"], rows
     )
@@ -49,9 +50,11 @@ def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[s
 
 def headline(found: Mapping[str, Any]) -> str:
     """One sentence for a person."""
-    x, y, z, _, _, yaw = found["base"]
-    words = f"Base at x {x:.4g} m, y {y:.4g} m, z {z:.4g} m, yaw {yaw:.4g} rad: {found['energy_total']:.4g} J a cycle"
+    what = found.get("fixture")
+    x, y, z, _, _, yaw = found["base" if what is None else "pose"]
+    at = f"{what or 'Base'} at x {x:.4g} m, y {y:.4g} m, z {z:.4g} m, yaw {yaw:.4g} rad"
+    words = f"{at}: {found['energy_total']:.4g} J a cycle"
     if found["saving"] is None:
-        return words + "; the job cannot be done at the given base."
+        return words + "; the job cannot be done where it was given."
     given, percent = found["given"]["energy_total"], found["saving"]["percent"]
-    return words + f", {percent:.3g} % less than the {given:.4g} J at the given base."
+    return words + f", {percent:.3g} % less than the {given:.4g} J where it was given."

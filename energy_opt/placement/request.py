@@ -21,6 +21,7 @@ class PlaceRequest:
     Attributes:
         box: lowest and highest x, y and z of the base in the scene's frame [m].
         yaw: lowest and highest yaw [rad]; None for the yaw that is given.
+        fixture: the object of the scene that is placed in the box, in place of the base; None for the base.
         looked_at: placements at which the job is estimated.
         seeds: the best estimates at which the job is solved.
         steps: solves on the way from the best of these.
@@ -31,6 +32,7 @@ class PlaceRequest:
     looked_at: int = 120
     seeds: int = 3
     steps: int = 4
+    fixture: str | None = None
 
     def __post_init__(self) -> None:
         if len(self.box) != 6 or not np.isfinite(self.box).all() or np.abs(self.box).max() > FAR:
@@ -60,12 +62,7 @@ class PlaceRequest:
         x0, x1, y0, y1, z0, z1 = numbers[:6]
         return cls((x0, x1, y0, y1, z0, z1), yaw, **more)
 
-    def bounds(self, base: tuple[float, ...]) -> np.ndarray:
-        """Lowest and highest x, y, z [m] and yaw [rad], (4, 2), beside a given base pose."""
-        yaw = self.yaw or (base[5], base[5])
+    def bounds(self, given: tuple[float, ...]) -> np.ndarray:
+        """Lowest and highest x, y, z [m] and yaw [rad], (4, 2), beside the given x, y, z, roll, pitch, yaw."""
+        yaw = self.yaw or (given[5], given[5])
         return np.array([self.box[0:2], self.box[2:4], self.box[4:6], yaw])
-
-    def document(self) -> dict[str, Any]:
-        """As it stands in place.json."""
-        return {"box": list(self.box), "yaw": None if self.yaw is None else list(self.yaw), "seeds": self.seeds,
-                "looked_at": self.looked_at, "steps": self.steps}  # fmt: skip

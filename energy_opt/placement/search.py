@@ -1,4 +1,4 @@
-"""The base pose that makes a job cheapest.
+"""The pose of the base, or of a fixture, that makes a job cheapest.
 
 estimate   the job at placements all over the box: the cheapest ring through the branches of its poses
 solve      the job at the best estimates, far from each other, with its scene
@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
+from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.jobs.file import Job
@@ -36,36 +38,42 @@ UNREACHED = 1e9  # J that a placement is taken to cost from which a pose is out 
 
 @dataclass(frozen=True)
 class Looked:
-    """A placement that was looked at: base (6,), estimate or energy [J] (nan: a pose is out of reach), and how."""
+    """A placement that was looked at: pose (6,), estimate or energy [J] (nan: a pose is out of reach), and how."""
 
-    base: tuple[float, ...]
+    place: tuple[float, ...]
     energy: float
     kind: str
 
-    def document(self) -> dict[str, Any]:
-        """As it stands in place.json."""
-        return {"base": list(self.base), "energy_total": self.energy if np.isfinite(self.energy) else None,
+    def document(self, what: str) -> dict[str, Any]:
+        """As place.json has it."""
+        return {what: list(self.place), "energy_total": self.energy if np.isfinite(self.energy) else None,
                 "kind": self.kind}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the base stands cheapest.
+    """Where the base, or a fixture, stands cheapest.
 
     Attributes:
-        base: x, y, z [m], roll, pitch, yaw [rad] in the scene's frame; result: the job solved there.
-        given, given_result: the base that was given, and the job there; None where it cannot be done there.
+        place: its x, y, z [m], roll, pitch, yaw [rad] in the scene's frame; result: the job solved there.
+        given, given_result: the pose that was given, and the job there; None where it cannot be done there.
         looked_at: estimates all over the box; path: the placements at which the job was solved, in order.
         warnings: what a reader should know.
     """
 
-    base: tuple[float, ...]
+    place: tuple[float, ...]
     result: JobResult
     given: tuple[float, ...]
     given_result: JobResult | None
     looked_at: tuple[Looked, ...]
     path: tuple[Looked, ...]
     warnings: tuple[str, ...]
+    fixture: str | None = None
+
+    @property
+    def what(self) -> str:
+        """What is placed, as place.json calls its pose."""
+        return "base" if self.fixture is None else "pose"
 
     @property
     def solved(self) -> bool:
@@ -81,13 +89,14 @@ class Placement:
             "format": "energy-opt/place-result/1",
             "status": "solved" if self.solved else "not_converged",
             "robot": self.result.job.robot.name,
-            "base": list(self.base),
+            **({} if self.fixture is None else {"fixture": self.fixture}),
+            self.what: list(self.place),
             "energy_total": here,
-            "given": {"base": list(self.given), "energy_total": there},
+            "given": {self.what: list(self.given), "energy_total": there},
             "saving": saving,
             "goals": [] if choice is None else [{"step": k + 1, "goal": q} for k, q in choice.ends.items()],
-            "path": [at.document() for at in self.path],
-            "looked_at": [at.document() for at in self.looked_at],
+            "path": [at.document(self.what) for at in self.path],
+            "looked_at": [at.document(self.what) for at in self.looked_at],
             "solves": len(self.path) + (self.given_result is not None),
             "warnings": list(self.warnings),
         }
@@ -109,7 +118,8 @@ class Search:
         self.model, self.request, self.settings, self.cell = model, request, settings, cell
         self.stopped, self.progress = stopped, progress
         self.job = _in_scene(job, cell)
-        self.bounds = request.bounds(cell.base)
+        self.given = cell.base if request.fixture is None else _stands(self.job, cell, request.fixture)
+        self.bounds = request.bounds(self.given)
         self.span = self.bounds[:, 1] - self.bounds[:, 0]
         self.free = np.flatnonzero(self.span > 0)
         self.solved: dict[tuple[float, ...], tuple[Ends, JobResult]] = {}
@@ -117,9 +127,14 @@ class Search:
         self._pool: dict[int, np.ndarray] | None = None
 
     def at(self, point: np.ndarray) -> CellRequest:
-        """The cell with the base at x, y, z, yaw (4,)."""
+        """The cell with the base, or the fixture, at x, y, z, yaw (4,)."""
+        fixture, place = self.request.fixture, self.place(point)
+        return replace(self.cell, base=place) if fixture is None else replace(self.cell, moved=(fixture, place))
+
+    def place(self, point: np.ndarray) -> tuple[float, ...]:
+        """x, y, z, roll, pitch, yaw (6,) at x, y, z, yaw (4,)."""
         x, y, z, yaw = (float(value) for value in point)
-        return replace(self.cell, base=(x, y, z, self.cell.base[3], self.cell.base[4], yaw))
+        return x, y, z, self.given[3], self.given[4], yaw
 
     def posed(self, point: np.ndarray, pool: dict[int, np.ndarray] | None = None) -> Posed:
         """The choice of positions at a placement; with a pool of starts quickly, and blind to what stands around."""
@@ -133,7 +148,7 @@ class Search:
         count = self.request.looked_at
         share = qmc.Halton(len(self.free) or 1, seed=self.settings.seed).random(count)
         out = np.repeat(self.bounds.mean(axis=1)[None], count + 2, axis=0)
-        out[0] = np.clip([*self.cell.base[:3], self.cell.base[5]], *self.bounds.T)
+        out[0] = np.clip(self.point(self.given), *self.bounds.T)
         if len(self.free):
             out[2:, self.free] = self.bounds[self.free, 0] + share[:, : len(self.free)] * self.span[self.free]
         return out
@@ -177,15 +192,15 @@ class Search:
                 stopped=self.stopped,
             )  # fmt: skip
         except Infeasible:
-            self.path.append(Looked(cell.base, np.nan, kind))
+            self.path.append(Looked(self.place(point), np.nan, kind))
             return None
-        self.path.append(Looked(cell.base, found.energy, kind))
-        self.solved[cell.base] = ends, found
+        self.path.append(Looked(self.place(point), found.energy, kind))
+        self.solved[self.place(point)] = ends, found
         return found
 
     def better(self, point: np.ndarray) -> tuple[np.ndarray, Ends, float]:
         """A placement near a solved one at which the bent motions cost less, positions there, and the gain [J]."""
-        ends, result = self.solved[self.at(point).base]
+        ends, result = self.solved[self.place(point)]
         here = self.posed(point, {k: q[None] for k, q in ends.items()})
         bent = here.bending(result)
         least = np.maximum(self.bounds[:, 0], point - FARTHEST * self.span)
@@ -226,9 +241,9 @@ class Search:
         return further, "step", {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
 
     @staticmethod
-    def point(base: tuple[float, ...]) -> np.ndarray:
-        """x, y, z, yaw (4,) of a base (6,)."""
-        return np.array([*base[:3], base[5]])
+    def point(place: tuple[float, ...]) -> np.ndarray:
+        """x, y, z, yaw (4,) of a pose (6,)."""
+        return np.array([*place[:3], place[5]])
 
 
 def _in_scene(job: Job, cell: CellRequest) -> Job:
@@ -242,6 +257,26 @@ def _in_scene(job: Job, cell: CellRequest) -> Job:
     return replace(job, steps=tuple(steps))
 
 
+def _stands(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]:
+    """Where a fixture stands: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's.
+
+    Raises:
+        BadInput: no pose of the job is in its frame, or a scene has no such object.
+    """
+    steps = [step for step in job.steps if step.pose is not None and step.pose.frame == fixture]
+    if not steps:
+        raise BadInput(f"{job.name}: no step ends at a pose in the frame of {fixture!r}, so its place changes nothing; "
+                       f'give `pose = "{fixture}: X,Y,Z,R,P,Y"`')  # fmt: skip
+    scene = scene_of(replace(cell, scene=steps[0].scene or cell.scene))
+    if scene is None:
+        raise BadInput(f"{job.name}: no scene has the object {fixture!r}; give --scene")
+    known = {thing.name: thing for thing in scene.objects}
+    if fixture not in known:
+        scene.with_object_at(fixture, np.eye(4))
+    at = known[fixture].place
+    return *map(float, at[:3, 3]), *map(float, Rotation.from_matrix(at[:3, :3]).as_euler("xyz"))
+
+
 def place(
     job: Job,
     model: PowerModel,
@@ -252,7 +287,7 @@ def place(
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> Placement:
-    """The base pose in a box that makes a job cheapest; poses of the tool stay where they stand in the scene.
+    """The pose of the base, or of a fixture, in a box that makes a job cheapest; other poses stay where they are.
 
     Args:
         job: with poses of the tool, in the frame of the given base, of the scene or of its objects.
@@ -268,8 +303,8 @@ def place(
             "placement takes the same energy (give `pose = [...]` in place of `to`)"
         )
     search = Search(job, model, request, settings or Settings(), cell, stopped, progress)
-    given = np.array([*cell.base[:3], cell.base[5]])
-    progress("the given base", 0.0)
+    given = search.point(search.given)
+    progress("as it is given", 0.0)
     given_result = search.solve(given, "given")
     if given_result is None:
         search.path.clear()
@@ -300,7 +335,7 @@ def place(
             break
         progress(f"step {k + 1}/{request.steps}", 0.7 + 0.3 * k / request.steps)
         at, ends, gain = search.better(best[2])
-        losses = sum(answer.energy.loss for answer in search.solved[search.at(best[2]).base][1].plan.answers)
+        losses = sum(answer.energy.loss for answer in search.solved[search.place(best[2])][1].plan.answers)
         if gain < WORTH * losses:
             break
         found = search.solve(*search.beyond(best[2], at, ends, relax))
@@ -310,13 +345,14 @@ def place(
             relax = 1.0  # the bound itself is kept
             continue
         relax = float(np.clip(relax * (best[1] - found.energy) / gain, 1.0, MOST_RELAXED)) if relax > 1 else 1.0
-        best = False, found.energy, search.point(search.path[-1].base)
-    base = search.at(best[2]).base
+        best = False, found.energy, search.point(search.path[-1].place)
+    answer = search.place(best[2])
     fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
-    warnings = [f"joint positions do not change with the base: {', '.join(fixed)}"] if fixed else []
-    tried = tuple(Looked(search.at(point).base, value, "estimate") for point, value in looked)
+    warnings = [f"joint positions do not change with the {request.fixture or 'base'}: {', '.join(fixed)}"]
+    tried = tuple(Looked(search.place(point), value, "estimate") for point, value in looked)
     return Placement(
-        base, search.solved[base][1], cell.base, given_result, tried, tuple(search.path), tuple(warnings)
+        answer, search.solved[answer][1], search.given, given_result, tried, tuple(search.path),
+        tuple(warnings if fixed else ()), request.fixture,
     )  # fmt: skip
 
 

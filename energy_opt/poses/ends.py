@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
-from energy_opt.poses.given import in_base, scene_of
+from energy_opt.poses.given import in_base
 from energy_opt.poses.pose import Freedom, Pose
 from energy_opt.robot import Robot
 

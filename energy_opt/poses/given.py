@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, inverse
-from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import BadInput, near
 from energy_opt.files import inside, read_yaml
 from energy_opt.poses.pose import FORM, Pose, pose_from
@@ -130,13 +130,6 @@ def poses_of_scene(scene: Scene | None) -> dict[str, Pose]:
     return out
 
 
-def scene_of(request: CellRequest) -> Scene | None:
-    """The requested scene, as its file has it."""
-    if request.scene is None:
-        return None
-    return read_scene(request.scene, allow_outside=request.allow_outside, allow_large=request.allow_large)
-
-
 def poses_of_request(request: CellRequest) -> dict[str, Pose]:
     """The poses that the requested scene's file names."""
     return poses_of_scene(scene_of(request))
@@ -166,7 +159,4 @@ def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> 
     thing = objects[frame]
     if thing.frame is not None or thing.attached_to is not None:
         raise BadInput(f"{pose.name}: {frame} moves with the arm; a pose in its frame says nothing")
-    at = thing.pose
-    if len(thing.shapes) == 1 and np.array_equal(at, np.eye(4)):  # as MoveIt has it: the only shape's pose is its own
-        at = thing.shapes[0].pose
-    return replace(pose, matrix=inverse(base) @ at @ pose.matrix, frame="")
+    return replace(pose, matrix=inverse(base) @ thing.place @ pose.matrix, frame="")

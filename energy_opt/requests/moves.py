@@ -192,6 +192,9 @@ class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotG
         (), f"{MODEL} (source-method-2 and careful, in the mean)", "MODEL", many=True, main=True
     )
     _: KW_ONLY
+    fixture: str | None = option(
+        None, "the object of the scene that is placed in place of the base; poses in its frame move with it", "OBJECT"
+    )
     robot: AnyRobot | None = option(None, "in place of the job's own", "NAME_OR_URDF", main=True)
     looked_at: int = option(120, "placements that are estimated (120)", "N", kind=int)
     seeds: int = option(3, "the best of them that are solved (3)", "N", kind=int)

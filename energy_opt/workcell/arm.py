@@ -132,10 +132,18 @@ class Arm:
         return replace(self._known[key], place=leg.steps[0])  # what is known of it is shared
 
     def arranged(self, steps: Sequence[StepTable]) -> Arm:
-        """The arm with its steps in another order, or with further ones; what is known of its moves is kept.
+        """The arm with its steps in another order, or with further ones, ready to be scheduled.
 
         Raises:
             Infeasible: a pose touches something, or a move has no free path.
+        """
+        return self.listing(steps).ready()
+
+    def listing(self, steps: Sequence[StepTable]) -> Arm:
+        """The arm with these steps, not yet `ready`; what is known of its moves is kept.
+
+        Raises:
+            Infeasible: a pose of the tool has no joint positions.
         """
         out = copy(self)
         poses = dict(self.table.poses)
@@ -146,13 +154,21 @@ class Arm:
         out.job = self._read(out.table, lambda _: self.job.robot)
         if out.job.open:
             raise Infeasible(f"{self.name}: a pose of the tool whose joint positions are not chosen", limit="pose")
+        return out
+
+    def ready(self) -> Arm:
+        """The arm with its moves priced.
+
+        Raises:
+            Infeasible: a pose touches something, or a move has no free path.
+        """
         cell = self.cell
         if cell is not None and cell.checks:
-            for step in out.job.steps:
+            for step in self.job.steps:
                 check_free(cell, step.goal, f"{step.name}, at its end")
-        out.moves = [out._move(leg) for leg in legs_of(out.job.steps)]
-        out.slow()
-        return out
+        self.moves = [self._move(leg) for leg in legs_of(self.job.steps)]
+        self.slow()
+        return self
 
     @property
     def cell(self) -> Cell | None:

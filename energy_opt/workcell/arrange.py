@@ -189,8 +189,8 @@ def _elsewhere(arm: Arm) -> list[Arranged]:
                 continue
             further = StepTable(name=f"to wait at {pose}", to=pose, payload=step.payload, mode=step.mode)
             with suppress(Infeasible):
-                other = arm.arranged([*steps[:k], further, *steps[k:]])
+                other = arm.listing([*steps[:k], further, *steps[k:]])
                 if min(mode.power for mode in other.modes_at(k)) >= CHEAPER * least:
                     break
-                out.append(_alone(other))
+                out.append(_alone(other.ready()))
     return out

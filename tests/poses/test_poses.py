@@ -11,19 +11,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from energy_opt.cell.load import load_cell, scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.front.given import source_model
 from energy_opt.front.rivals import rivals_from
 from energy_opt.jobs import check_job, load_job
-from energy_opt.motion import Trajectory
+from energy_opt.motion import Settings, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.placement import PlaceRequest, place
 from energy_opt.placement.search import Search
 from energy_opt.poses.estimate import curves, straight
 from energy_opt.poses.freedom import Bent, improved
-from energy_opt.poses.given import Given, in_base, poses_of_request, scene_of
+from energy_opt.poses.given import Given, in_base, poses_of_request
 from energy_opt.poses.inverse import ToolKinematics, jacobian_of, reach, solve
 from energy_opt.poses.pose import Freedom, Pose, missed, pose_from
 from energy_opt.poses.sets import Ring, layer
@@ -337,14 +338,49 @@ def test_a_proven_placement_comes_before_a_cheaper_one_that_is_none(
     def solve(search: Search, point: np.ndarray, kind: str, ends: object = None) -> SimpleNamespace:
         proven = point[0] == 0.0
         found = SimpleNamespace(solved=proven, energy=5.0 if proven else 1.0)
-        search.solved[search.at(point).base] = {}, found
+        search.solved[search.place(point)] = {}, found
         return found
 
     monkeypatch.setattr(Search, "solve", solve)
     monkeypatch.setattr(Search, "estimates", lambda search: [(points[1], 1.0), (points[0], 5.0)])
     job = load_job(path, lambda name: ur.robot)
     found = place(job, source_model(ur.robot), PlaceRequest((-0.2, 0.2, 0.0, 0.0, 0.0, 0.0), seeds=2, steps=0))
-    assert found.solved and found.base[0] == 0.0 and found.result.energy == 5.0
+    assert found.solved and found.place[0] == 0.0 and found.result.energy == 5.0
+
+
+@pytest.mark.parametrize("kind", ["yaml", "json"])  # as lines of ours, and as MoveIt's message with an object's pose
+def test_a_fixture_is_placed_with_its_shape_and_the_poses_in_its_frame(
+    tmp_path: Path, ur: ToolKinematics, kind: str
+) -> None:
+    scene, path = tmp_path / f"scene.{kind}", tmp_path / "job.toml"
+    if kind == "yaml":
+        scene.write_text("objects: [{name: tray, type: box, size: [0.2, 0.2, 0.02], position: [0.4, 0.1, 0.1]}]\n")
+    else:
+        turn = {"x": 0, "y": 0, "z": 0, "w": 1}
+        at = [{"position": {"x": x, "y": y, "z": z}, "orientation": turn} for x, y, z in ((0.4, 0.1, 0.1), (0, 0, 0))]
+        tray = {"id": "tray", "pose": at[0], "primitives": [{"type": 1, "dimensions": [0.2, 0.2, 0.02]}],
+                "primitive_poses": at[1:]}  # fmt: skip
+        scene.write_text(json.dumps({"world": {"collision_objects": [tray]}}))
+    path.write_text(JOB.replace('"world: -0.2, 0.5, 0.2,', '"tray: 0, 0, 0.2,'))
+    job, request = load_job(path, lambda name: ur.robot), CellRequest(scene=scene)
+    box = PlaceRequest((0.2, 0.4, 0.0, 0.5, 0.1, 0.2), (0.0, 1.0), fixture="tray")
+    search = Search(
+        job, source_model(ur.robot), box, Settings(), request, stopped=lambda: False, progress=lambda t, s: None
+    )
+    assert search.given == pytest.approx((0.4, 0.1, 0.1, 0, 0, 0))
+    cell = search.at(np.array([0.3, 0.4, 0.2, 0.5]))
+    q = search.posed(np.array([0.3, 0.4, 0.2, 0.5])).sets[1][0]
+    assert by_pinocchio(ur.robot, q)[:3, 3] == pytest.approx([0.3, 0.4, 0.4], abs=1e-6)
+    box_ = next(scene_of(cell).placed())  # its shape has moved, too
+    assert box_.pose[:3, 3] == pytest.approx([0.3, 0.4, 0.2])
+    assert box_.pose[:2, :2] == pytest.approx(np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]]))
+    assert load_cell(ur.robot, cell).touching(q) is None
+    for name, says in (("desk", "no step ends at a pose in the frame of 'desk'"), ("box", "no object 'box' stands")):
+        path.write_text(path.read_text().replace("tray: 0, 0, 0.2", "box: 0, 0, 0.2") if name == "box" else JOB)
+        other = PlaceRequest(box.box, fixture=name)
+        with pytest.raises(BadInput, match=says):
+            place(load_job(path, lambda name: ur.robot), source_model(ur.robot), other, cell=request)
+        path.write_text(JOB.replace('"world: -0.2, 0.5, 0.2,', '"tray: 0, 0, 0.2,'))
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import json
 import os
 import platform
 import sys
@@ -104,6 +105,28 @@ def clock(*places: tuple[Any, str]) -> Iterator[Clock]:
     finally:
         for owner, name, function in kept:
             setattr(owner, name, function)
+
+
+class Kept:
+    """Rows of a long benchmark in a file of lines, so that it goes on where it ended; None keeps them in memory."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        there = path is not None and path.is_file()
+        self.rows: dict[str, dict[str, Any]] = {}
+        for row in map(json.loads, path.read_text().splitlines() if there and path is not None else ()):
+            self.rows[row["key"]] = row
+
+    def __call__(self, key: str, find: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """The row of a key; found, printed and kept where it is not there yet."""
+        if key not in self.rows:
+            row = {"key": key, **find()}
+            self.rows[key] = row
+            print(json.dumps(row), flush=True)
+            if self._path is not None:
+                with self._path.open("a") as stream:
+                    stream.write(json.dumps(row) + "\n")
+        return self.rows[key]
 
 
 # Reshaping proper: all starts, refinement, and solves that mend limits; and judging: rows, energy, limits.

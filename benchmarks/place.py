@@ -10,20 +10,19 @@ poses are judged by Pinocchio from the URDF. Seconds are CPU times. A placement 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import finish, table
+from common import Kept, finish, table
 from poses import placed
 
 from energy_opt.cell.request import CellRequest
-from energy_opt.errors import Infeasible
 from energy_opt.front.rivals import rivals_from
 from energy_opt.jobs import load_job
 from energy_opt.motion import Settings
@@ -80,10 +79,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    kept: dict[str, Any] = {}
-    if args.keep is not None and args.keep.is_file():
-        kept = {row["key"]: row for row in map(json.loads, args.keep.read_text().splitlines())}
-    settings, lines, rows = Settings(starts=args.starts), [], []
+    kept, settings, lines, rows = Kept(args.keep), Settings(starts=args.starts), [], []
     for name, text in list(JOBS.items())[: args.jobs]:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "job.toml"
@@ -91,39 +87,12 @@ def main() -> int:
             job = load_job(path, load_robot)
         model = rivals_from([MODEL], None, job.robot, None)[0][0].model
 
-        def keep(key: str, found: dict[str, Any]) -> dict[str, Any]:
-            row = {"key": key, **found}
-            kept[key] = row
-            print(json.dumps(row), flush=True)
-            if args.keep is not None:
-                with args.keep.open("a") as stream:
-                    stream.write(json.dumps(row) + "\n")
-            return row
-
-        key = f"{name}: search"
-        if key not in kept:
-            begin = time.process_time()
-            found = place(job, model, PlaceRequest(BOX), settings=settings)
-            document = found.document()
-            keep(key, {
-                "base": document["base"], "energy": document["energy_total"], "solves": document["solves"],
-                "given": document["given"]["energy_total"], "seconds": time.process_time() - begin,
-                "missed": missed(job, found.place, document["goals"]), "status": document["status"],
-            })  # fmt: skip
-        grid = []
+        search = kept(f"{name}: search", partial(searched, job, model, settings))
         axes = [np.linspace(BOX[2 * k], BOX[2 * k + 1], args.grid[k]) for k in range(3)]
-        for x, y, z in product(*axes):
-            key = f"{name}: {x:.6g} {y:.6g} {z:.6g}"
-            if key not in kept:
-                begin = time.process_time()
-                base = (float(x), float(y), float(z), 0.0, 0.0, 0.0)
-                try:
-                    energy = place_at(job, model, settings, base)
-                except Infeasible:
-                    energy = None
-                keep(key, {"energy": energy, "seconds": time.process_time() - begin})
-            grid.append(kept[key])
-        search = kept[f"{name}: search"]
+        grid = [
+            kept(f"{name}: {x:.6g} {y:.6g} {z:.6g}", partial(placed_at, job, model, settings, (x, y, z)))
+            for x, y, z in product(*axes)
+        ]
         known = [row["energy"] for row in grid if row["energy"] is not None]
         row = {"job": name, "grid": len(grid), "least": min(known), "most": max(known), **search,
                "grid_seconds": sum(row["seconds"] for row in grid)}  # fmt: skip
@@ -140,14 +109,25 @@ def main() -> int:
     return finish({"rows": rows}, checks, args.out)
 
 
-def place_at(job: Any, model: Any, settings: Settings, base: tuple[float, ...]) -> float:
-    """Energy of the job [J] at one placement."""
-    box = PlaceRequest((base[0], base[0], base[1], base[1], base[2], base[2]))
+def searched(job: Any, model: Any, settings: Settings) -> dict[str, Any]:
+    """The row of the search."""
+    begin = time.process_time()
+    found = place(job, model, PlaceRequest(BOX), settings=settings)
+    document = found.document()
+    return {
+        "base": document["base"], "energy": document["energy_total"], "solves": document["solves"],
+        "given": document["given"]["energy_total"], "seconds": time.process_time() - begin,
+        "missed": missed(job, found.place, document["goals"]), "status": document["status"],
+    }  # fmt: skip
+
+
+def placed_at(job: Any, model: Any, settings: Settings, at: tuple[float, float, float]) -> dict[str, Any]:
+    """The row of one placement x, y, z [m] of the base; its energy [J] is None where the job cannot be done."""
+    begin = time.process_time()
+    box = PlaceRequest((at[0], at[0], at[1], at[1], at[2], at[2]))
     search = Search(job, model, box, settings, CellRequest(), lambda: False, lambda text, share: None)
-    found = search.solve(np.array([*base[:3], base[5]]), "grid")
-    if found is None:
-        raise Infeasible("not at this placement")
-    return found.energy
+    found = search.solve(np.array([*at, 0.0]), "grid")
+    return {"energy": None if found is None else found.energy, "seconds": time.process_time() - begin}
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Moves to poses of the tool: how many are solved, what the choice of the joint goal saves, and what it costs.
 
-    python benchmarks/poses.py [--moves 60] [--enumerate 20] [--arms panda ur5e ...] [--keep rows.jsonl] [--out FILE]
+    python benchmarks/poses.py [--moves 60] [--first 0] [--enumerate 20] [--jobs 6] [--arms panda ur5e ...]
+                               [--keep rows.jsonl] [--out FILE]
 
 Poses are those of seeded random configurations that touch nothing, so each is reachable; half of them leave the turn
 about the tool's z free, every third move has boxes around it. Durations are 1.5 times the shortest of the move to the
@@ -13,16 +14,18 @@ A row that was kept is not computed again.
 from __future__ import annotations
 
 import argparse
-import json
+import importlib.util
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from common import finish, table
+from common import Kept, finish, table
 from dense_judge import DenseJudge
 
 import energy_opt as eo
@@ -37,10 +40,20 @@ from energy_opt.poses.sets import free_of, thinned
 from energy_opt.poses.solve import nearest_move
 from energy_opt.robot import load_robot
 
-ARMS = ("panda", "ur5e", "ur10e", "xarm7", "z1")
+ARMS = ("panda", "ur5e", "ur10e", "xarm7", "z1", "iiwa")
 MODEL = "source-method-2"
 TURNS = 24  # of a free axis, 15 degrees each
 ALONG = 24  # positions along a redundancy
+
+
+def arm(name: str) -> Any:
+    """An arm by its name; the iiwa is that of PyPI's pybullet (`pip install pybullet`), which need not be imported."""
+    if name != "iiwa":
+        return load_robot(name)
+    found = importlib.util.find_spec("pybullet_data")
+    if found is None or found.origin is None:
+        raise SystemExit("the iiwa is in pybullet: pip install pybullet, or give --arms without it")
+    return load_robot(str(Path(found.origin).parent / "kuka_iiwa" / "model.urdf"))
 
 
 def placed(robot: Any, q: np.ndarray) -> np.ndarray:
@@ -75,38 +88,48 @@ def boxes(robot: Any, rng: np.random.Generator, ends: list[np.ndarray], folder: 
     return None
 
 
-def draw(name: str, number: int, folder: Path) -> dict[str, Any]:
-    """A move: start, pose, whether its turn is free, scene."""
-    robot = load_robot(name)
-    rng = np.random.default_rng([number, len(name), ord(name[0])])
-    judge, limits = DenseJudge(robot), robot.limits
-    low, high = np.maximum(limits.lower, -2.6), np.minimum(limits.upper, 2.6)
-    ends: list[np.ndarray] = []
-    while len(ends) < 2:
+def configuration(robot: Any, judge: DenseJudge, rng: np.random.Generator) -> np.ndarray:
+    """Random positions (n,) [rad] at which the arm touches nothing and its last frame is above the base."""
+    low, high = np.maximum(robot.limits.lower, -2.6), np.minimum(robot.limits.upper, 2.6)
+    while True:
         q = low + (high - low) * rng.uniform(0.15, 0.85, len(low))
         if judge.pose(q) is None and placed(robot, q)[2, 3] > 0.05:
-            ends.append(q)
-    free = (Freedom("rz"),) if number % 2 else ()
+            return q
+
+
+def pose_numbers(matrix: np.ndarray) -> list[float]:
+    """x, y, z [m] and a quaternion x, y, z, w of a pose (4, 4)."""
+    return pin.SE3ToXYZQUATtuple(pin.SE3(matrix))  # type: ignore[no-any-return]
+
+
+def draw(name: str, number: int, kind: int, folder: Path) -> dict[str, Any]:
+    """A move: start, pose, whether its turn is free (of every other kind), scene (of every third)."""
+    robot = arm(name)
+    rng = np.random.default_rng([number, len(name), ord(name[0])])
+    judge = DenseJudge(robot)
+    ends = [configuration(robot, judge, rng) for _ in range(2)]
+    free = (Freedom("rz"),) if kind % 2 else ()
     pose = Pose(placed(robot, ends[1]), free, name="goal")
-    scene = boxes(robot, rng, ends, folder) if number % 3 == 0 else None
+    scene = boxes(robot, rng, ends, folder) if kind % 3 == 0 else None
     return {"robot": robot, "start": ends[0], "pose": pose, "scene": scene, "known": ends[1]}
 
 
-def judged(move: dict[str, Any], answer: Any, folder: Path) -> dict[str, Any]:
+def judged(move: dict[str, Any], answer: Any) -> dict[str, Any]:
     """What the written file comes to: what its last row misses the pose by, and whether it touches anything."""
-    answer.save(folder)
-    rows = np.genfromtxt(folder / "trajectory.csv", delimiter=",", names=True, deletechars="")
+    with tempfile.TemporaryDirectory() as folder:
+        file = answer.save(Path(folder) / "out") / "trajectory.csv"
+        rows = np.genfromtxt(file, delimiter=",", names=True, deletechars="")
+        touch = DenseJudge(move["robot"], move["scene"]).file(file)
     q = np.array([rows[f"{joint}.position"][-1] for joint in move["robot"].joints])
     off = np.linalg.inv(move["pose"].matrix) @ placed(move["robot"], q)
     turn = pin.log3(off[:3, :3])
     if move["pose"].free:  # what is left of the turn when that about z is taken out
         turn = np.array([np.arccos(np.clip(off[2, 2], -1, 1))])
-    touch = DenseJudge(move["robot"], move["scene"]).file(folder / "trajectory.csv")
     return {"distance": float(np.linalg.norm(off[:3, 3])), "angle": float(np.linalg.norm(turn)),
             "touching": touch.touching}  # fmt: skip
 
 
-def solved(move: dict[str, Any], folder: Path) -> dict[str, Any]:
+def solved(move: dict[str, Any]) -> dict[str, Any]:
     """One row: the answer, its judgement, the saving against the nearest goal and the time beside a joint goal's."""
     robot, pose, request = move["robot"], move["pose"], CellRequest(scene=move["scene"])
     cell = load_cell(robot, request)
@@ -126,7 +149,7 @@ def solved(move: dict[str, Any], folder: Path) -> dict[str, Any]:
         "status": answer.status, "duration": duration, "total": answer.energy.total, "loss": answer.energy.loss,
         "nearest_total": nearest["energy"], "nearest_loss": nearest["loss"], "saved": nearest["saving_joules"],
         "moving": answer.energy.total - answer.energy.standby, "solves": answer.goals["solves"],
-        "seconds": seconds, "joint_seconds": alone, "joint_total": joint.energy.total, **judged(move, answer, folder),
+        "seconds": seconds, "joint_seconds": alone, "joint_total": joint.energy.total, **judged(move, answer),
     }  # fmt: skip
 
 
@@ -156,39 +179,59 @@ def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--moves", type=int, default=60)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=6)
+    parser.add_argument("--starts", type=int, default=4, help="of the jobs")
     parser.add_argument("--enumerate", type=int, default=20)
-    parser.add_argument("--arms", nargs="+", default=ARMS)
+    parser.add_argument("--arms", nargs="+", choices=ARMS, default=ARMS)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    kept: dict[str, dict[str, Any]] = {}
-    if args.keep is not None and args.keep.is_file():
-        kept = {row["key"]: row for row in map(json.loads, args.keep.read_text().splitlines())}
-    rows = []
-    for number in range(args.moves):
-        name = args.arms[number % len(args.arms)]
-        with tempfile.TemporaryDirectory() as folder:
-            move: dict[str, Any] | None = None
-            for part in ("solve", "enumerate")[: 1 + (number < args.enumerate)]:
-                key = f"{name} {number} {part}"
-                if key not in kept:
-                    move = move or draw(name, number, Path(folder))
-                    try:
-                        kind = {"free": bool(move["pose"].free), "scene": move["scene"] is not None}
-                        duration = kept.get(f"{name} {number} solve", {}).get("duration")
-                        found = solved(move, Path(folder) / "out") if part == "solve" else enumerated(move, duration)
-                    except EnergyOptError as error:
-                        found = {"status": "failed", "message": str(error)}
-                    kept[key] = {"key": key, "arm": name, **kind, **found}
-                    print(json.dumps(kept[key]), flush=True)
-                    if args.keep is not None:
-                        with args.keep.open("a") as stream:
-                            stream.write(json.dumps(kept[key]) + "\n")
-            rows.append({**kept[f"{name} {number} solve"], **kept.get(f"{name} {number} enumerate", {})})
-    return report(rows, args)
+    kept, rows = Kept(args.keep), []
+    for number in range(args.first, args.first + args.moves):
+        name, kind = args.arms[number % len(args.arms)], sum(divmod(number, len(args.arms)))
+        row = kept(f"{name} {number} solve", partial(part, name, number, kind, solved))
+        if number < args.enumerate and "duration" in row:
+            duration = row["duration"]
+            row = row | kept(f"{name} {number} enumerate", partial(part, name, number, kind, enumerated, duration))
+        rows.append(row)
+    names = [args.arms[number % len(args.arms)] for number in range(args.jobs)]
+    jobs = [kept(f"{name} job {k}", partial(job_of_six, name, k, args.starts)) for k, name in enumerate(names)]
+    return report(rows, jobs, args)
 
 
-def report(rows: list[dict[str, Any]], args: argparse.Namespace) -> int:
+def part(name: str, number: int, kind: int, find: Callable[..., dict[str, Any]], *more: Any) -> dict[str, Any]:
+    """A row of a move: what `find` makes of it, or why it was not solved."""
+    with tempfile.TemporaryDirectory() as folder:
+        move = draw(name, number, kind, Path(folder))
+        about = {"arm": name, "free": bool(move["pose"].free), "scene": move["scene"] is not None}
+        try:
+            return about | find(move, *more)
+        except EnergyOptError as error:
+            return about | {"status": "failed", "message": str(error)}
+
+
+def job_of_six(name: str, number: int, starts: int) -> dict[str, Any]:
+    """A row of a job: a cycle of six poses with a free turn, beside the same with the nearest branch at every pose."""
+    robot = arm(name)
+    rng = np.random.default_rng([number, len(name), 6])
+    ends = [configuration(robot, DenseJudge(robot), rng) for _ in range(6)]
+    steps = [{"pose": pose_numbers(placed(robot, q)), "free": ["rz"]} for q in ends]
+    document = {
+        "format": "energy-opt/job/1",
+        "robot": str(robot.urdf) if name == "iiwa" else name,
+        "cycle_time": 12.0,
+        "step": steps,
+    }
+    begin = time.process_time()
+    found = eo.job(job=document, model=MODEL, starts=starts).document()
+    return {
+        "status": found["status"], "energy": found["energy_total"], "nearest": found["choice"]["greedy_nearest"],
+        "solves": found["choice"]["solves"], "seconds": time.process_time() - begin,
+    }  # fmt: skip
+
+
+def report(rows: list[dict[str, Any]], jobs: list[dict[str, Any]], args: argparse.Namespace) -> int:
     """Print the tables and the verdicts; the exit code."""
     good = [r for r in rows if r.get("status") == "solved" or "total" in r]
     false = [r for r in good if r["touching"] or r["distance"] > 2e-6 or r["angle"] > 1e-5]
@@ -217,7 +260,12 @@ def report(rows: list[dict[str, Any]], args: argparse.Namespace) -> int:
     if compared:
         checks["within 1 % of the loss of the enumeration in 90 %"] = len(near) >= 0.9 * len(compared)
         checks["at most 10 % of its solves"] = float(np.mean(share)) <= 0.1
-    return finish({"rows": rows}, checks, args.out)
+    if jobs:
+        header = ["job", "cheapest [J]", "nearest branches [J]", "solves", "CPU [s]"]
+        print(table(header, [[r[k] for k in ("key", "energy", "nearest", "solves", "seconds")] for r in jobs]))
+        known = [r for r in jobs if r["nearest"] is not None]
+        checks["jobs cost no more than with the nearest branches"] = all(r["energy"] <= r["nearest"] for r in known)
+    return finish({"rows": rows, "jobs": jobs}, checks, args.out)
 
 
 if __name__ == "__main__":

@@ -71,7 +71,7 @@ class SceneObject:
 
     @property
     def place(self) -> np.ndarray:
-        """(4, 4) of the frame that its name stands for: as MoveIt has it, the only shape's pose where it has no own."""
+        """(4, 4) of the frame that its name means: as MoveIt has it, the only shape's pose where it has no own."""
         own = len(self.shapes) != 1 or not np.array_equal(self.pose, np.eye(4))
         return self.pose if own else self.shapes[0].pose
 
@@ -147,10 +147,8 @@ class Scene:
         """
         still = [thing.name for thing in self.objects if thing.frame is None and thing.attached_to is None]
         if name not in still:
-            known = ", ".join(still) or "none"
-            raise BadInput(
-                f"{self.source}: no object {name!r} stands in the scene{near(name, still)}; those are {known}"
-            )
+            known = f"{near(name, still)}; those are {', '.join(still) or 'none'}"
+            raise BadInput(f"{self.source}: no object {name!r} is fixed in the scene{known}")
         return replace(self, objects=tuple(o.at(place) if o.name == name else o for o in self.objects))
 
     def placed(self, base: np.ndarray | None = None) -> Iterator[PlacedShape]:

@@ -1,6 +1,7 @@
 """Where a robot's base stands cheapest for a job whose goals are poses of the tool."""
 
+from energy_opt.placement.placement import Placement
 from energy_opt.placement.request import PlaceRequest
-from energy_opt.placement.search import Placement, place
+from energy_opt.placement.search import place
 
 __all__ = ["PlaceRequest", "Placement", "place"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.files import plain, write_json
 from energy_opt.jobs.output import write as write_job
-from energy_opt.placement.search import Placement
+from energy_opt.placement.placement import Placement
 from energy_opt.reports.page import Report
 
 

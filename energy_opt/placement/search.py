@@ -9,8 +9,7 @@ descend    the solved motions, bent to the ends that another base asks for, cost
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -23,6 +22,7 @@ from energy_opt.jobs.file import Job
 from energy_opt.jobs.posed import Ends, Posed, run_posed
 from energy_opt.jobs.run import JobResult
 from energy_opt.motion.move import Settings
+from energy_opt.placement.placement import Looked, Placement
 from energy_opt.placement.request import PlaceRequest
 from energy_opt.poses.given import WORLD
 from energy_opt.power import PowerModel
@@ -34,72 +34,6 @@ POOL = 48  # positions from which inverse kinematics starts at a placement
 RELAXED, MOST_RELAXED = 1.6, 3.0  # steps go on by so much: bent motions bound the optimum from above, and bend more
 EVALUATIONS = 60  # of bent motions in a step
 UNREACHED = 1e9  # J that a placement is taken to cost from which a pose is out of reach
-
-
-@dataclass(frozen=True)
-class Looked:
-    """A placement that was looked at: pose (6,), estimate or energy [J] (nan: a pose is out of reach), and how."""
-
-    place: tuple[float, ...]
-    energy: float
-    kind: str
-
-    def document(self, what: str) -> dict[str, Any]:
-        """As place.json has it."""
-        return {what: list(self.place), "energy_total": self.energy if np.isfinite(self.energy) else None,
-                "kind": self.kind}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Where the base, or a fixture, stands cheapest.
-
-    Attributes:
-        place: its x, y, z [m], roll, pitch, yaw [rad] in the scene's frame; result: the job solved there.
-        given, given_result: the pose that was given, and the job there; None where it cannot be done there.
-        looked_at: estimates all over the box; path: the placements at which the job was solved, in order.
-        warnings: what a reader should know.
-    """
-
-    place: tuple[float, ...]
-    result: JobResult
-    given: tuple[float, ...]
-    given_result: JobResult | None
-    looked_at: tuple[Looked, ...]
-    path: tuple[Looked, ...]
-    warnings: tuple[str, ...]
-    fixture: str | None = None
-
-    @property
-    def what(self) -> str:
-        """What is placed, as place.json calls its pose."""
-        return "base" if self.fixture is None else "pose"
-
-    @property
-    def solved(self) -> bool:
-        """Is the job at the answer solved, proven clear and within all limits?"""
-        return self.result.solved
-
-    def document(self) -> dict[str, Any]:
-        """place.json but for the request; energies in J."""
-        here, there = self.result.energy, None if self.given_result is None else self.given_result.energy
-        saving = None if there is None else {"joules": there - here, "percent": 100 * (1 - here / there)}
-        choice = self.result.choice
-        return {
-            "format": "energy-opt/place-result/1",
-            "status": "solved" if self.solved else "not_converged",
-            "robot": self.result.job.robot.name,
-            **({} if self.fixture is None else {"fixture": self.fixture}),
-            self.what: list(self.place),
-            "energy_total": here,
-            "given": {self.what: list(self.given), "energy_total": there},
-            "saving": saving,
-            "goals": [] if choice is None else [{"step": k + 1, "goal": q} for k, q in choice.ends.items()],
-            "path": [at.document(self.what) for at in self.path],
-            "looked_at": [at.document(self.what) for at in self.looked_at],
-            "solves": len(self.path) + (self.given_result is not None),
-            "warnings": list(self.warnings),
-        }
 
 
 class Search:

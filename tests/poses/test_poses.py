@@ -375,7 +375,7 @@ def test_a_fixture_is_placed_with_its_shape_and_the_poses_in_its_frame(
     assert box_.pose[:3, 3] == pytest.approx([0.3, 0.4, 0.2])
     assert box_.pose[:2, :2] == pytest.approx(np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]]))
     assert load_cell(ur.robot, cell).touching(q) is None
-    for name, says in (("desk", "no step ends at a pose in the frame of 'desk'"), ("box", "no object 'box' stands")):
+    for name, says in (("desk", "no step ends at a pose in the frame of 'desk'"), ("box", "no object 'box' is fixed")):
         path.write_text(path.read_text().replace("tray: 0, 0, 0.2", "box: 0, 0, 0.2") if name == "box" else JOB)
         other = PlaceRequest(box.box, fixture=name)
         with pytest.raises(BadInput, match=says):

@@ -23,6 +23,7 @@ from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_option
 from energy_opt.files import read_text
 from energy_opt.folders import leave_folders
 from energy_opt.front.verbs import VERBS
+from energy_opt.requests.option import flag_of, options_of
 
 SHELLS = ("bash", "zsh", "tcsh")
 ALONE = {"--example": "KIND", "--print-completion": "SHELL"}  # without a verb
@@ -100,6 +101,18 @@ def _check_words(words: Sequence[str]) -> None:
             raise BadInput(f"{option}: no value; '--' ends the options")
 
 
+def _meant(option: str, own: Sequence[str]) -> str:
+    """The verbs that have an option which this one lacks, else the option of `own` that is spelled nearly so."""
+    others = [
+        name
+        for name, verb in VERBS.items()
+        if option in {flag_of(field, spelled) for field, (_, spelled) in options_of(verb.request).items()}
+    ]
+    if others:
+        return f"; {option} is an option of {', '.join(others)}"
+    return near(option.lstrip("-"), [flag.lstrip("-") for flag in own]).replace("mean '", "mean '--")
+
+
 def _run(words: list[str]) -> int:
     _check_words(words)
     parser, verbs = parsers(words)
@@ -118,8 +131,8 @@ def _run(words: list[str]) -> int:
         alone = unknown[0].partition("=")[0]
         if alone in ALONE:
             raise BadInput(f"{alone} goes without a verb: energy-opt {alone} {ALONE[alone]}")
-        options = [name for action in verbs[args.verb]._actions for name in action.option_strings]
-        raise BadInput(f"unknown: {' '.join(unknown)}{near(unknown[0], options)} (see energy-opt {args.verb} --help)")
+        own = [name for action in verbs[args.verb]._actions for name in action.option_strings]
+        raise BadInput(f"unknown: {' '.join(unknown)}{_meant(alone, own)} (see energy-opt {args.verb} --help)")
     if args.effects:
         from energy_opt.effects import load_file
 

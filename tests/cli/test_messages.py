@@ -35,6 +35,7 @@ def test_a_document_says_all_that_is_known_of_a_failure():
         (["robots", "pandda"], "did you mean 'panda'?"),
         (["optimize", "--robot", "panda", "--duratoin", "2"], "did you mean '--duration'?"),
         (["optimize", "--robot", "z1", "--start", "jiont1=0", "--goal", "joint1=0"], "did you mean 'joint1'?"),
+        (["check", "x.urdf", "--controls", "16"], "--controls is an option of optimize"),
         (["optimize", "--robot", "z1"], "--start is missing"),
         (["optimize"], "--robot"),
     ],

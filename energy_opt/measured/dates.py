@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -29,7 +30,12 @@ def is_number(cell: str) -> bool:
     >>> [is_number(x) for x in ("1.5", " 2,5 ", "-1e-3", "nan", "", "3 4")]
     [True, True, True, False, False, False]
     """
-    return _NUMBER.fullmatch(cell) is not None
+    try:
+        if math.isfinite(float(cell)) and "_" not in cell:
+            return True
+    except ValueError:
+        pass
+    return _NUMBER.fullmatch(cell) is not None  # decimal commas; numbers too large for a float
 
 
 def date_form(cell: str) -> re.Pattern[str] | None:

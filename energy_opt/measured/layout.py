@@ -228,6 +228,9 @@ def _is_unit_row(row: Sequence[str]) -> bool:
 
 def _decimal(sample: Sequence[Sequence[str]]) -> str:
     """A comma where numbers have one; it may stand in quotes where the delimiter is a comma too."""
-    cells = [cell for row in sample for cell in row if is_number(cell)]
-    commas, points = sum("," in cell for cell in cells), sum("." in cell for cell in cells)
+    cells = [cell for row in sample for cell in row if "," in cell or "." in cell]
+    commas = sum("," in cell and is_number(cell) for cell in cells)
+    if not commas:
+        return "."
+    points = sum("." in cell and is_number(cell) for cell in cells)
     return "," if commas > points else "."

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.diagnosis.claims import written
 from energy_opt.diagnosis.clusters import parted, shortened, split
 from energy_opt.diagnosis.errors import errors, foreseen, usable
 from energy_opt.diagnosis.findings import (
@@ -115,7 +116,8 @@ def diagnose(
     effects, left = findings_of(found), _remainder(found, joints)
     nuisance, fits = found.best.nuisance, found.after.ratio < NOISE  # else levels and noise may be misfit, too
     offset = float(np.hypot(nuisance.offset, nuisance.drift)) if fits else 0.0
-    ahead = foreseen(model, samples, found.noise if fits else found.still, offset, found.accepted)
+    others = [written(r) for r in found.rivals[1:]]
+    ahead = foreseen(model, samples, found.noise if fits else found.still, offset, found.accepted, others)
     floor = found.after.noise
     rows = side_rows(side, joints, limits, found.accepted if enough else None)
     modes = modes_of(model, samples)

@@ -23,6 +23,7 @@ SHARE = 0.9  # of the squares above the noise, that claims must take away to be 
 OPEN_NOISE = 0.25  # of the noise's variance, by which it is not known
 SURE = 2.0  # standard deviations above the noise, below which errors of energies are noise
 OPEN = ("coulomb_friction", "viscous_friction", "copper_loss")  # may hide below the noise
+UNSEEN = 0.5  # of the difference, that errors within the noise may be where a model counts as tested
 DIFFERENCE = 20.0  # [%] of the difference of energy between two motions, within which a model can plan
 
 
@@ -182,20 +183,27 @@ class Foreseen:
     motions: int
 
 
-def foreseen(model: PowerModel, samples: Samples, noise: Noise, offset: float, f: Fit) -> Foreseen:
+def foreseen(
+    model: PowerModel, samples: Samples, noise: Noise, offset: float, f: Fit, rivals: Sequence[PowerModel] = ()
+) -> Foreseen:
     """The error of energies over a set's distinct motions, beside what going faster and waiting changes there.
 
     A motion's error is e = measured - model [J] less the common level, which two plans of the same time share; the
     errors of two plans differ by about sqrt(2) |e|. What the meter's noise adds to an energy is taken off first, in
-    squares, and all of it where it is no more than noise; what may hide below the noise is added, see `hidden`. The
-    difference is the model's own, in rms over the motions, and the error is stated conformally over them.
+    squares, and all of it where it is no more than noise; what may hide below the noise is added, see `hidden`, and by
+    how much the alternative that is farthest off has other differences. The difference is the model's own, in rms over
+    the motions, and the error is stated conformally over them. Where an error of `UNSEEN` times the difference would be
+    noise, the set does not test the model, and that error is stated.
 
     Args:
         noise: of the meter. offset: of its level from run to run, W. f: the fit that the model is of.
+        rivals: models that explain the set as well.
     """
     shown = reading_of(model, samples)
     errors_, lasting, changes = [], [], []
     difference, _ = _changes(_unmetered(model), samples)
+    moving = [r for r, kind in enumerate(samples.kinds) if kind == "motion"]
+    others = [(_changes(_unmetered(rival), samples)[0] - difference)[moving] for rival in rivals]
     for group in clusters(samples):
         if samples.kinds[group[0]] != "motion":
             continue
@@ -213,7 +221,12 @@ def foreseen(model: PowerModel, samples: Samples, noise: Noise, offset: float, f
     noise_alone = beside < 1 + SURE * (2 / len(e)) ** 0.5
     own = np.zeros(len(e)) if noise_alone else np.sort(np.maximum(e**2 - by_noise, 0.0))
     rank = min(int(np.ceil((len(own) + 1) * STATED)), len(own))
-    return Foreseen(100 * float(np.sqrt(2 * own[rank - 1] + hidden(f))) / size, len(own))
+    apart = max((float(np.mean(other**2)) for other in others), default=0.0)
+    square = 2 * own[rank - 1] + hidden(f) + apart
+    unseen = 2 * float(np.mean(by_noise)) * (2 / len(e)) ** 0.5
+    if unseen > (UNSEEN * size) ** 2:
+        square = max(square, unseen)
+    return Foreseen(100 * float(np.sqrt(square)) / size, len(own))
 
 
 def hidden(f: Fit) -> float:

@@ -26,7 +26,7 @@ from energy_opt.diagnosis.candidates import Candidate
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance
-from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, likeliest
+from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, likeliest, no_less
 from energy_opt.numerics.box import bounded_step
 
 SPREADS = (0.003, 0.025, 0.05, 0.085)  # of links around their URDF
@@ -216,25 +216,22 @@ def noise_of(f: Fit) -> Noise:
     times = [s.at[p] for p in s.parts]
     old = f.world.whiten.noise
     raw = np.column_stack([f.residual, _unwhitened(f)])
-    off = f.theta - f.mean
-    penalty = float(off @ f.precision @ off)
     here = [w for w in WAVES if 0.2 * old.wave <= w * old.white <= 5 * max(old.wave, 0.6 * old.white)] or list(WAVES)
 
     def worth(wave: float, memory: float, misfit: float) -> tuple[float, float]:
         whiten = Whitener(Noise(1.0, wave, memory, misfit), times, s.weight, f.world.shared)
         w = whiten(raw)
-        white = max((float(w[:, 0] @ w[:, 0]) + penalty) / count, 1e-12)
+        white = max(float(w[:, 0] @ w[:, 0]) / count, 1e-12)
         hessian = w[:, 1:].T @ w[:, 1:] / white + f.precision
         value = -0.5 * count * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(hessian)[1])
         return value, white**0.5
 
     held = old.misfit / old.white
-    found = likeliest(lambda wave, memory: worth(wave, memory, held), s.noise, here)
+    found = likeliest(lambda wave, memory: worth(wave, memory, held), s.noise, count, here)
     wave, memory = found.wave / found.white, found.memory
     if not f.world.shared.motions:
         return found
-    _, white, misfit = max((*worth(wave, memory, m), m) for m in MISFITS)
-    white = max(white, 0.8 * s.noise)
+    _, white, misfit = max((*no_less(*worth(wave, memory, m), s.noise, count), m) for m in MISFITS)
     return Noise(white, wave * white, memory, misfit * white)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.predict import Prediction
 
+FLOOR = 0.8  # of the noise of single readings, below which no fit's noise is
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight
 SLACK = 2e-3  # [s] by which motion and meter may be apart
@@ -133,17 +134,31 @@ def standing_noise(samples: Samples) -> Noise:
         value = -0.5 * free * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(gram)[1])
         return value, white**0.5
 
-    return likeliest(worth, samples.noise)
+    return likeliest(worth, samples.noise, count - len(times))
 
 
 def likeliest(
-    worth: Callable[[float, float], tuple[float, float]], least: float, waves: Sequence[float] = WAVES
+    worth: Callable[[float, float], tuple[float, float]], least: float, count: int, waves: Sequence[float] = WAVES
 ) -> Noise:
-    """The noise of greatest worth, (value, white) by the wave over white noise and its memory, on a grid."""
-    rows = [(*worth(w, m), w, m) for w, m in product(waves, MEMORIES) if w or m == MEMORIES[0]]
+    """The noise of greatest worth by the wave over white noise and its memory, on a grid.
+
+    Args:
+        worth: logarithm of the evidence and the white noise [W] that is likeliest, of wave and memory.
+        least: white noise [W] of single readings. count: of the readings, less what is fitted to them.
+    """
+    rows = []
+    for wave, memory in product(waves, MEMORIES):
+        if wave or memory == MEMORIES[0]:
+            value, white = no_less(*worth(wave, memory), least, count)
+            rows.append((value, white, wave, memory))
     _, white, wave, memory = max(rows)
-    white = max(white, 0.8 * least)
     return Noise(white, wave * white, memory)
+
+
+def no_less(value: float, white: float, least: float, count: int) -> tuple[float, float]:
+    """Evidence and white noise where that is `FLOOR` times `least` or more, though less may be likelier."""
+    floor = max(white, FLOOR * least)
+    return value - count * (float(np.log(floor / white)) + ((white / floor) ** 2 - 1) / 2), floor
 
 
 def weighted(samples: Samples, now: Prediction) -> Samples:

@@ -14,6 +14,7 @@ import numpy as np
 
 from energy_opt.diagnosis.claims import (
     CLAIM,
+    RIVAL,
     Claim,
     alike,
     alternatives,
@@ -24,6 +25,7 @@ from energy_opt.diagnosis.claims import (
     other_drives,
     plain_fit,
     widened,
+    without,
     without_effects,
     written,
 )
@@ -46,6 +48,7 @@ log = logging.getLogger(__name__)
 ALIKE = 1.1  # times the error, within which a set foresees as well
 CHANCE = 2.0  # standard deviations
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
+LIKE = 0.1  # of an effect's squares, that a free function of the same signal leaves at most
 TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
 LAGS = 1.5  # times what rows and steps of positions leave open of the time, that a lag of the meter must exceed
 NOISE = 1.2  # times the noise, below which a model's held-out error is noise
@@ -203,6 +206,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     accepted, claims = _borne_out(found, judge, *claimed(found, best))
     log.info("alternatives", extra={"share": 0.8})
     rivals: tuple[Fit, ...] = (accepted,)
+    unknown = bool(accepted.free) or judge.of(accepted).ratio >= NOISE
     if claims and not accepted.free:
         other, its, others = likelier(found, accepted, claims)
         if other is not accepted:
@@ -214,7 +218,11 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     if accepted.free:
         accepted = plain_fit(found, accepted)
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
-        rivals = _as_good(found, judge, accepted) if claims else (accepted,)
+    if claims:
+        rivals = _as_good(found, judge, accepted) if unknown else _left_open(found, judge, rivals)
+        if rivals[0] is not accepted:
+            accepted, claims = claimed(found, rivals[0])
+            rivals = (accepted, *rivals[1:])
     rivals = tuple(widened(f) for f in rivals)
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     after = judge.of(accepted)
@@ -262,6 +270,8 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
     log.info("structures that no effect has", extra={"share": 0.5})
     found.open()
     best = found.descend(named)
+    while (k := _shaped_otherwise(found, best)) is not None:
+        named = best = without(found, best, k)
     if _trifling(found, named, best):
         best = named
     return found, max([best, *other_drives(found, best)], key=found.score), noise
@@ -286,12 +296,42 @@ def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -
 
 
 def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
-    """Where some law is not in the library: all sets that foresee held-out motions as well, whatever their odds.
+    """Where some law is not in the library: all sets that foresee held-out motions as well, the likeliest before first.
 
-    Odds compare laws in detail, and here no law holds in detail.
+    Evidence compares laws in detail, and here no law holds in detail.
     """
     most = ALIKE * judge.of(accepted).rmse
-    return tuple(f for f in alternatives(found, accepted, np.inf) if f is accepted or judge.of(f).rmse <= most)
+    rivals = [f for f in alternatives(found, accepted, np.inf) if f is accepted or judge.of(f).rmse <= most]
+    return tuple(sorted(rivals, key=found.odds, reverse=True))
+
+
+def _left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, ...]:
+    """The alternatives that motions held out leave open too, the likeliest first."""
+    if judge.held is None or len(rivals) < 2:
+        return rivals
+    odds = [found.score(f) + float(np.sum(judge.gains(f, rivals[0]))) for f in rivals]
+    order = sorted(range(len(rivals)), key=lambda k: -odds[k])
+    return tuple(rivals[k] for k in order if odds[k] > odds[order[0]] - RIVAL)
+
+
+def _shaped_otherwise(found: Search, f: Fit) -> int | None:
+    """Which effect of a fit has another law than the library's: a free function of what it follows betters it.
+
+    The function must be likelier beside the effect by the odds of a claim, and able to stand for the effect: then it
+    follows the same signal, and what it adds is what the law's own shape lacks.
+    """
+    if not f.free or found.score(f) < found.score(plain_fit(found, f)) + CLAIM:
+        return None
+    drawn, at = f.jacobian[:, f.count : f.count + len(f.weights)], 0
+    gram = drawn.T @ drawn
+    gram += 1e-6 * float(np.trace(gram)) / len(gram) * np.eye(len(gram))
+    for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
+        own = f.jacobian[:, at : at + len(z)] @ (z - c.origin)
+        at += len(z)
+        left = own - drawn @ np.linalg.solve(gram, drawn.T @ own)
+        if c.term.name not in found.world.given and left @ left < LIKE * (own @ own):
+            return k
+    return None
 
 
 def _by_chance(expected: float) -> float:

@@ -16,6 +16,7 @@ from energy_opt.power import PowerModel
 
 UNKNOWN = 0.4  # of what was known before, beyond which the data hardly narrowed a number
 WANDERS = 0.3  # of the noise, by which runs' levels must differ to be mentioned
+SHARE = 0.01  # of what was above the noise, from which the headline states it
 PLAIN = {
     "coulomb_friction": "dry friction",
     "viscous_friction": "viscous friction",
@@ -51,13 +52,15 @@ def headline(document: dict[str, Any]) -> str:
         found = [name for name in document["model_effects"] if name not in document["declared_effects"]]
         said = f"Stopped before there was a verdict: no cause is claimed; {held}."
         return said + (f" Likeliest so far: {listed(found)}." if found else "")
-    share = f"{100 * document['explained_share']:.1f} % of what was above the noise"
+    one = len(names) == 1 and names != ["link_inertia"]
+    share = f"{'explains' if one else 'explain'} {100 * document['explained_share']:.1f} % of what was above the noise"
+    if document["explained_share"] < SHARE:
+        share = f"{'lowers' if one else 'lower'} an error that was near the noise before"
     if names == ["link_inertia"]:
-        said = f"The URDF's links are off: deviations of links explain {share}; {held}."
+        said = f"The URDF's links are off: deviations of links {share}; {held}."
     elif names:
-        verb = "explains" if len(names) == 1 else "explain"
         beside = f" (beside {listed(document['fitted'])}, fitted)" if document["fitted"] else ""
-        said = f"{listed(names).capitalize()}{beside} {verb} {share}; {held}."
+        said = f"{listed(names).capitalize()}{beside} {share}; {held}."
     elif verdict == "nothing_missing":
         said = f"Nothing is missing: the declared model is as good as the noise allows; {held}."
     else:

@@ -1,0 +1,86 @@
+"""Rivals of what is claimed: noise, functions that are no effect's, and alternatives that held-out motions settle."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.errors import foreseen
+from energy_opt.diagnosis.noise import Noise, standing_noise
+from energy_opt.diagnosis.verdict import _left_open
+from energy_opt.diagnosis.words import headline
+from energy_opt.effects import ViscousFriction
+from energy_opt.measured import read_set
+
+pytest.importorskip("mujoco")
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from misfit_world import World, write_world
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_with_memory_is_as_large_as_it_is_where_single_readings_scatter_more(seed):
+    """Wave 1.2 W and white noise 0.5 W, while third differences say 0.85 W for both together: 1.3 W in all."""
+    rng, step, count, runs = np.random.default_rng(seed), 0.012, 260, 6
+    keep = np.exp(-step / 0.1)
+    wave = np.zeros((runs, count))
+    wave[:, 0] = 1.2 * rng.normal(size=runs)
+    for k in range(1, count):
+        wave[:, k] = keep * wave[:, k - 1] + 1.2 * np.sqrt(1 - keep**2) * rng.normal(size=runs)
+    power = 70 + wave + 0.5 * rng.normal(size=(runs, count))
+    parts = [slice(count * r, count * (r + 1)) for r in range(runs)]
+    at = (20.0 * np.arange(runs)[:, None] + step * np.arange(count)).ravel()
+    still = SimpleNamespace(
+        parts=parts, moving=np.zeros(count * runs, dtype=bool), at=at, power=power.ravel(), noise=0.85
+    )
+    found = standing_noise(still)
+    assert np.hypot(found.white, found.wave) == pytest.approx(1.3, rel=0.15)
+
+
+@pytest.fixture(scope="module")
+def weakened(tmp_path_factory):
+    """Above a base speed a current against the magnets heats the motors: no law of the library."""
+    world = World("panda", 9200008, (0.0, 0.05), "white", unlisted="field_weakening", motions=7, poses=3)
+    truth = write_world(world, tmp_path_factory.mktemp("w") / "set")
+    return diagnose(read_set(truth.folder, truth.robot), truth.declared)
+
+
+@pytest.mark.slow
+def test_a_law_whose_shape_a_free_function_of_the_same_signal_betters_is_not_claimed(weakened):
+    d = weakened.document
+    assert d["verdict"] == "unexplained" and not d["effects"] and not d["usable"]
+    assert d["remainder"][0]["signal"] == "velocity"
+
+
+@pytest.mark.slow
+def test_alternatives_that_foresee_other_differences_make_a_model_less_sure(weakened):
+    """By as much as their differences are apart: at some viscosity beyond all tolerance."""
+
+    def percent(*viscous: float) -> float:
+        rivals = [weakened.model.replaced(ViscousFriction(b=[b] * 7)) for b in viscous]
+        f = weakened.inference.accepted
+        return foreseen(weakened.declared, weakened.samples, Noise(100.0), 0.0, f, rivals).percent
+
+    assert percent() == percent(0.0) < percent(1.0) < percent(0.0, 3.0)
+
+
+@pytest.mark.parametrize(("gains", "left"), [((0.0, 0.5), "ba"), ((0.0, -1.5), "ab"), ((0.0, -9.0), "a"), ((0, 9), "b")])
+def test_held_out_motions_settle_which_alternative_stays(gains, left):
+    """Two laws of the same evidence on the motions fitted."""
+    a, b = SimpleNamespace(name="a"), SimpleNamespace(name="b")
+    judge = SimpleNamespace(held=1, gains=lambda more, _: np.array([gains[0] if more is a else gains[1]]))
+    assert "".join(f.name for f in _left_open(SimpleNamespace(score=lambda f: 5.0), judge, (a, b))) == left
+
+
+def test_the_headline_states_no_share_of_nothing():
+    error = {"train": None, "holdout": {"power_rmse": 2.0, "energy_percent": 1.0}}
+    document = {
+        "effects": [{"name": "coulomb_friction"}], "error": {"before": error, "after": error}, "verdict": "explained",
+        "explained_share": 0.0, "fitted": [], "alternatives": [], "remainder": [],
+    }  # fmt: skip
+    said = headline(document)
+    assert "0.0 %" not in said.split(";")[0] and "near the noise" in said

@@ -18,6 +18,8 @@ RIVAL = 3.0  # and within which another set explains as well: twenty to one
 TURNS = 3
 AS_LINKS = ("payload", "base_tilt", "gravity_spring")  # effects that deviations of links can stand for
 MOST = 6  # alternatives that are fitted
+LIKE = 0.1  # of an effect's squares, that a free function of the same signal leaves at most
+TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
 WIDE_ENOUGH = 1.1  # times as wide, below which a law stays as it is
 CHANGES = 3  # of the accepted set for a likelier alternative
 
@@ -86,6 +88,35 @@ def _profiled(found: Search, f: Fit) -> float:
             value = max(value, other.score(moved(f, other.world)))
         found.profiled[key] = value
     return found.profiled[key]
+
+
+def shaped_otherwise(found: Search, f: Fit) -> int | None:
+    """Which effect of a fit has another law than the library's: a free function of what it follows betters it.
+
+    The function must be likelier beside the effect by the odds of a claim, and able to stand for the effect: then it
+    follows the same signal, and what it adds is what the law's own shape lacks.
+    """
+    if not f.free or found.score(f) < found.score(plain_fit(found, f)) + CLAIM:
+        return None
+    drawn, at = f.jacobian[:, f.count : f.count + len(f.weights)], 0
+    gram = drawn.T @ drawn
+    gram += 1e-6 * float(np.trace(gram)) / len(gram) * np.eye(len(gram))
+    for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
+        own = f.jacobian[:, at : at + len(z)] @ (z - c.origin)
+        at += len(z)
+        left = own - drawn @ np.linalg.solve(gram, drawn.T @ own)
+        if c.term.name not in found.world.given and left @ left < LIKE * (own @ own):
+            return k
+    return None
+
+
+def trifling(found: Search, named: Fit, best: Fit) -> bool:
+    """Do free functions take away little beside what effects do? Then they are errors of smoothing, not structure."""
+    if not best.free or not named.charts:
+        return False
+    start = root(found.world, best.nuisance)
+    sizes = [float(np.mean(found.world.whiten(f.residual) ** 2)) for f in (start, named, best)]
+    return sizes[1] - sizes[2] < TRIFLE * (sizes[0] - sizes[2])
 
 
 def other_drives(found: Search, f: Fit) -> list[Fit]:

@@ -24,6 +24,8 @@ from energy_opt.diagnosis.claims import (
     links_show,
     other_drives,
     plain_fit,
+    shaped_otherwise,
+    trifling,
     widened,
     without,
     without_effects,
@@ -48,8 +50,6 @@ log = logging.getLogger(__name__)
 ALIKE = 1.1  # times the error, within which a set foresees as well
 CHANCE = 2.0  # standard deviations
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
-LIKE = 0.1  # of an effect's squares, that a free function of the same signal leaves at most
-TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
 LAGS = 1.5  # times what rows and steps of positions leave open of the time, that a lag of the meter must exceed
 NOISE = 1.2  # times the noise, below which a model's held-out error is noise
 TURNS, EARLY = 5, 2  # of the search for the noise, and rounds of search in each: a misfit read as effects hides it
@@ -270,9 +270,9 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
     log.info("structures that no effect has", extra={"share": 0.5})
     found.open()
     best = found.descend(named)
-    while (k := _shaped_otherwise(found, best)) is not None:
+    while (k := shaped_otherwise(found, best)) is not None:
         named = best = without(found, best, k)
-    if _trifling(found, named, best):
+    if trifling(found, named, best):
         best = named
     return found, max([best, *other_drives(found, best)], key=found.score), noise
 
@@ -314,41 +314,12 @@ def _left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fi
     return tuple(rivals[k] for k in order if odds[k] > odds[order[0]] - RIVAL)
 
 
-def _shaped_otherwise(found: Search, f: Fit) -> int | None:
-    """Which effect of a fit has another law than the library's: a free function of what it follows betters it.
-
-    The function must be likelier beside the effect by the odds of a claim, and able to stand for the effect: then it
-    follows the same signal, and what it adds is what the law's own shape lacks.
-    """
-    if not f.free or found.score(f) < found.score(plain_fit(found, f)) + CLAIM:
-        return None
-    drawn, at = f.jacobian[:, f.count : f.count + len(f.weights)], 0
-    gram = drawn.T @ drawn
-    gram += 1e-6 * float(np.trace(gram)) / len(gram) * np.eye(len(gram))
-    for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
-        own = f.jacobian[:, at : at + len(z)] @ (z - c.origin)
-        at += len(z)
-        left = own - drawn @ np.linalg.solve(gram, drawn.T @ own)
-        if c.term.name not in found.world.given and left @ left < LIKE * (own @ own):
-            return k
-    return None
-
-
 def _by_chance(expected: float) -> float:
     """How low a logarithm of odds may be by chance, where so much is expected; 0 where much is.
 
     A true effect's log likelihood ratio is about normal with this mean and twice as much variance.
     """
     return min(0.0, expected - CHANCE * (2 * max(expected, 0.0) + 1) ** 0.5)
-
-
-def _trifling(found: Search, named: Fit, best: Fit) -> bool:
-    """Do free functions take away little beside what effects do? Then they are errors of smoothing, not structure."""
-    if not best.free or not named.charts:
-        return False
-    start = root(found.world, best.nuisance)
-    sizes = [float(np.mean(found.world.whiten(f.residual) ** 2)) for f in (start, named, best)]
-    return sizes[1] - sizes[2] < TRIFLE * (sizes[0] - sizes[2])
 
 
 def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[Fit, tuple[Claim, ...]]:

@@ -68,7 +68,9 @@ def test_alternatives_that_foresee_other_differences_make_a_model_less_sure(weak
     assert percent() == percent(0.0) < percent(1.0) < percent(0.0, 3.0)
 
 
-@pytest.mark.parametrize(("gains", "left"), [((0.0, 0.5), "ba"), ((0.0, -1.5), "ab"), ((0.0, -9.0), "a"), ((0, 9), "b")])
+@pytest.mark.parametrize(
+    ("gains", "left"), [((0.0, 0.5), "ba"), ((0.0, -1.5), "ab"), ((0.0, -9.0), "a"), ((0, 9), "b")]
+)
 def test_held_out_motions_settle_which_alternative_stays(gains, left):
     """Two laws of the same evidence on the motions fitted."""
     a, b = SimpleNamespace(name="a"), SimpleNamespace(name="b")

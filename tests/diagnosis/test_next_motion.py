@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.claims import likelier
 from energy_opt.diagnosis.fit import Nuisance
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.effects import (
@@ -224,12 +223,10 @@ def test_what_links_and_level_can_take_up_tells_nothing(ur5, proposed):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="with findings held out by motion, the two laws stay alternatives of each other")
 def test_recorded_on_the_arm_it_settles_the_diagnosis(tmp_path: Path):
     """Two short noisy runs leave open whether friction goes with load or gears lose a share; the proposed motion tells.
 
-    It is recorded three times, since the split by run may keep any one of them for the holdout. Both laws are the same
-    to first order, so that rounding decides at which of them the search ends: from either, the true one must come out.
+    It is recorded three times and held out, as repeats stay together: there it settles which of the two laws holds.
     """
     pytest.importorskip("mujoco")
     from energy_opt.virtual_arm import Instruments, Plant, Reference, simulate
@@ -243,7 +240,7 @@ def test_recorded_on_the_arm_it_settles_the_diagnosis(tmp_path: Path):
     session = excitation(robot, rng, motions=2, poses=2)
 
     def found(references, folder, seed=5):
-        noisy = Instruments(noise=1.0, power_resolution=0.05)
+        noisy = Instruments(noise=3.0, power_resolution=0.05)
         simulate(references, plant, robot, folder, seed=seed, instruments=noisy)
         return diagnose(read_set(folder, robot), declared)
 
@@ -256,7 +253,4 @@ def test_recorded_on_the_arm_it_settles_the_diagnosis(tmp_path: Path):
         after = found([*session, *takes], tmp_path / f"after{seed}", seed)
         assert after.document["verdict"] == "explained"
         assert [row["name"] for row in after.document["effects"]] == ["load_friction"]
-        search = after.inference.search
-        gears = next(f for f in search.fits.values() if f.names == ("gear_efficiency",))
-        accepted, claims, rivals = likelier(search, gears, ())
-        assert accepted.names == ("load_friction",) and rivals == (accepted,) and len(claims) == 1
+        assert {"next1.csv", "next2.csv", "next3.csv"} <= set(after.document["split"]["holdout"])

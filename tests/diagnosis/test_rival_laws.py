@@ -63,7 +63,7 @@ def test_alternatives_that_foresee_other_differences_make_a_model_less_sure(weak
     def percent(*viscous: float) -> float:
         rivals = [weakened.model.replaced(ViscousFriction(b=[b] * 7)) for b in viscous]
         f = weakened.inference.accepted
-        return foreseen(weakened.declared, weakened.samples, Noise(100.0), 0.0, f, rivals).percent
+        return foreseen(weakened.declared, weakened.samples, Noise(0.01), 0.0, f, rivals).percent
 
     assert percent() == percent(0.0) < percent(1.0) < percent(0.0, 3.0)
 

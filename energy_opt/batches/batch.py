@@ -6,8 +6,6 @@ import logging
 import shutil
 from dataclasses import dataclass
 from functools import partial
-from html import escape
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,8 @@ from energy_opt.batches.suite import Suite
 from energy_opt.batches.summary import summarize
 from energy_opt.batches.words import table
 from energy_opt.batches.work import solve_task
-from energy_opt.files import to_json, write_json
+from energy_opt.files import write_json
+from energy_opt.found import Found
 from energy_opt.power.per_year import PerYear
 from energy_opt.requests.option import Request
 
@@ -28,7 +27,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, repr=False)
-class Batch:
+class Batch(Found):
     """A batch as far as it came.
 
     Attributes:
@@ -56,26 +55,19 @@ class Batch:
         """summary.json."""
         return self.summary
 
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.summary)
-
     def text(self, out: Path | None = None) -> str:
         """A short table for a terminal."""
         return table(self.summary, out or self.out)
 
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Copy the results into the folder `out`; returns it."""
-        if Path(out).resolve() != self.out.resolve():
-            shutil.copytree(self.out, Path(out), dirs_exist_ok=True)
-        return Path(out)
+    def kept(self, out: Path) -> Batch:
+        """Copy the results into the folder `out`."""
+        if out.resolve() != self.out.resolve():
+            shutil.copytree(self.out, out, dirs_exist_ok=True)
+        return self
 
     def __repr__(self) -> str:
         solved = self.summary["status"].get("solved", 0)
         return f"Batch({self.summary['suite']!r}, {solved} of {self.summary['moves']} solved, in {str(self.out)!r})"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(self.text())}</pre>"
 
 
 def run_batch(

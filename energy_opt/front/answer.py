@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from energy_opt.cell.cell import Cell
-from energy_opt.files import to_json
 from energy_opt.folders import written_whole
 from energy_opt.formats.output import Written
+from energy_opt.found import Found
 from energy_opt.motion import Move, Result
 from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import OptimizeRequest
@@ -23,7 +22,7 @@ ANSWER = "result.json"
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
-class Answer(Result):
+class Answer(Result, Found):
     """A result that knows its robot and the request that it answers, and so can be saved.
 
     Attributes:
@@ -72,26 +71,17 @@ class Answer(Result):
         request = {**self.request.document(), **self.stamp}
         return {"format": FORMAT, **super().document(), **worth, **self.goals, "request": request}
 
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
-
     def text(self, out: Path) -> str:
         """The short table for a terminal, of an answer that was saved into `out`."""
         from energy_opt.front.output import table
 
         return table(self, out, self.arm, self.year)
 
-    def save(self, out: str | PathLike[str]) -> Path:
+    def kept(self, out: Path) -> Answer:
         """Write result.json, trajectory.csv, trajectory.yaml, plot.png and report.html into the folder `out`.
 
         Beside them the files for controllers that the request asks for.
         """
-        self.kept(Path(out))
-        return Path(out)
-
-    def kept(self, out: Path) -> Answer:
-        """The same; returns the answer with what is known of the files for controllers."""
         from energy_opt.front.output import put
 
         with written_whole(out, ANSWER) as aside:

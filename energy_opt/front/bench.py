@@ -12,7 +12,7 @@ from typing import Any
 from energy_opt.batches import Batch, compare, comparison_text, load_suite, run_batch
 from energy_opt.batches.surroundings import KEYS
 from energy_opt.errors import BadInput
-from energy_opt.files import to_json
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, payload_from
 from energy_opt.power import PowerModel
@@ -23,19 +23,14 @@ MOST_JOBS = 1024  # on one machine
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Found):
     """What got better or worse between two runs of a suite: the document of `energy_opt.batches.compare`."""
 
     found: Mapping[str, Any]
-    exit_code: int = 0
 
     def document(self) -> Mapping[str, Any]:
         """The comparison."""
         return self.found
-
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.found)
 
     def text(self, out: Path) -> str:
         """A table for a terminal."""

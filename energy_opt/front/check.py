@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import BadInput, EnergyOptError
-from energy_opt.files import to_json
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_from, robot_of
 from energy_opt.motion.trajectory import Trajectory
@@ -19,7 +19,7 @@ from energy_opt.robot import Robot
 
 
 @dataclass(frozen=True)
-class Checked:
+class Checked(Found):
     """What is wrong with files: faults of each, and what else its reader should know."""
 
     faults: Mapping[str, list[str]]
@@ -44,10 +44,6 @@ class Checked:
         lines = [fault for found in self.faults.values() for fault in found]
         failed = {"status": BadInput.status, "message": "\n".join(lines)} if lines else {}
         return {"usable": self.usable, **failed, "files": rows}
-
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
 
     def text(self, out: Path) -> str:
         """A line for every file that is usable."""

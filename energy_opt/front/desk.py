@@ -12,27 +12,20 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ParamSpec, Protocol, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 from energy_opt import __version__
 from energy_opt.errors import BadInput, Infeasible, near
 from energy_opt.files import write_json
 from energy_opt.folders import written_whole
+from energy_opt.found import Found
 from energy_opt.front.guard import guard
 from energy_opt.requests.option import Request, options_of
 
 P = ParamSpec("P")
 Asked = TypeVar("Asked", bound=Request)
-Found = TypeVar("Found")
-Written = TypeVar("Written", bound="Saved")
 
-
-class Saved(Protocol):
-    """What can be written into a folder."""
-
-    def kept(self: Written, out: Path) -> Written:
-        """Write it; returns the same with what is known of its files."""
-        ...
+Given = TypeVar("Given", bound=Found)
 
 
 class Show:
@@ -90,7 +83,7 @@ class Desk:
         if self.out is not None:
             guard(self.out / answer, request, self.force)
 
-    def keep(self, found: Written) -> Written:
+    def keep(self, found: Given) -> Given:
         """Write what was found; returns the same with what is known of its files."""
         return found if self.out is None else found.kept(self.out)
 
@@ -102,7 +95,7 @@ class Desk:
                 write_json(aside / answer, error.document())
 
 
-def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Found]) -> Callable[P, Found]:
+def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given]) -> Callable[P, Given]:
     """The verb as Python calls it: arguments are the fields of its request, and are explained as these are.
 
     Args:
@@ -112,7 +105,7 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Found]) -> Ca
     spelled = {name: found for name, (_, found) in options_of(kind).items()}
 
     @functools.wraps(run)
-    def called(*args: P.args, **given: P.kwargs) -> Found:
+    def called(*args: P.args, **given: P.kwargs) -> Given:
         for name in given:
             if name not in spelled:
                 raise BadInput(f"no argument {name!r}{near(name, spelled)}")

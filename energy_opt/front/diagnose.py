@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, fields, replace
-from html import escape
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,9 +15,9 @@ from energy_opt.diagnosis import diagnose as diagnosed
 from energy_opt.diagnosis.words import next_step
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
-from energy_opt.files import to_json
 from energy_opt.folders import written_whole
 from energy_opt.formats import table
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, robot_of
 from energy_opt.front.moves import documents
@@ -42,7 +40,7 @@ NEXT = "next_motion.csv"
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosed(Diagnosis):
+class Diagnosed(Found, Diagnosis):
     """A diagnosis with what was asked for.
 
     Attributes:
@@ -60,29 +58,13 @@ class Diagnosed(Diagnosis):
         """Of the command line."""
         return 130 if self.interrupted else 0
 
-    def to_json(self) -> str:
-        """diagnosis.json as text."""
-        return to_json(self.document)
-
-    def text(self, out: Path) -> str:
-        """Nothing: what there is to say was said."""
-        return ""
-
-    def save(self, out: str | PathLike[str]) -> Path:
+    def kept(self, out: Path) -> Diagnosed:
         """Write diagnosis.json, model.toml, report.html and the motion to record next into the folder `out`."""
-        with written_whole(Path(out), ANSWER) as aside:
+        with written_whole(out, ANSWER) as aside:
             if self.next_motion is not None:
                 table.write(self.next_motion, aside / NEXT)
-            super().save(aside)
-        return Path(out)
-
-    def kept(self, out: Path) -> Diagnosed:
-        """The same; returns the diagnosis."""
-        self.save(out)
+            Diagnosis.save(self, aside)
         return self
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(str(self))}</pre>"
 
 
 def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:

@@ -8,25 +8,20 @@ from typing import Any
 
 from energy_opt.effects import effect_class, known_effects
 from energy_opt.effects.describe import described_effect
-from energy_opt.files import to_json
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.requests.verbs import EffectsRequest
 
 
 @dataclass(frozen=True)
-class Effects:
+class Effects(Found):
     """Effects as they describe themselves."""
 
     found: tuple[dict[str, Any], ...]
-    exit_code: int = 0
 
     def document(self) -> dict[str, Any]:
         """Name, law, parameters with units and bounds, options and traits of each."""
         return {"effects": list(self.found)}
-
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
 
     def text(self, out: Path) -> str:
         """A paragraph for each, for a terminal."""

@@ -17,8 +17,8 @@ from energy_opt.evaluations import evaluate as evaluated
 from energy_opt.evaluations.output import ANSWER, document, table
 from energy_opt.evaluations.output import write as saved
 from energy_opt.evaluations.source import Stretch, joints_in, robot_named
-from energy_opt.files import to_json
 from energy_opt.formats.output import Written
+from energy_opt.found import Found
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, named_robot, robot_of
@@ -33,7 +33,7 @@ AnyMotion = Trajectory | str | PathLike[str]
 
 
 @dataclass(frozen=True, repr=False)
-class Answers:
+class Answers(Found):
     """Evaluations of all motions, with the robot and what was asked for.
 
     Attributes:
@@ -57,10 +57,6 @@ class Answers:
         written = [row.document() for row in self.files]
         return document(self.robot, self.found, self.request) | {"written": written}
 
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
-
     def text(self, out: Path) -> str:
         """The motions side by side, for a terminal."""
         return table(self.found)
@@ -70,9 +66,6 @@ class Answers:
 
     def __repr__(self) -> str:
         return f"Answers({self.robot.name!r}, {len(self.found)} motions)"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{table(self.found)}</pre>"
 
     def save(
         self, out: str | PathLike[str], write: Sequence[str] = (), rate: float | None = None, prefix: str = ""

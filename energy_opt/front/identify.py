@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,8 @@ import numpy as np
 
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
-from energy_opt.files import plain, read_table, to_json, write_table
+from energy_opt.files import plain, read_table, write_table
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, payload_from, robot_of
 from energy_opt.front.sets import request_of_set, robot_of_set
@@ -25,7 +25,7 @@ ANSWER = "identify.json"
 
 
 @dataclass(frozen=True, repr=False)
-class Suggested:
+class Suggested(Found):
     """Static poses that tell most of an arm's copper loss.
 
     Attributes:
@@ -34,7 +34,6 @@ class Suggested:
 
     robot: Robot
     found: Suggestion
-    exit_code: int = 0
 
     def document(self) -> dict[str, Any]:
         """Robot, joints, poses and their loads, as JSON has them."""
@@ -43,22 +42,9 @@ class Suggested:
             plain({"robot": self.robot.name, "joints": joints, "poses": self.found.poses, "load": self.found.load})
         )
 
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
-
-    def text(self, out: Path) -> str:
-        """Nothing: what there is to say was said."""
-        return ""
-
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write suggested_poses.csv into the folder `out`."""
-        write_table(Path(out) / "suggested_poses.csv", *self._table)
-        return Path(out)
-
     def kept(self, out: Path) -> Suggested:
-        """The same; returns the poses."""
-        self.save(out)
+        """Write suggested_poses.csv into the folder `out`."""
+        write_table(out / "suggested_poses.csv", *self._table)
         return self
 
     @property

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import BadInput
-from energy_opt.files import plain, to_json
+from energy_opt.files import plain
 from energy_opt.formats.bags import is_bag
 from energy_opt.formats.recordings import unpack
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import robot_of
 from energy_opt.measured.by_hand import ByHand
@@ -20,7 +21,7 @@ from energy_opt.requests.verbs import ImportRequest
 
 
 @dataclass(frozen=True, repr=False)
-class Set:
+class Set(Found):
     """A measured set that was written: what it was made from and its folder.
 
     Attributes:
@@ -30,7 +31,6 @@ class Set:
     out: Path
     made: Imported
     request: ImportRequest
-    exit_code: int = 0
 
     def document(self) -> dict[str, Any]:
         """Set, robot, log, guesses, remarks and runs."""
@@ -43,14 +43,6 @@ class Set:
                 for r in made.runs
             ],
         }  # fmt: skip
-
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
-
-    def text(self, out: Path) -> str:
-        """Nothing: what there is to say was said."""
-        return ""
 
     def __repr__(self) -> str:
         return f"Set({str(self.out)!r}, {self.made.robot.name!r}, {len(self.made.runs)} runs)"

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import Infeasible
-from energy_opt.files import to_json
 from energy_opt.folders import written_whole
 from energy_opt.formats import Format
 from energy_opt.formats.output import Written
 from energy_opt.formats.room import Files
+from energy_opt.found import Found
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of
@@ -32,7 +31,7 @@ ANSWER = "job.json"
 
 
 @dataclass(frozen=True, repr=False)
-class JobAnswer:
+class JobAnswer(Found):
     """A solved job with what it was asked for.
 
     Attributes:
@@ -72,21 +71,12 @@ class JobAnswer:
         """Energy of the cycle slowed evenly [J], or where that is not possible, done fastest; None where neither is."""
         return next((b.energy for b in self.result.baselines[::-1] if b.energy is not None), None)
 
-    def to_json(self) -> str:
-        """job.json as text."""
-        return to_json(self.document())
-
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a job that was saved into `out`."""
         return table(self.document(), self.request.cycles_per_year, out)
 
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write job.json, step_01.csv ..., cycle.csv, report.html and the programs asked for into the folder `out`."""
-        self.kept(Path(out))
-        return Path(out)
-
     def kept(self, out: Path) -> JobAnswer:
-        """The same; returns the answer with what is known of its programs."""
+        """Write job.json, step_01.csv ..., cycle.csv, report.html and the programs asked for into the folder `out`."""
         from energy_opt.jobs.output import write
 
         with written_whole(out, ANSWER) as aside:
@@ -99,9 +89,6 @@ class JobAnswer:
         return (
             f"JobAnswer({self.result.job.robot.name!r}, {self.result.job.cycle_time:g} s, {self.result.energy:.5g} J)"
         )
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{self.text(Path('.')).rpartition(chr(10))[0]}</pre>"
 
 
 def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import BadInput
-from energy_opt.files import plain, to_json
+from energy_opt.files import plain
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk
 from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import job_from, resolved_job
@@ -30,7 +30,7 @@ EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
 
 
 @dataclass(frozen=True, repr=False)
-class JobFront:
+class JobFront(Found):
     """Energy of a job over its cycle time.
 
     Attributes:
@@ -44,10 +44,6 @@ class JobFront:
     def exit_code(self) -> int:
         """Of the command line."""
         return EXITS[self.document["status"]]
-
-    def to_json(self) -> str:
-        """tradeoff.json as text."""
-        return to_json(self.document)
 
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a front that was saved into `out`."""
@@ -65,13 +61,8 @@ class JobFront:
             lines.append(per_year_words(found["per_year"], self.request.cycles_per_year or 0.0))
         return "\n".join([*lines, f"files in {out}"])
 
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write tradeoff.csv, tradeoff.json and report.html into the folder `out`."""
-        self.kept(Path(out))
-        return Path(out)
-
     def kept(self, out: Path) -> JobFront:
-        """The same; returns the front."""
+        """Write tradeoff.csv, tradeoff.json and report.html into the folder `out`."""
         from energy_opt.jobs.over_time_output import write
 
         write(out, self.document)
@@ -79,9 +70,6 @@ class JobFront:
 
     def __repr__(self) -> str:
         return f"JobFront({self.document['status']!r}, {len(self.document['points'])} cycle times)"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{self.text(Path('.')).rpartition(chr(10))[0]}</pre>"
 
 
 def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> JobFront:

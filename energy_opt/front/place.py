@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import Infeasible
-from energy_opt.files import read_json, to_json
 from energy_opt.folders import written_whole
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import job_from, job_settings, resolved_job
@@ -25,7 +24,7 @@ ANSWER = "place.json"
 
 
 @dataclass(frozen=True, repr=False)
-class PlaceAnswer:
+class PlaceAnswer(Found):
     """A placement with what it was asked for.
 
     Attributes:
@@ -50,23 +49,14 @@ class PlaceAnswer:
         """place.json, less its files."""
         return {**self.placement.document(), "request": {**self.request.document(), **self.stamp}}
 
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
-
     def text(self, out: Path) -> str:
         """A line for a terminal, of a placement that was saved into `out`."""
         from energy_opt.placement.output import headline
 
-        return f"{headline(read_json(out / ANSWER) if self.saved is None else self.saved)}\nfiles in {out}"
-
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write place.json, map.png, report.html and the job solved at the answer into the folder `out`."""
-        self.kept(Path(out))
-        return Path(out)
+        return f"{headline(self.saved or self.document())}\nfiles in {out}"
 
     def kept(self, out: Path) -> PlaceAnswer:
-        """The same; returns the answer with what was written."""
+        """Write place.json, map.png, report.html and the job solved at the answer into the folder `out`."""
         from energy_opt.placement.output import write
 
         with written_whole(out, ANSWER) as aside:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.files import to_json
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.power.assumptions import grouped, rests_on
 from energy_opt.requests.verbs import RobotsRequest
@@ -18,19 +18,14 @@ KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
 
 
 @dataclass(frozen=True)
-class Robots:
+class Robots(Found):
     """Robots, with their joints and limits."""
 
     robots: tuple[Robot, ...]
-    exit_code: int = 0
 
     def document(self) -> dict[str, Any]:
         """Name, URDF, joints with units and limits, joints that do not move or follow, warnings and assumptions."""
         return {"robots": [_row(robot) for robot in self.robots]}
-
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
 
     def text(self, out: Path) -> str:
         """A table for each, for a terminal."""

@@ -13,6 +13,7 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import read_toml, to_json
 from energy_opt.folders import take_folder, written_whole
 from energy_opt.formats import read_trajectory
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, robot_of
 from energy_opt.front.moves import payload_document
@@ -29,7 +30,7 @@ MOST_SECONDS = 3600.0  # of motion: 4 million steps, some minutes and 2 GB
 
 
 @dataclass(frozen=True, repr=False)
-class Simulation:
+class Simulation(Found):
     """A measured set of a virtual arm, in a folder.
 
     Attributes:
@@ -43,7 +44,6 @@ class Simulation:
     runs: tuple[Run, ...]
     sources: tuple[str, ...]
     request: SimulateRequest
-    exit_code: int = 0
 
     def document(self) -> dict[str, Any]:
         """Folder, robot, effects of the plant, and the runs, with start and duration [s] and energy [J]."""
@@ -53,14 +53,6 @@ class Simulation:
         ]
         plant = [*(each.name for each in self.plant.model.effects), *(each.name for each in self.plant.specials)]
         return {"out": str(self.out), "robot": self.robot.name, "plant": plant, "runs": rows}
-
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
-
-    def text(self, out: Path) -> str:
-        """Nothing: what there is to say was said."""
-        return ""
 
     def __repr__(self) -> str:
         return f"Simulation({str(self.out)!r}, {self.robot.name!r}, {len(self.runs)} runs)"

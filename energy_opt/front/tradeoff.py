@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
-from energy_opt.files import to_json
+from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.ends import ends_of
 from energy_opt.front.given import cell_of, robot_of
@@ -43,7 +42,7 @@ DURATIONS = "expected FIRST:LAST:COUNT, seconds above 0 in rising order and how 
 
 
 @dataclass(frozen=True, repr=False)
-class Tradeoff:
+class Tradeoff(Found):
     """Energy against duration of one move.
 
     Attributes:
@@ -69,10 +68,6 @@ class Tradeoff:
         """Of the command line."""
         return EXITS[self.front.status]
 
-    def to_json(self) -> str:
-        """tradeoff.json as text."""
-        return to_json(self.data)
-
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a front that was saved into `out`."""
         from energy_opt.fronts.output import text
@@ -89,13 +84,8 @@ class Tradeoff:
         """Total energy at each duration, (P,) [J]; nan where none was found."""
         return np.array([row["energy_total"] for row in self.data["points"]], dtype=float)
 
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
-        self.kept(Path(out))
-        return Path(out)
-
     def kept(self, out: Path) -> Tradeoff:
-        """The same; returns the front."""
+        """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
         from energy_opt.fronts.output import write
 
         write(out, self.front, dict(self.data), self.robot, self.cell)

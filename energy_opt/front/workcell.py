@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from energy_opt.files import to_json
 from energy_opt.folders import written_whole
+from energy_opt.found import Found
 from energy_opt.front.controllers import check_rate_of
 from energy_opt.front.desk import Desk
 from energy_opt.front.given import cell_of, several
@@ -26,7 +25,7 @@ ANSWER = "job.json"
 
 
 @dataclass(frozen=True, repr=False)
-class CellAnswer:
+class CellAnswer(Found):
     """A solved cycle of several robots.
 
     Attributes:
@@ -55,21 +54,12 @@ class CellAnswer:
         request = {**self.request.document(), **self.stamp}
         return found_of(self.result, request, self.request.worth, self.files)
 
-    def to_json(self) -> str:
-        """job.json as text."""
-        return to_json(self.document())
-
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a cycle that was saved into `out`."""
         return table(self.document(), self.request.cycles_per_year, out)
 
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write job.json, tables of all robots and report.html into the folder `out`."""
-        self.kept(Path(out))
-        return Path(out)
-
     def kept(self, out: Path) -> CellAnswer:
-        """The same; returns the answer."""
+        """Write job.json, tables of all robots and report.html into the folder `out`."""
         from energy_opt.workcell.output import write
         from energy_opt.workcell.program import write_programs
 
@@ -80,9 +70,6 @@ class CellAnswer:
 
     def __repr__(self) -> str:
         return f"CellAnswer({len(self.result.cell.robot)} robots, {self.result.energy:.5g} J)"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{self.text(Path('.')).rpartition(chr(10))[0]}</pre>"
 
 
 def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from energy_opt.errors import BadInput
-from energy_opt.files import to_json, write_json
+from energy_opt.files import write_json
 from energy_opt.folders import written_whole
+from energy_opt.found import Found
 from energy_opt.passports.changes import Change, changes
 from energy_opt.passports.sources import Arm, arm_of, read_arm
 from energy_opt.power import PowerModel
@@ -21,13 +22,12 @@ MOST = 12  # arms beside each other
 
 
 @dataclass(frozen=True, repr=False)
-class Passport:
+class Passport(Found):
     """Arms side by side, and what differs between the first and each other one."""
 
     arms: tuple[Arm, ...]
     changes: tuple[Change, ...]
     request: dict[str, Any] = field(default_factory=dict)
-    exit_code: ClassVar[int] = 0
 
     @property
     def headline(self) -> str:
@@ -55,27 +55,14 @@ class Passport:
             "request": self.request,
         }
 
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write passport.json and report.html into the folder `out`; returns it."""
-        self.kept(Path(out))
-        return Path(out)
-
     def kept(self, out: Path) -> Passport:
-        """The same; returns the passport."""
+        """Write passport.json and report.html into the folder `out`."""
         from energy_opt.passports.page import page  # plots are slow to import
 
         with written_whole(out, "passport.json") as aside:
             write_json(aside / "passport.json", self.document())
             page(self.arms, self.changes, self.headline, self.request).write(aside / "report.html")
         return self
-
-    def to_json(self) -> str:
-        """passport.json as text."""
-        return to_json(self.document())
-
-    def text(self, out: Path) -> str:
-        """Nothing: what there is to say was said."""
-        return ""
 
     def __str__(self) -> str:
         lines = [self.headline]

@@ -11,16 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
-from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
-from energy_opt.files import to_json
+from energy_opt.found import Found
 from energy_opt.measured import MeasuredSet
 from energy_opt.measured.segment import LONG, standstills
 from energy_opt.power import PowerModel
@@ -43,7 +41,7 @@ class Pose:
 
 
 @dataclass(frozen=True, repr=False)
-class Identification:
+class Identification(Found):
     """Results of both methods.
 
     Attributes:
@@ -60,7 +58,6 @@ class Identification:
     line: dict[str, Any] | None
     word: str
     request: Mapping[str, Any] = field(default_factory=dict)
-    exit_code: ClassVar[int] = 0
 
     def model_1(self) -> PowerModel:
         """Method 1 as a model."""
@@ -85,21 +82,8 @@ class Identification:
             **({"request": dict(self.request)} if self.request else {}),
         }
 
-    def to_json(self) -> str:
-        """The same as text."""
-        return to_json(self.document())
-
-    def text(self, out: Path) -> str:
-        """Nothing: what there is to say was said."""
-        return ""
-
-    def save(self, out: str | PathLike[str]) -> Path:
-        """Write identify.json, the models of both methods, plot.png and report.html into the folder `out`."""
-        self.kept(Path(out))
-        return Path(out)
-
     def kept(self, out: Path) -> Identification:
-        """The same; returns the identification."""
+        """Write identify.json, the models of both methods, plot.png and report.html into the folder `out`."""
         from energy_opt.static_poses.output import write  # plots are slow to import
 
         load, power = [pose.load for pose in self.poses], [pose.power for pose in self.poses]
@@ -109,9 +93,6 @@ class Identification:
     def __repr__(self) -> str:
         second = "" if self.line is None else f", R/Kt^2 {self.line['r_over_kt2']:.4g} W/(N m)^2"
         return f"Identification({self.robot!r}, {len(self.poses)} poses, overhead {self.standby:.2f} W{second})"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(str(self))}</pre>"
 
     def __str__(self) -> str:
         lines = [f"{len(self.poses)} poses", f"Method 1: overhead {self.standby:.2f} W"]

@@ -153,7 +153,7 @@ def answered(planner: Planner, problem: Problem, given: JointPath | None, plain:
     `work` is the figure that cuRobo calls energy, the integral of sum |tau v|, against that of the path slowed evenly.
     With `plain` the same move is answered without regard to anything it may touch, for the time that takes.
     """
-    planner.set_cell(problem.cell)
+    planner = planner.around(problem.cell)
     move = Move(problem.start, problem.goal, path=given)
     begin = time.process_time()
     try:
@@ -169,7 +169,7 @@ def answered(planner: Planner, problem: Problem, given: JointPath | None, plain:
     if scaled is not None:
         row["work"], row["work_scaled"] = (absolute_work(planner, t) for t in (result.trajectory, scaled.trajectory))
     if plain:
-        planner.set_cell(None)
+        planner = planner.around(None)
         row["plain_seconds"], free = _clocked(planner, move)
         row["plain_saved"], row["plain_verdict"] = _saved(free), judged(problem.cell, free.trajectory)[0]
         row["ratio"] = row["seconds"] / row["plain_seconds"]
@@ -178,9 +178,9 @@ def answered(planner: Planner, problem: Problem, given: JointPath | None, plain:
 
 def own_body(planner: Planner, case: Case, cell: Cell) -> dict[str, Any]:
     """A move of the suites with its own body and without: what safety costs in loss saved and in time."""
-    planner.set_cell(None)
+    planner = planner.around(None)
     plain_seconds, free = _clocked(planner, case.move)
-    planner.set_cell(cell)
+    planner = planner.around(cell)
     seconds, result = _clocked(planner, case.move)
     row = {"kind": planner.robot.name, **_stated(result), "seconds": seconds, "plain_seconds": plain_seconds}
     row |= {"plain_saved": _saved(free), "plain_verdict": judged(cell, free.trajectory)[0]}

@@ -72,7 +72,7 @@ def main() -> int:
                     break
             else:
                 continue
-            planner.set_cell(cell)
+            planner = planner.around(cell)
             row: dict[str, Any] = {"scene": problem.name}
             begin = time.process_time()
             try:

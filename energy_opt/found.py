@@ -13,8 +13,8 @@ from energy_opt.files import to_json
 class Found:
     """What a verb found.
 
-    Each result class has a `document`. It overrides `kept`, which writes its files, where it has any, and `text` where a
-    terminal shows a table of it.
+    Each result class has a `document`. It overrides `kept`, which writes its files, where it has any, and `text`
+    where a terminal shows a table of it.
     """
 
     document: Any  # the content of its JSON file, or a method that returns it

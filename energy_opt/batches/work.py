@@ -55,9 +55,7 @@ def _planner(task: Task) -> Planner:
             _planners.popitem(last=False)
         _planners[key] = Planner(task.robot.load(), model, settings)
     _planners.move_to_end(key)
-    _planners[key].set_model(model)
-    _planners[key].set_cell(_cell(task, _planners[key].robot))
-    return _planners[key]
+    return _planners[key].under(model).around(_cell(task, _planners[key].robot))
 
 
 def _cell(task: Task, robot: Robot) -> Cell | None:

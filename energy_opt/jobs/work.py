@@ -71,9 +71,7 @@ class Worker:
 
     def planner(self, leg: Leg) -> Planner:
         """The planner under a leg's payload, in its scene."""
-        self._planner.set_model(self.scorers.of(leg.step).model)
-        self._planner.set_cell(self.cells.of(leg.step))
-        return self._planner
+        return self._planner.under(self.scorers.of(leg.step).model).around(self.cells.of(leg.step))
 
     def begun(self, leg: Leg) -> Leg:
         """The leg with the first path that the planner starts from.

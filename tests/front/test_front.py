@@ -132,11 +132,11 @@ def test_a_payload_is_added_to_a_planner_without_building_it_again(panda, monkey
     move = eo.Move(START, GOAL, duration=2.5)
     losses = []
     for mass in (0.0, 1.0, 2.5, 0.0):
-        planner.set_model(model if mass == 0 else model + eo.effects.Payload(mass=mass, com=[0, 0, 0.1]))
+        planner = planner.under(model if mass == 0 else model + eo.effects.Payload(mass=mass, com=[0, 0, 0.1]))
         losses.append(planner.solve(move).energy.loss)
     assert len(built) == 2 and losses[0] < losses[1] < losses[2] and losses[3] == pytest.approx(losses[0])
     with pytest.raises(eo.BadInput, match="other effects"):
-        planner.set_model(model + eo.effects.CoulombFriction(tau_c=0.1))
+        planner.under(model + eo.effects.CoulombFriction(tau_c=0.1))
 
 
 def test_a_front_and_measured_data_through_the_door(panda, tmp_path):

@@ -64,10 +64,10 @@ def touches(robot: Robot, t: Trajectory, ball: np.ndarray | None = None, samples
 
 def test_a_move_that_would_fold_the_arm_into_itself_keeps_clear(planner: Planner, panda: Robot) -> None:
     move = Move(START, GOAL, duration=2.0)
-    planner.set_cell(None)
+    planner = planner.around(None)
     folded = planner.solve(move)
     assert touches(panda, folded.trajectory) > 0 and folded.certificate.clearance is None
-    planner.set_cell(Cell(panda, CellRequest()))
+    planner = planner.around(Cell(panda, CellRequest()))
     result = planner.solve(move)
     clearance = result.certificate.clearance
     assert result.status == "solved" and clearance is not None and clearance.proven
@@ -81,7 +81,7 @@ def test_a_move_that_would_fold_the_arm_into_itself_keeps_clear(planner: Planner
 def test_a_move_whose_optimum_is_free_is_left_as_it_is(planner: Planner, panda: Robot) -> None:
     named, answers = random_moves(panda, 20, 1)[0], []
     for cell in (None, Cell(panda, CellRequest())):
-        planner.set_cell(cell)
+        planner = planner.around(cell)
         answers.append(planner.solve(Move(named.start, named.goal, duration=2.5)))
     assert np.array_equal(answers[0].trajectory.position, answers[1].trajectory.position)
     assert answers[1].certificate.clearance.proven
@@ -90,7 +90,7 @@ def test_a_move_whose_optimum_is_free_is_left_as_it_is(planner: Planner, panda: 
 def test_around_a_post(planner: Planner, panda: Robot) -> None:
     """The straight line goes through a ball: a way around is found, reshaped, and nothing is touched."""
     scene = post(panda, 0.5)
-    planner.set_cell(Cell(panda, CellRequest(), scene))
+    planner = planner.around(Cell(panda, CellRequest(), scene))
     result = planner.solve(Move(START, GOAL, duration=3.0))
     assert result.status == "solved" and result.certificate.clearance.proven
     assert result.first_path is not None and result.first_path.source in ("own", "ompl")
@@ -98,11 +98,11 @@ def test_around_a_post(planner: Planner, panda: Robot) -> None:
 
 
 def test_what_cannot_be_free_is_refused(planner: Planner, panda: Robot) -> None:
-    planner.set_cell(Cell(panda, CellRequest(), post(panda, 0.0)))
+    planner = planner.around(Cell(panda, CellRequest(), post(panda, 0.0)))
     with pytest.raises(Infeasible, match=r"start: .* touches .* mm deep") as info:
         planner.solve(Move(START, GOAL, duration=3.0))
     assert info.value.limit == "clearance"
-    planner.set_cell(Cell(panda, CellRequest(), post(panda, 0.5)))
+    planner = planner.around(Cell(panda, CellRequest(), post(panda, 0.5)))
     with pytest.raises(Infeasible, match=r"the given path is not free: at 0\.\d+ of it .* touches post") as info:
         planner.solve(Move(START, GOAL, "retime", path=straight(START, GOAL)))
     assert info.value.position is not None and abs(info.value.position - 0.5) < 0.2
@@ -114,7 +114,7 @@ def test_a_real_problem_with_its_planners_path(planner: Planner, panda: Robot) -
 
     name = "panda_bookshelf_tall_0070"
     path = read_path(PROBLEMS / "paths" / f"{name}.csv", panda.joints)
-    planner.set_cell(Cell(panda, CellRequest(), read_scene(PROBLEMS / "scenes" / f"{name}.yaml")))
+    planner = planner.around(Cell(panda, CellRequest(), read_scene(PROBLEMS / "scenes" / f"{name}.yaml")))
     move = Move(path.start, path.goal, path=path)
     move = Move(path.start, path.goal, path=path, duration=1.5 * planner.minimum_time(move))
     result = planner.solve(move)

@@ -159,14 +159,14 @@ def test_values_change_without_building_again(monkeypatch):
     model = source_method_2().replaced(Payload(mass=0.0, com=[0, 0, 0.1]))
     planner = Planner(load_robot("panda"), model, Settings(starts=1, controls=16, compile="never"))
     empty = planner.solve(Move(START, GOAL, duration=2.0))
-    planner.set_model(model.replaced(Payload(mass=2.5, com=[0, 0, 0.1])))
+    planner = planner.under(model.replaced(Payload(mass=2.5, com=[0, 0, 0.1])))
     loaded = planner.solve(Move(START, GOAL, duration=2.0))
     assert len(built) == 1
     assert loaded.energy.loss > 1.1 * empty.energy.loss
-    planner.set_model(model)
+    planner = planner.under(model)
     assert planner.solve(Move(START, GOAL, duration=2.0)).energy.total == pytest.approx(empty.energy.total, abs=1e-4)
     with pytest.raises(BadInput, match="other effects"):
-        planner.set_model(source_method_1())
+        planner.under(source_method_1())
 
 
 def test_warm_start_is_never_lost(planner, reshaped):

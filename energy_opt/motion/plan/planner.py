@@ -49,7 +49,9 @@ def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
 
 
 class Planner:
-    """Plans many moves of one robot; what is built for the first serves all others.
+    """Plans many moves of one robot under one model and in one cell; what is built for the first serves all others.
+
+    `under` and `around` give planners for another model and another cell that share what was built.
 
     Args:
         batch: many moves are coming, so that compiling at once pays.
@@ -70,35 +72,44 @@ class Planner:
         self.robot, self.settings = robot, settings or Settings()
         self._shares: Mapping[str, float] = {}
         self._begun: list[tuple[Cell | None, Move, Begun]] = []  # first paths by the cell and the move they are of
-        self.set_cell(cell)
         self._workshop, self._stopped = Workshop(batch), stopped
-        self._structure = _but_payload(model)
-        self.set_model(model)
+        self._take_cell(cell)
+        self._take_model(model)
         self.limits()  # what cannot be is told now, not when a move needs it
         if self.settings.dynamics != "auto":  # a source that is not there is told now, not when a move needs it
             torque_function(robot.body, self.settings.dynamics)
 
-    def set_model(self, model: PowerModel) -> None:
-        """Other values of the same effects, with or without a payload; nothing is built again.
-
-        (But for the first payload where the planner was built for a model that has none: its functions are built at
-        its first move. A place for it kept ready would make a node's functions 3 % longer on a Panda and 38 % on a ur5,
-        whose last joint's dynamics nearly vanish without one.)
-
-        Raises:
-            BadInput: the model has other effects than the planner was built for.
-        """
-        if _but_payload(model) != self._structure:
-            raise BadInput("the planner was built for other effects; build a new one")
+    def _take_model(self, model: PowerModel) -> None:
         model.check(self.robot.n)
         self.model = model
         self.scorer = Scorer(self.robot, model)
 
-    def set_cell(self, cell: Cell | None) -> None:
-        """Another body and cell to keep clear of; nothing is built again."""
+    def _take_cell(self, cell: Cell | None) -> None:
         self.cell = cell if cell is not None and cell.checks else None
         self._cell_warnings = [] if cell is None else cell.warnings
         self._beside: tuple[JointPath, Cell] | None = None  # the last given path, and the cell for it
+
+    def under(self, model: PowerModel) -> Planner:
+        """A planner of the same moves under other values of the same effects, with or without a payload.
+
+        It shares what was built. Only the first payload builds new functions, where the planner's model has none: a
+        place kept ready for one would make a node's functions 3 % longer on a Panda and 38 % longer on a UR5, whose
+        last joint has next to no dynamics without a payload.
+
+        Raises:
+            BadInput: the model has other effects than the planner's.
+        """
+        if _but_payload(model) != _but_payload(self.model):
+            raise BadInput("the planner was built for other effects; build a new one")
+        out = copy(self)
+        out._take_model(model)
+        return out
+
+    def around(self, cell: Cell | None) -> Planner:
+        """A planner of the same moves that keeps clear of another cell; None: of nothing. It shares what was built."""
+        out = copy(self)
+        out._take_cell(cell)
+        return out
 
     def score(self, trajectory: Trajectory) -> Energy:
         """The energy of any trajectory under the planner's model."""
@@ -112,7 +123,7 @@ class Planner:
     def within(self, shares: Mapping[str, float]) -> Planner:
         """A planner of the same moves that uses these shares of the limits' bounds, by their names; builds nothing."""
         out = copy(self)
-        out._shares = shares
+        out._shares, out._begun = shares, list(self._begun)
         return out
 
     def instead(self, result: Result, move: Move, trajectory: Trajectory) -> Result:
@@ -162,7 +173,7 @@ class Planner:
         if found is None:
             cell = self._cell_of(move)
             found = first_path(self.robot, self.model, cell, self.settings, self.limits(timeless), timeless)
-            self._begun = [*self._begun[1 - REMEMBERED :], (self.cell, timeless, found)]
+            self._begun[:] = [*self._begun[1 - REMEMBERED :], (self.cell, timeless, found)]
         begun, first, ways = found
         return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways
 

@@ -105,7 +105,7 @@ class RobustPlanner:
         self.robot, self.rivals, self.kind = robot, tuple(rivals), kind
         self._mixture = Mixture.of([rival.model for rival in rivals])
         known: dict[str, Any] = {"batch": batch, "cell": cell, "stopped": stopped}
-        self._planner = Planner(robot, self._mixture, settings, **known) if planner is None else planner
+        self._planner = planner.under(self._mixture) if planner else Planner(robot, self._mixture, settings, **known)
         corners = [
             (place, Rival(f"{rival.name}, {name}", corner))
             for place, (rival, member) in enumerate(zip(self.rivals, self._mixture.members, strict=True))
@@ -120,7 +120,6 @@ class RobustPlanner:
     @property
     def planner(self) -> Planner:
         """What plans under the mean of the models, for work at many durations; check its answers with `costs_more`."""
-        self._planner.set_model(self._mixture)
         return self._planner
 
     def within(self, shares: Mapping[str, float]) -> RobustPlanner:
@@ -174,8 +173,8 @@ class RobustPlanner:
         best: _Answer | None = None
         bounds: list[float] = []
         for number in range(ROUNDS[self.kind]):
-            self._planner.set_model(Mixture.of(members, weights))
-            answer = self._answer(find(self._planner, [] if best is None else [best.result.trajectory]))
+            planner = self._planner.under(Mixture.of(members, weights))
+            answer = self._answer(find(planner, [] if best is None else [best.result.trajectory]))
             if best is None or self._rank(answer) < self._rank(best):
                 best = answer
             bound = answer.result.optimality.lower_bound

@@ -24,6 +24,8 @@ from typing import Any
 
 import numpy as np
 from common import finish, table
+from virtual_arms import SIZES
+from virtual_sets import MadeSet, fresh_motions, make_set
 
 from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.data import Samples
@@ -34,8 +36,6 @@ from energy_opt.effects import ALL_EFFECTS, Effect
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
 from energy_opt.reports.page import Report
-from energy_opt.virtual_arm.arms import SIZES
-from energy_opt.virtual_arm.sets import MadeSet, fresh_motions, make_set
 from energy_opt.virtual_arm.specials import SPECIALS
 
 ROOM = 1e-9  # beyond an effect's bounds, in the fit that knows the truth

@@ -23,6 +23,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from virtual_arms import draw_effect
+from virtual_motions import excitation
+from virtual_sets import arm, base_model
 
 from energy_opt.batches.moves import random_moves
 from energy_opt.diagnosis import Diagnosis, diagnose
@@ -34,10 +37,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.virtual_arm import Instruments, Plant, Reference, play, simulate
-from energy_opt.virtual_arm.arms import draw_effect
-from energy_opt.virtual_arm.motions import excitation
 from energy_opt.virtual_arm.mujoco_arm import MujocoArm
-from energy_opt.virtual_arm.sets import arm, base_model
 
 REST = 0.1  # [s] of standing at either end while a plan is played
 SPEED = 1.5  # every move takes this multiple of its minimum time

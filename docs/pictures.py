@@ -6,6 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import matplotlib
 
 matplotlib.use("Agg")
@@ -128,8 +129,9 @@ def _moves(path: Path) -> bool:
 
 def identify(out: Path, work: Path) -> None:
     """Static power over squared gravity torque, from poses of a virtual Panda."""
+    from virtual_sets import make_set
+
     from energy_opt.virtual_arm import Instruments
-    from energy_opt.virtual_arm.sets import make_set
 
     made = make_set(
         work / "static", "panda", [], seed=5, weak="static_only", poses=8, instruments=Instruments(noise=0.8)

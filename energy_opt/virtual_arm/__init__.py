@@ -1,6 +1,6 @@
 """The virtual arm: measured data with known causes, from a forward simulation apart from the library's own laws.
 
-`simulate` plays motions on an arm whose drives have a plant's effects; `sets.make_set` makes whole measured sets.
+`simulate` plays motions on an arm whose drives have a plant's effects.
 MuJoCo (extra `sim`) is imported when an arm is built, not before.
 """
 

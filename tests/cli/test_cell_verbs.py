@@ -1,11 +1,11 @@
 """Verbs that play or propose motions know the arm's body and its cell; judged by a judge that knows nothing of ours."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from dense_judge import DenseJudge
 from poses import GOAL, START
 
 from energy_opt.cell.cell import Cell
@@ -19,9 +19,6 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion import Rival, propose
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-from dense_judge import DenseJudge
 
 TABLE = "objects:\n  - {name: table, type: box, size: [1.0, 1.6, 0.1], position: [0.9, 0.0, 0.05]}\n"
 

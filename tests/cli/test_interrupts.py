@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from virtual_sets import make_set
 
 from energy_opt.cli import interrupt
 from energy_opt.cli.main import main
 from energy_opt.effects import CoulombFriction
 from energy_opt.folders import written_whole
 from energy_opt.power import load_model
-from energy_opt.virtual_arm.sets import make_set
 
 pytest.importorskip("mujoco")
 

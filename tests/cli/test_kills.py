@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from virtual_sets import make_set
 
 from energy_opt.batches.journal import read_journal
 from energy_opt.batches.rows import TIMES, read_parquet
 from energy_opt.effects import CoulombFriction
 from energy_opt.files import read_json, read_table, read_toml
-from energy_opt.virtual_arm.sets import make_set
 
 pytest.importorskip("mujoco")
 COMMAND = [sys.executable, "-m", "energy_opt"]

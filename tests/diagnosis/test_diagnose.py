@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from virtual_sets import base_model, make_set
 
 from energy_opt.cli.main import main
 from energy_opt.diagnosis import diagnose
@@ -21,10 +21,8 @@ from energy_opt.files import read_table, read_toml, write_toml
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
 from energy_opt.virtual_arm import Instruments
-from energy_opt.virtual_arm.sets import base_model, make_set
 
 pytest.importorskip("mujoco")
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from misfit_world import World, write_world
 
 SHARED = Path(__file__).resolve().parents[3] / "shared/data"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,6 @@ from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
 
 pytest.importorskip("mujoco")
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from misfit_world import ARMS, World, write_world
 from unlisted_judge import contradictions
 

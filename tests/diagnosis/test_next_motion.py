@@ -229,10 +229,11 @@ def test_recorded_on_the_arm_it_settles_the_diagnosis(tmp_path: Path):
     It is recorded three times and held out, as repeats stay together: there it settles which of the two laws holds.
     """
     pytest.importorskip("mujoco")
+    from virtual_arms import draw_effect
+    from virtual_motions import excitation
+    from virtual_sets import arm, base_model
+
     from energy_opt.virtual_arm import Instruments, Plant, Reference, simulate
-    from energy_opt.virtual_arm.arms import draw_effect
-    from energy_opt.virtual_arm.motions import excitation
-    from energy_opt.virtual_arm.sets import arm, base_model
 
     robot, rng = arm("panda"), np.random.default_rng([5, 1])
     declared = base_model("panda")

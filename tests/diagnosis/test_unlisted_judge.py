@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from energy_opt.files import write_json
 from energy_opt.power import PowerModel
 
 pytest.importorskip("mujoco")
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from misfit_drives import ARMS
 from misfit_world import World, write_world
 from unlisted import lines, lower, upper

@@ -87,10 +87,11 @@ def test_planned_with_from_the_command_line_and_in_spawned_workers(tmp_path, own
 
 def test_a_fan_that_follows_temperature_is_found_in_a_log(tmp_path, own):
     pytest.importorskip("mujoco")
+    from virtual_sets import make_set
+
     from energy_opt.diagnosis import diagnose
     from energy_opt.measured import read_set
     from energy_opt.virtual_arm import Instruments
-    from energy_opt.virtual_arm.sets import make_set
 
     made = make_set(tmp_path / "set", "z1", [], seed=3, instruments=Instruments(noise=0.5, power_resolution=0.02))
     joints = load_robot("z1").joints

@@ -48,8 +48,9 @@ def test_the_second_plan_uses_less_and_its_energy_is_foreseen(loop: ModuleType, 
 
 def test_nothing_missing_leaves_the_plan_as_it_was(loop: ModuleType) -> None:
     """An arm that is as declared: the loop must not make things worse."""
+    from virtual_sets import base_model
+
     from energy_opt.effects import CopperLoss
-    from energy_opt.virtual_arm.sets import base_model
 
     same = base_model("z1").get("copper_loss")
     assert isinstance(same, CopperLoss)

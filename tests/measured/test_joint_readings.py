@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ from energy_opt.measured import read_set
 from energy_opt.power import load_model
 
 pytest.importorskip("mujoco")
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from misfit_world import Motors, World, write_world
 
 

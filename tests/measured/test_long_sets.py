@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from bounds import measured as recorded
+from bounds import taken
+from virtual_sets import make_set
 
 from energy_opt.diagnosis import clusters, diagnose, recordings
 from energy_opt.diagnosis.noise import weighted
@@ -17,11 +18,6 @@ from energy_opt.effects import CoulombFriction, Payload, Standby
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
 from energy_opt.virtual_arm import Instruments
-from energy_opt.virtual_arm.sets import make_set
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from bounds import measured as recorded
-from bounds import taken
 
 FRICTION = CoulombFriction(tau_c=[0.6, 0.5, 0.45, 0.5, 0.3, 0.25, 0.2])
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -212,7 +209,6 @@ def test_a_model_file_keeps_signals(tmp_path):
 )
 def test_diagnose_finds_them_in_worlds_of_other_formulas(cause, arm, seed, tmp_path):
     pytest.importorskip("mujoco")
-    sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
     from misfit_world import World, write_world
 
     truth = write_world(World(arm, seed, (0.0, 0.0), cause=cause), tmp_path / "set")

@@ -5,18 +5,14 @@
 
 from __future__ import annotations
 
-import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
+import problem_suite as suite
 import pytest
 from feasibility import holds, line_has_timing, some_path
 from independent import Arm
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-import problem_suite as suite
 
 KEPT = tomllib.loads((Path(__file__).parents[1] / "hard_moves.toml").read_text(encoding="utf-8"))["move"]
 SAMPLE = [(arm, 1000 + k) for arm in suite.ARMS for k in range(4)]  # none of the benchmark's own

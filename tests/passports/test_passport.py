@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -145,7 +143,6 @@ def test_bad_input_is_one_line(words, said, tmp_path, capsys):
 @pytest.mark.slow
 def test_diagnose_says_what_has_changed_since_the_last_calibration(tmp_path, capsys):
     pytest.importorskip("mujoco")
-    sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
     from misfit_world import World, write_world
 
     truth = write_world(World("ur5", 72, (0.0, 0.0), cause="coulomb_friction", motions=5, poses=3), tmp_path / "set")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from damaged_descriptions import run
 
 from energy_opt.cell.arm import neighbours
 from energy_opt.cell.cell import Cell
@@ -15,9 +15,6 @@ from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot import held as held_
 from energy_opt.robot.description import read_description
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from damaged_descriptions import run
 
 INERTIA = '<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/>'
 LIMIT = '<limit lower="-2.5" upper="2.5" velocity="2" effort="200"/>'

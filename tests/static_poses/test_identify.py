@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from virtual_sets import make_set
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
@@ -13,7 +14,6 @@ from energy_opt.measured import read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
 from energy_opt.static_poses import Pose, identify, poses_of, suggest
-from energy_opt.virtual_arm.sets import make_set
 
 
 def poses(loads, power):

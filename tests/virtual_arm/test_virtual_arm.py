@@ -8,6 +8,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from virtual_arms import ARMS, SIZES, SPECIAL_SIZES, draw_effect, draw_special
+from virtual_motions import excitation, there_and_back
+from virtual_sets import arm, base_model
 
 from energy_opt.effects import (
     BY_NAME,
@@ -25,10 +28,7 @@ from energy_opt.power import PowerModel, drive_function
 from energy_opt.power.rigid import rigid_inputs, rigid_torque
 from energy_opt.robot import load_robot
 from energy_opt.virtual_arm import Cogging, Fan, Instruments, Plant, StandbyStep, load_plant, play, pose, simulate
-from energy_opt.virtual_arm.arms import ARMS, SIZES, SPECIAL_SIZES, draw_effect, draw_special
 from energy_opt.virtual_arm.drives import electrical_power, reading
-from energy_opt.virtual_arm.motions import excitation, there_and_back
-from energy_opt.virtual_arm.sets import arm, base_model
 
 pytest.importorskip("mujoco")
 

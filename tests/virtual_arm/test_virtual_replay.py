@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from virtual_sets import arm
 
 from energy_opt.files import read_table
 from energy_opt.power.model import model_from_document
 from energy_opt.virtual_arm import Plant, Reference, play
-from energy_opt.virtual_arm.sets import arm
 from energy_opt.virtual_arm.specials import special_from_row
 
 pytest.importorskip("mujoco")

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from virtual_arms import ARMS, SIZES
+from virtual_sets import arm, base_model, fresh_motions, make_set
 
 import energy_opt as eo
 from energy_opt.cli.main import main
@@ -17,10 +19,7 @@ from energy_opt.measured.log import read_log
 from energy_opt.measured.sets import robot_of
 from energy_opt.power import load_model
 from energy_opt.virtual_arm import Cogging, Plant
-from energy_opt.virtual_arm.arms import ARMS, SIZES
 from energy_opt.virtual_arm.plant import PLAYED
-from energy_opt.virtual_arm.sets import arm, base_model, fresh_motions, make_set
-from energy_opt.virtual_arm.suite import suite
 
 pytest.importorskip("mujoco")
 
@@ -151,14 +150,3 @@ def test_simulate_command_names_faults(move: Path, tmp_path: Path) -> None:
     for option in ({"noise": -1}, {"rate": 0}, {"rate": 5000}, {"repeat": 0}, {"log": "current"}):
         with pytest.raises(BadInput):
             eo.simulate(move, plant, tmp_path / "x", self_collision=False, **option)
-
-
-def test_a_suite_holds_every_kind_of_set_on_every_arm() -> None:
-    cases = list(suite(singles=2, doubles=10, clean=5, unlisted=1, weak=6))
-    assert len({case.name for case in cases}) == len(cases) and len({case.seed for case in cases}) == len(cases)
-    counts = {category: sum(case.category == category for case in cases) for category in ("single", "double", "clean")}
-    assert counts == {"single": 2 * len(SIZES), "double": 10, "clean": 5}
-    of_one = [case.robot for case in cases if case.effects == ("armature",)]
-    assert len(set(of_one)) == len(of_one) >= 2
-    assert [case.name for case in suite(seed=1)] == [case.name for case in suite(seed=1)]
-    assert not any({"supply_efficiency", "meter_gain"} <= set(case.effects) for case in cases)

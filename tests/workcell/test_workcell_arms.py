@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -158,7 +157,6 @@ def test_an_arm_makes_way_where_both_must_move_at_once(tmp_path: Path) -> None:
     assert main(["job", str(file), "--out", str(tmp_path / "out"), *options]) == 0
     found = json.loads((tmp_path / "out" / "job.json").read_text())
     assert found["clearance"]["verdict"] == "proven" and found["around"]
-    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
     from cell_judge import faults_of_cell
 
     assert faults_of_cell(document, tmp_path / "out") == []
@@ -197,7 +195,6 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
     assert 0.5 * found["energy_total"] < found["bound"] <= found["energy_total"] - found["supply"]["lost"] + 1.0
     assert found["optimality"]["lower_bound"] == found["bound"]
     assert found["energy_total"] <= found["supply"]["energy_own"]
-    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
     from cell_circuit import cycle_of
 
     measured = cycle_of(document, tmp_path / "out", 0.0036, 88.04)  # at a meter, by a circuit of its own

@@ -1,6 +1,7 @@
 """Seeded measured sets with known causes, for tests and benchmarks.
 
-    from energy_opt.virtual_arm.sets import make_set, draw_effect, draw_special
+    from virtual_arms import draw_effect, draw_special
+    from virtual_sets import make_set
 
     # an undeclared effect of a realistic size; declared.toml lacks it
     make_set(folder, robot="panda", effects=[draw_effect(CoulombFriction, "panda", rng)], seed=3)
@@ -24,13 +25,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from virtual_arms import ARMS, draw_effect, draw_special
+from virtual_motions import excitation
 
 from energy_opt.effects import BY_NAME, CopperLoss, Effect, Standby
 from energy_opt.errors import BadInput
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, load_robot
-from energy_opt.virtual_arm.arms import ARMS, draw_effect, draw_special
-from energy_opt.virtual_arm.motions import excitation
 from energy_opt.virtual_arm.plant import Plant
 from energy_opt.virtual_arm.reference import Reference
 from energy_opt.virtual_arm.simulate import Instruments, Run, simulate

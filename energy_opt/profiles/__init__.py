@@ -3,16 +3,13 @@
 from energy_opt.profiles.answer import standard_moves
 from energy_opt.profiles.chain import Chain
 from energy_opt.profiles.plan import MovesPlanner, StandardMoves, as_result
-from energy_opt.profiles.point import Profile, fastest
 from energy_opt.profiles.robust import robust_moves
 
 __all__ = [
     "Chain",
     "MovesPlanner",
-    "Profile",
     "StandardMoves",
     "as_result",
-    "fastest",
     "robust_moves",
     "standard_moves",
 ]

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from energy_opt.files import replacing
@@ -214,66 +213,3 @@ def plot_tradeoff(
         axes.axvline(fastest, color=GREY, linestyle="--", linewidth=0.9, label="fastest")
     legend_beside(axes)
     return figure
-
-
-def film(
-    strips: Mapping[str, tuple[np.ndarray, Sequence[np.ndarray]]],
-    *,
-    power: Sequence[Curve] = (),
-    view: tuple[float, float] = (-50.0, 22.0),
-    title: str = "",
-) -> Figure:
-    """An arm at several instants, a row of pictures a motion, and below them power over time.
-
-    Args:
-        strips: by the motion's name, the instants (K,) [s] and at each the triangles (F, 3, 3) [m] to draw.
-        view: azimuth and elevation from which it is seen, degrees.
-    """
-    rows, columns = len(strips), max(len(times) for times, _ in strips.values())
-    figure = Figure(figsize=(10.0, 2.3 * rows + (2.6 if power else 0.3)), dpi=DPI)
-    grid = figure.add_gridspec(
-        rows + bool(power), columns, hspace=0.05, wspace=0.0, height_ratios=[1.0] * rows + [0.9] * bool(power)
-    )
-    away, right, up = _axes_of_view(*np.radians(view))
-    flat = [np.concatenate(list(triangles)) @ np.stack([right, up]).T for _, triangles in strips.values()]
-    low, high = (f(np.concatenate(flat).reshape(-1, 2), axis=0) for f in (np.min, np.max))
-    for row, (name, (times, frames)) in enumerate(strips.items()):
-        for column, (time, triangles) in enumerate(zip(times, frames, strict=True)):
-            axes = figure.add_subplot(grid[row, column])
-            order = np.argsort((triangles @ away).mean(axis=1))
-            normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-            normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-            light = 0.45 + 0.55 * np.abs(normal @ _LIGHT)
-            shades = np.clip(light[:, None] * np.array(_rgb(COLOURS[row % len(COLOURS)])) + 0.12, 0, 1)
-            polygons = triangles @ np.stack([right, up]).T
-            axes.add_collection(PolyCollection(polygons[order], facecolors=shades[order], edgecolors="none"))
-            axes.set_xlim(low[0], high[0])
-            axes.set_ylim(low[1], high[1])
-            axes.set_aspect("equal")
-            axes.axis("off")
-            axes.text(0.5, 0.0, f"{time:.2f} s", transform=axes.transAxes, ha="center", fontsize=8, color=GREY)
-            if column == 0:
-                axes.text(0.0, 1.0, name, transform=axes.transAxes, fontsize=10, va="top")
-    if power:
-        curves(labelled(figure.add_subplot(grid[rows, :]), "time [s]", "power [W]"), power)
-    figure.subplots_adjust(
-        left=0.08, right=0.86 if power else 0.98, top=0.93 if title else 0.98, bottom=0.12 if power else 0.02
-    )
-    if title:
-        figure.suptitle(title, fontsize=11)
-    return figure
-
-
-_LIGHT = np.array([0.35, -0.5, 0.79])  # where the light of `film` comes from
-
-
-def _axes_of_view(azimuth: float, elevation: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit vectors towards the viewer, to the right and up in the picture."""
-    towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    return towards, right, np.cross(towards, right)
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    r, g, b = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return r, g, b

@@ -11,7 +11,6 @@ from energy_opt.cell.bodies import Body
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.solids import LARGE, Piece
 from energy_opt.reports.motion import Solid
-from energy_opt.robot.kinematics import Kinematics
 
 MOST_CORNERS = 300  # of one hull: more are not seen
 POINTS = 200  # of which a body with a radius is drawn, shared among its corners
@@ -66,15 +65,3 @@ def _spread(points: np.ndarray, index: np.ndarray) -> np.ndarray:
 
 def _placed(body: Body, points: np.ndarray, faces: np.ndarray) -> Solid:
     return Solid(body.joint, points @ body.pose[:3, :3].T + body.pose[:3, 3], faces, body.name)
-
-
-def triangles_at(cell: Cell, q: np.ndarray) -> list[np.ndarray]:
-    """The arm, with what it carries, at positions q (K, n): triangles (F, 3, 3) [m] in the base frame at each."""
-    arm, _ = drawn(cell)
-    poses = Kinematics(cell.robot.body.tree())(q)
-    out = []
-    for k in range(len(q)):
-        parts = [s.vertices @ poses.rotation[k, s.joint].T + poses.origin[k, s.joint] for s in arm]
-        faces = [s.triangles for s in arm]
-        out.append(np.concatenate([points[face] for points, face in zip(parts, faces, strict=True)]))
-    return out

@@ -212,11 +212,11 @@ def _position_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: st
     values, time = _whole(values, time)
     far = degrees_fault(values, robot) is not None
     if named in (None, "rad") and far:
-        doubt = ", though the file says rad" if named == "rad" else ""
-        out.words.append(f"positions are degrees (as radians they are far outside the limits{doubt}): converted")
+        against = ", though the file says rad" if named == "rad" else ""
+        out.words.append(f"positions are degrees (as radians they are far outside the limits{against}): converted")
         return "deg"
-    if named is None and len(time) > 20:
-        apart = max(1, int(0.1 / max(float(np.median(np.diff(time))), 1e-6)))
+    apart = max(1, int(0.1 / max(float(np.median(np.diff(time))), 1e-6))) if len(time) > 20 else len(time)
+    if named is None and len(time) > apart:  # speeds over a tenth of a second
         rate = np.abs(values[apart:] - values[:-apart]) / np.maximum(time[apart:] - time[:-apart], 1e-9)[:, None]
         limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, np.pi)
         if (np.percentile(rate, 99, axis=0) > 3 * limit).any():

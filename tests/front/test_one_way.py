@@ -15,6 +15,7 @@ import pytest
 
 import energy_opt as eo
 from energy_opt.cli.main import main
+from energy_opt.errors import speaking_of_options
 from energy_opt.files import to_json, write_table
 from energy_opt.front.effects import effects as described
 from energy_opt.front.run import asked_in
@@ -182,7 +183,8 @@ def test_the_command_and_the_function_give_the_same_json(
     printed = json.loads(capsys.readouterr().out)
     function = {"import": eo.import_logs, "effects": described}.get(verb) or getattr(eo, verb)
     try:
-        found = function(**given, **({"out": tmp_path / "b"} if "out" in known else {}))
+        with speaking_of_options():  # else messages name arguments, as Python has them
+            found = function(**given, **({"out": tmp_path / "b"} if "out" in known else {}))
     except (eo.BadInput, eo.Infeasible) as error:
         assert code == error.exit_code and printed["message"]
         return

@@ -61,6 +61,10 @@ def test_files_are_paired_and_runs_ordered(tmp_path):
             "column q5: 'x' is not",
         ),
         ("time,q0,q1,q2,q3,q4,q5,power\n" + "".join(f"{k / 9},0,1,-1,0,0,0,0\n" for k in range(9)), "is 0 throughout"),
+        (  # a whole recording shorter than the tenth of a second over which speeds are taken
+            "time_ms,q0,q1,q2,q3,q4,q5,power\n" + "".join(f"{k / 100},{k / 1e6},1,-1,0,0,0,5\n" for k in range(60)),
+            "is the time's unit right?",
+        ),
     ],
 )
 def test_what_cannot_be_imported_is_said_and_nothing_written(tmp_path, capsys, text, expected):

@@ -8,20 +8,6 @@ from energy_opt.measured.run import MeasuredSet, Run
 from energy_opt.measured.sets import read_set
 
 __all__ = [
-    "Kinematics",
-    "LogFile",
-    "MeasuredSet",
-    "Run",
-    "RunEntry",
-    "Smoothing",
-    "check_set",
-    "choose_smoothing",
-    "coarse",
-    "inspect_set",
-    "kinematics",
-    "nodes",
-    "observe",
-    "operator",
-    "read_log",
-    "read_set",
-]
+    "Kinematics", "LogFile", "MeasuredSet", "Run", "RunEntry", "Smoothing", "check_set", "choose_smoothing",
+    "coarse", "inspect_set", "kinematics", "nodes", "observe", "operator", "read_log", "read_set",
+]  # fmt: skip

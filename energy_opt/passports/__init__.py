@@ -6,15 +6,6 @@ from energy_opt.passports.sheet import Passport, passport
 from energy_opt.passports.sources import Arm, Number, arm_of, read_arm
 
 __all__ = [
-    "Arm",
-    "Change",
-    "Number",
-    "Passport",
-    "arm_of",
-    "changes",
-    "changes_since",
-    "friction",
-    "loss",
-    "passport",
+    "Arm", "Change", "Number", "Passport", "arm_of", "changes", "changes_since", "friction", "loss", "passport",
     "read_arm",
-]
+]  # fmt: skip

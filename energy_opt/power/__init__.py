@@ -6,12 +6,6 @@ from energy_opt.power.model import PowerModel, load_model
 from energy_opt.power.named import source_method_1, source_method_2
 
 __all__ = [
-    "DriveTerms",
-    "Mixture",
-    "PowerModel",
-    "drive_function",
-    "drive_terms",
-    "load_model",
-    "source_method_1",
+    "DriveTerms", "Mixture", "PowerModel", "drive_function", "drive_terms", "load_model", "source_method_1",
     "source_method_2",
-]
+]  # fmt: skip

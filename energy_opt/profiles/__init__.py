@@ -6,10 +6,5 @@ from energy_opt.profiles.plan import MovesPlanner, StandardMoves, as_result
 from energy_opt.profiles.robust import robust_moves
 
 __all__ = [
-    "Chain",
-    "MovesPlanner",
-    "StandardMoves",
-    "as_result",
-    "robust_moves",
-    "standard_moves",
-]
+    "Chain", "MovesPlanner", "StandardMoves", "as_result", "robust_moves", "standard_moves",
+]  # fmt: skip

@@ -9,18 +9,6 @@ from energy_opt.schedule.problem import Exclusion, Group, Lag, Mode, Move, Probl
 from energy_opt.schedule.solve import Schedule, solve
 
 __all__ = [
-    "Curve",
-    "Exclusion",
-    "Group",
-    "Hull",
-    "Lag",
-    "Mode",
-    "Move",
-    "Polynomial",
-    "Problem",
-    "Ring",
-    "Run",
-    "Schedule",
-    "Wait",
-    "solve",
-]
+    "Curve", "Exclusion", "Group", "Hull", "Lag", "Mode", "Move", "Polynomial", "Problem", "Ring", "Run",
+    "Schedule", "Wait", "solve",
+]  # fmt: skip

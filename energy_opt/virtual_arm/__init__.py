@@ -10,20 +10,6 @@ from energy_opt.virtual_arm.simulate import Instruments, Run, play, simulate
 from energy_opt.virtual_arm.specials import SPECIALS, Backlash, Cogging, Fan, Special, SpeedRipple, StandbyStep
 
 __all__ = [
-    "SPECIALS",
-    "Backlash",
-    "Cogging",
-    "Fan",
-    "Instruments",
-    "Plant",
-    "Reference",
-    "Run",
-    "Special",
-    "SpeedRipple",
-    "StandbyStep",
-    "load_plant",
-    "play",
-    "pose",
-    "reference_of",
-    "simulate",
-]
+    "SPECIALS", "Backlash", "Cogging", "Fan", "Instruments", "Plant", "Reference", "Run", "Special", "SpeedRipple",
+    "StandbyStep", "load_plant", "play", "pose", "reference_of", "simulate",
+]  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.reports.timeline import FILLS, GAP, LANE, LEFT, POWER, RIGHT, WIDE, block, power_line, text, ticks
+from energy_opt.reports.timeline import FILLS, GAP, LANE, LEFT, RIGHT, WIDE, block, drawing, text, with_time
 
 MODES = ("#b8bfc8", "#e5d7a8", "#c9b3dc", "#a9d6c0", "#e7b9a6")  # fills of waits, by mode
 ZONES = ("#c23b6b", "#8a6d00", "#00797a", "#6a4fb3")
@@ -45,14 +45,7 @@ def gantt(robots: Sequence[Mapping[str, Any]], cycle: float, power: tuple[np.nda
                     place = f'x="{at(begin):.1f}" y="{y + LANE + 1:.1f}" width="{scale * (end - begin):.1f}"'
                     parts.append(f'<rect {place} height="{STRIP:.0f}" fill="{zones[zone]}"/>')
         y += LANE + GAP + (STRIP if zones else 0.0)
-    if power is not None and len(power[0]) > 1:
-        parts += power_line(*power, at, y)
-        y += POWER + GAP
-    marks = [text(at(tick), y + 10, f"{tick:.3g} s") for tick in ticks(cycle)]
-    lines = [
-        f'<line x1="{at(tick):.1f}" x2="{at(tick):.1f}" y1="0" y2="{y:.0f}" stroke="var(--rule)"/>'
-        for tick in ticks(cycle)
-    ]
+    lines, marks, y = with_time(parts, power, cycle, at, y)
     y += 32
     x = LEFT
     for name, fill in [("moves", FILLS["move"]), *((f"waits: {m}", f) for m, f in fills.items()),
@@ -60,7 +53,7 @@ def gantt(robots: Sequence[Mapping[str, Any]], cycle: float, power: tuple[np.nda
         marks.append(f'<rect x="{x:.0f}" y="{y - 6:.0f}" width="14" height="12" fill="{fill}"/>')
         marks.append(text(x + 20, y, name, "start"))
         x += 40 + 7 * len(name)
-    return _drawing([*lines, *parts, *marks], y + 14, "Gantt chart of all robots")
+    return drawing([*lines, *parts, *marks], y + 14, "Gantt chart of all robots")
 
 
 def waterfall(levers: Sequence[tuple[str, float]]) -> str:
@@ -88,7 +81,7 @@ def waterfall(levers: Sequence[tuple[str, float]]) -> str:
         parts.append(text(x + width / 2, HIGH + 34, name))
     if floor > 0:
         parts.append(text(LEFT, HIGH + 54, f"bars of totals begin at {floor:.4g} J", "start"))
-    return _drawing(parts, HIGH + 64, "what each lever saves")
+    return drawing(parts, HIGH + 64, "what each lever saves")
 
 
 def _names(robots: Sequence[Mapping[str, Any]], key: str) -> list[str]:
@@ -103,10 +96,3 @@ def _within(start: float, duration: float, cycle: float) -> list[tuple[float, fl
     begin = start % cycle
     end = begin + min(duration, cycle)
     return [(begin, end)] if end <= cycle else [(begin, cycle), (0.0, end - cycle)]
-
-
-def _drawing(parts: Sequence[str], height: float, label: str) -> str:
-    return (
-        f'<svg viewBox="0 0 {WIDE:.0f} {height:.0f}" width="100%" role="img" aria-label="{label}" '
-        f'font-size="12" fill="var(--ink)">{"".join(parts)}</svg>'
-    )

@@ -48,18 +48,34 @@ def timeline(
             if mass:
                 parts.append(block(at(begin), y, scale * (end - begin), f"{mass:.3g} kg", FILLS["payload"]))
         y += LANE + GAP
+    lines, marks, y = with_time(parts, power, length, at, y)
+    return drawing([*lines, *parts, *marks], y + 20, "timeline")
+
+
+def with_time(
+    parts: list[str], power: tuple[np.ndarray, np.ndarray] | None, length: float, at: Callable[[float], float], y: float
+) -> tuple[list[str], list[str], float]:
+    """Add the line of power to a drawing's parts, and make its time axis.
+
+    Args:
+        power: time (N,) [s] and power (N,) [W]; None: not known. length: of the axis [s].
+        at: the place of a time. y: the height of what is drawn so far.
+
+    Returns: vertical lines, their labels, and the height of all.
+    """
     if power is not None and len(power[0]) > 1:
         parts += power_line(*power, at, y)
         y += POWER + GAP
     marks = [text(at(tick), y + 10, f"{tick:.3g} s") for tick in ticks(length)]
-    lines = [
-        f'<line x1="{at(tick):.1f}" x2="{at(tick):.1f}" y1="0" y2="{y:.0f}" stroke="var(--rule)"/>'
-        for tick in ticks(length)
-    ]
-    drawing = "".join([*lines, *parts, *marks])
+    place = f'y1="0" y2="{y:.0f}" stroke="var(--rule)"'
+    return [f'<line x1="{at(tick):.1f}" x2="{at(tick):.1f}" {place}/>' for tick in ticks(length)], marks, y
+
+
+def drawing(parts: Sequence[str], height: float, label: str) -> str:
+    """An SVG drawing `WIDE` wide and `height` high; `label` says what it shows."""
     return (
-        f'<svg viewBox="0 0 {WIDE:.0f} {y + 20:.0f}" width="100%" role="img" aria-label="timeline" '
-        f'font-size="12" fill="var(--ink)">{drawing}</svg>'
+        f'<svg viewBox="0 0 {WIDE:.0f} {height:.0f}" width="100%" role="img" aria-label="{label}" '
+        f'font-size="12" fill="var(--ink)">{"".join(parts)}</svg>'
     )
 
 

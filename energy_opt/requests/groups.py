@@ -109,6 +109,31 @@ class RobustGroup(Request):
         None, "mean or worst energy over several models, or over one's covariance and rivals (mean)", "KIND"
     )
 
+    def document(self) -> dict[str, Any]:
+        """As every request, with `model`, its name, and where several are planned under, all under `robust`.
+
+        Only models that are documents with their names are written so; the first is the one that results are stated
+        under.
+        """
+        found, models = super().document(), getattr(self, "model", None)
+        if not models or not all(isinstance(model, Mapping) for model in models):
+            return found
+        first = {key: value for key, value in models[0].items() if key != "name"}
+        kind = found.get("robust")
+        robust = None if kind is None else {"kind": kind, "models": [dict(model) for model in models]}
+        return found | {"model": first, "model_name": models[0].get("name"), "robust": robust}
+
+    @classmethod
+    def read(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """The same read back: all models are `model`, and `robust` is the kind."""
+        given = super().read(given)
+        name, robust = given.pop("model_name", None), given.get("robust")
+        if isinstance(robust, Mapping):
+            return given | {"model": robust.get("models"), "robust": robust.get("kind")}
+        if isinstance(model := given.get("model"), Mapping):
+            given["model"] = [{**model, **({} if name is None else {"name": name})}]
+        return given
+
 
 @dataclass(frozen=True, kw_only=True)
 class MoveGroup(Request):

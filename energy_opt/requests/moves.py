@@ -32,31 +32,6 @@ if TYPE_CHECKING:
     from energy_opt.requests.groups import AnyModel, AnyRobot
 
 
-def with_models(document: dict[str, Any], models: Any) -> dict[str, Any]:
-    """A document with `model`, its name, and where several are planned under, all under `robust`.
-
-    Args:
-        models: models as documents with their names, the one that results are stated under first; others are left as
-            they are.
-    """
-    if not models or not all(isinstance(model, Mapping) for model in models):
-        return document
-    first = {key: value for key, value in models[0].items() if key != "name"}
-    kind = document.get("robust")
-    robust = None if kind is None else {"kind": kind, "models": [dict(model) for model in models]}
-    return document | {"model": first, "model_name": models[0].get("name"), "robust": robust}
-
-
-def without_models(given: dict[str, Any]) -> dict[str, Any]:
-    """The same read back: all models are `model`, and `robust` is the kind."""
-    name, robust = given.pop("model_name", None), given.get("robust")
-    if isinstance(robust, Mapping):
-        return given | {"model": robust.get("models"), "robust": robust.get("kind")}
-    if isinstance(model := given.get("model"), Mapping):
-        given["model"] = [{**model, **({} if name is None else {"name": name})}]
-    return given
-
-
 OF_A_MOVE = ("start", "goal", "path", "payload", "model", "limits", "scene", "seed")
 
 
@@ -79,13 +54,13 @@ class MoveRequest(
         found = super().document()
         if isinstance(self.goal, Mapping) and "any_of" in self.goal:
             found |= {"goal": None, "goals": found["goal"]["any_of"]}
-        return with_models(found, self.model)
+        return found
 
     @classmethod
     def read(cls, given: dict[str, Any]) -> dict[str, Any]:
         """The same read back."""
         goals = given.pop("goals", None)
-        given = without_models(given)
+        given = super().read(given)
         if given.get("path") is not None:  # it says where the move begins and ends
             given |= {"start": None, "goal": None}
         return given if goals is None else {**given, "goal": {"any_of": goals}}
@@ -164,15 +139,6 @@ class JobRequest(
     )
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
 
-    def document(self) -> dict[str, Any]:
-        """As every request, with its models as those of a move."""
-        return with_models(super().document(), self.model)
-
-    @classmethod
-    def read(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """The same read back."""
-        return without_models(given)
-
 
 @dataclass(frozen=True)
 class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotGroup):
@@ -202,12 +168,3 @@ class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotG
     starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int)
     compile: str = option("auto", "compile functions: auto, always or never (auto)", "WHEN")
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
-
-    def document(self) -> dict[str, Any]:
-        """As every request, with its models as those of a move."""
-        return with_models(super().document(), self.model)
-
-    @classmethod
-    def read(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """The same read back."""
-        return without_models(given)

@@ -11,9 +11,10 @@ prove        every two arms, for the whole cycle and for lateness; where two tou
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -23,7 +24,6 @@ from energy_opt.schedule import Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm, nearest
 from energy_opt.workcell.aside import aside
 from energy_opt.workcell.between import Between, TwoArms, prove_apart
-from energy_opt.workcell.file import WorkCell
 from energy_opt.workcell.meeting import meeting
 from energy_opt.workcell.motion import PeriodicMotion
 from energy_opt.workcell.stage import Stage
@@ -54,19 +54,13 @@ class Planned:
 
 
 class Planning(Stage):
-    """The work on a cell with arms; arguments are those of `Stage`."""
+    """The schedule and motions of a cell with arms; arguments are those of `Stage`."""
 
-    def __init__(
-        self,
-        cell: WorkCell,
-        arms: Sequence[Arm | None],
-        seconds: float,
-        progress: Callable[[str, float], None],
-        stopped: Callable[[], bool],
-    ) -> None:
-        super().__init__(cell, arms, seconds, progress, stopped)
-        cells = [None if arm is None else arm.cell for arm in arms]
-        self._two = {
+    @cached_property
+    def _two(self) -> dict[tuple[int, int], TwoArms]:
+        """Every two arms with a body, by their robots' numbers."""
+        cells = [None if arm is None else arm.cell for arm in self.plain]
+        return {
             (a, b): TwoArms(one, two)
             for (a, one), (b, two) in combinations(enumerate(cells), 2)
             if one is not None and two is not None

@@ -94,14 +94,13 @@ def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
 
 def _title(request: type[Request], field: str) -> str:
     """The title of the group that declares a field; empty for a verb's own."""
-    owner = next(kind for kind in reversed(request.__mro__) if field in vars(kind).get("__annotations__", {}))
-    own = [kind for kind in request.__mro__ if field in vars(kind).get("__annotations__", {})]
-    owner = own[0] if own else owner
+    owner = next(kind for kind in request.__mro__ if field in vars(kind).get("__annotations__", {}))
     return (owner.__doc__ or "") if owner.__name__.endswith("Group") else ""
 
 
 def _add(group: Any, field: str, spelled: Option, default: Any) -> None:
-    known: dict[str, Any] = {"help": spelled.help.replace("%", "%%"), "default": None}
+    shown = argparse.SUPPRESS if spelled.hidden else spelled.help.replace("%", "%%")
+    known: dict[str, Any] = {"help": shown, "default": None}
     if spelled.place:
         known |= {"metavar": spelled.metavar, **({} if spelled.place == "1" else {"nargs": spelled.place})}
         known |= {"type": Path} if spelled.kind is Path else {}

@@ -268,6 +268,7 @@ class CellGroup(Request):
     payload_size: str | Sequence[float] | None = option(
         None, "edges [m] of the payload's box about its centre of mass (a point)", "X,Y,Z"
     )
+    planner: str | None = option("auto", "source of the first path; here no verb looks for one", "NAME", hidden=True)
     allow_outside: bool = option(False, "files may name files outside of their folder", kind=bool)
     allow_large: bool = option(False, "larger files and meshes are read too", kind=bool)
     cell: CellRequest | None = option(None, "all of these as one object", internal=True, written=False)

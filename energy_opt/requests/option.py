@@ -37,7 +37,8 @@ class Option:
         nargs: how many words an option takes where that is not one.
         flag: the option's name where it is not the field's; aliases: others that mean the same.
         choices: the values there are.
-        main: it is one of the few that `--help` shows.
+        main: it is one of the few that `--help` shows; hidden: it is taken, so that scripts may give it to every verb
+            with a cell, and no help shows it.
         internal: the command line has no option for it; written: it is in the request's document.
     """
 
@@ -52,6 +53,7 @@ class Option:
     aliases: tuple[str, ...] = ()
     choices: tuple[str, ...] = ()
     main: bool = False
+    hidden: bool = False
     internal: bool = False
     written: bool = True
 

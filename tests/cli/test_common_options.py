@@ -14,7 +14,9 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json
 from energy_opt.formats import write
+from energy_opt.front.given import cell_of
 from energy_opt.front.sets import request_of_set
+from energy_opt.front.verbs import VERBS
 from energy_opt.jobs.example import EXAMPLE
 from energy_opt.motion import Settings
 from energy_opt.motion.trajectory import Trajectory
@@ -176,3 +178,18 @@ def test_standard_moves_of_free_duration_take_the_time_that_they_need(tmp_path: 
 def test_a_seed_below_zero_is_refused_where_a_set_is_read(panda: Robot, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="seed -1: expected 0"):
         request_of_set(DiagnoseRequest(tmp_path, seed=-1), panda)
+
+
+@pytest.mark.parametrize("verb", ["check", "identify", "simulate", "evaluate"])
+def test_verbs_that_look_for_no_path_take_a_planner_and_do_not_offer_one(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Scripts may give every verb the same options of the cell; a wrong name is refused as elsewhere."""
+    with pytest.raises(SystemExit):
+        main([verb, "--help-all"])
+    assert "--planner" not in capsys.readouterr().out
+    request = VERBS[verb].request
+    fields = {"simulate": {"trajectories": "a", "plant": "b"}, "check": {"files": "a"}, "evaluate": {"files": "a"}}
+    assert cell_of(request(**fields.get(verb, {}), planner="none")).planner == "none"
+    with pytest.raises(BadInput, match="planner 'nothing'; expected auto, none, ompl"):
+        cell_of(request(**fields.get(verb, {}), planner="nothing"))

@@ -10,7 +10,7 @@ def command() -> int:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums, and so answers, do not depend on the machine's number of cores
     heeded = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
     if heeded:
-        signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # nothing has begun that could be lost
+        signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # no work that could be lost is under way
     from energy_opt.cli.interrupt import interrupt
     from energy_opt.cli.main import main
 

@@ -240,19 +240,19 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         BadInput: names the file, the row (the header is row 1) and the column at fault.
     """
     try:
-        rows = list(csv.reader(read_text(path).splitlines()))
+        records = list(csv.reader(read_text(path).splitlines()))
     except csv.Error as error:
         raise BadInput(f"{path}: not a table: {error}") from None
-    if not rows or not any(cell.strip() for cell in rows[0]):
+    if not records or not any(cell.strip() for cell in records[0]):
         raise BadInput(f"{path}: row 1: no header; expected column names such as time, <joint>.position")
-    header = [cell.strip() for cell in rows[0]]
+    header = [cell.strip() for cell in records[0]]
     mark = next((mark for mark in ";\t|" if mark in header[0] and len(header) == 1), None)
     if mark is not None:
         raise BadInput(f"{path}: row 1: columns are separated by {mark!r}; expected commas, and points in numbers")
     repeated = sorted({name for name in header if header.count(name) > 1})
     if repeated:
         raise BadInput(f"{path}: row 1: column {repeated[0]!r} is given twice")
-    body = [(k, row) for k, row in enumerate(rows[1:], start=2) if row]
+    body = [(k, row) for k, row in enumerate(records[1:], start=2) if row]
     if not body:
         raise BadInput(f"{path}: row 2: no data rows below the header")
     for k, row in body:

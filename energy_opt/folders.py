@@ -130,8 +130,8 @@ def _list_files(aside: Path, last: str, names: Sequence[Path]) -> None:
     """Put the names and digests of the other files into the document that comes last."""
     if not last.endswith(".json") or not (aside / last).is_file():
         return
-    rows = [{"name": str(name), "sha256": digest_of(aside / name)} for name in names if str(name) != last]
-    write_json(aside / last, {**read_json(aside / last), "files": rows})
+    records = [{"name": str(name), "sha256": digest_of(aside / name)} for name in names if str(name) != last]
+    write_json(aside / last, {**read_json(aside / last), "files": records})
 
 
 def _sweep(out: Path) -> None:

@@ -62,9 +62,9 @@ def listed(answer: Path) -> dict[str, str]:
         document = read_json(answer)
     except BadInput:
         return {}
-    rows = document.get("files") if isinstance(document, dict) else None
-    rows = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
-    own = {str(row.get("name")): str(row.get("sha256")) for row in rows}
+    records = document.get("files") if isinstance(document, dict) else None
+    records = [row for row in records if isinstance(row, dict)] if isinstance(records, list) else []
+    own = {str(row.get("name")): str(row.get("sha256")) for row in records}
     return {name: digest for name, digest in own.items() if Path(name).name == name}
 
 

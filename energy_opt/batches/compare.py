@@ -113,10 +113,10 @@ def _times(pairs: Sequence[tuple[Row, Row]]) -> list[dict[str, Any]]:
     """Median ratio new/old of the solve times of each robot and mode, and whether it is beyond noise."""
     out = []
     old_of = {tuple(b[name] for name in IDENTITY): a for a, b in pairs}
-    for (robot, mode), rows in grouped([b for _, b in pairs], ("robot", "mode")).items():
+    for (robot, mode), records in grouped([b for _, b in pairs], ("robot", "mode")).items():
         ratios = [
             b["solve_seconds"] / a["solve_seconds"]
-            for b in rows
+            for b in records
             if (a := old_of[tuple(b[name] for name in IDENTITY)])["solve_seconds"] and b["solve_seconds"]
         ]
         if not ratios:

@@ -144,5 +144,5 @@ def read_parquet(path: Path) -> list[Row]:
     missing = [name for name in COLUMNS if name not in table.column_names]
     if missing:
         raise BadInput(f"{path}: column {missing[0]} is missing; not a results.parquet of this program")
-    rows: list[Row] = table.to_pylist()
-    return rows
+    records: list[Row] = table.to_pylist()
+    return records

@@ -168,8 +168,8 @@ def _product(suite: str, group: Group, at: int, files: Files, faults: Faults) ->
         models = []
         for name, given in group.models:
             if name == MEAN:
-                rows = [{"name": member, **named_model(member, robot).to_document()} for member in MEMBERS]
-                models.append((name, to_json({MEAN: rows})))
+                records = [{"name": member, **named_model(member, robot).to_document()} for member in MEMBERS]
+                models.append((name, to_json({MEAN: records})))
                 continue
             effects = named_model(name, robot) if given is None else given
             try:

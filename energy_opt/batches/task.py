@@ -177,8 +177,8 @@ class Task:
         for text, where in self.own_effects:
             load_source(text, where)
         document, base = json.loads(self.effects), self.surroundings.request.base
-        rows, out = document.get("mean", [{"name": self.model, **document}]), []
-        for row in rows:
+        records, out = document.get("mean", [{"name": self.model, **document}]), []
+        for row in records:
             model = model_from_document({key: value for key, value in row.items() if key != "name"}, row["name"])
             if self.payload:
                 model = model.replaced(Payload(mass=self.payload[0], com=list(self.payload[1:])))

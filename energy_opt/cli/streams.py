@@ -1,4 +1,4 @@
-"""The command's standard streams: closed, full or without a reader, each is told in one line."""
+"""The command's standard streams: closed, full or without a reader, each fault is one line."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ from energy_opt.errors import BadInput
 from energy_opt.files import write_json
 from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
-from energy_opt.power.model import Doubt
+from energy_opt.power.model import Uncertainty
 
 LEAST = 0.1  # of what is left, in rms, that a signal must hold to be named
 FEWEST = 20  # readings without which nothing can be said
@@ -110,7 +110,7 @@ def diagnose(
     found = infer(
         samples.part(train), declared, limits, excited(samples, limits), held, given, stopped, prior, blind=not enough
     )
-    model = replace(found.model, doubt=_covariance(found))
+    model = replace(found.model, uncertainty=_covariance(found))
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     effects, left = findings_of(found), _remainder(found, joints)
@@ -198,7 +198,7 @@ def _remainder(found: Inference, joints: tuple[str, ...]) -> list[Remainder]:
     return kept or [Remainder("no signal that was recorded", None, 1.0, left)]
 
 
-def _covariance(found: Inference) -> Doubt | None:
+def _covariance(found: Inference) -> Uncertainty | None:
     """The parameter covariance of what is written, and the models that explain the same data as well."""
     f, model, at = found.accepted, found.model, 0
     names: list[str] = []
@@ -213,10 +213,10 @@ def _covariance(found: Inference) -> Doubt | None:
         at += len(z)
     others = tuple(r.full_model(links=False) for r in found.rivals[1:])
     if not slopes:
-        return Doubt((), np.zeros((0, 0)), others) if others else None
+        return Uncertainty((), np.zeros((0, 0)), others) if others else None
     slope = np.vstack(slopes)
     matrix = slope @ (f.covariance[: f.count, : f.count] * WIDER**2) @ slope.T
-    return Doubt(tuple(names), (matrix + matrix.T) / 2, others)
+    return Uncertainty(tuple(names), (matrix + matrix.T) / 2, others)
 
 
 def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:

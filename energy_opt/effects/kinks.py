@@ -18,7 +18,7 @@ class Kinks(Protocol):
     the unit of x.
 
     `direction` is that of dry friction where it holds at rest: sign(v) of a joint that moves; `bearing` of one that
-    stands; s^3 + (1 - s^2) bearing between, with s from -1 to 1, so that friction nowhere exceeds its level.
+    rests; s^3 + (1 - s^2) bearing between, with s from -1 to 1, so that friction nowhere exceeds its level.
     """
 
     def sign(self, x: ca.SX, width: float) -> ca.SX: ...

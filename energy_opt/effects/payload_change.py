@@ -1,4 +1,4 @@
-"""A payload that is picked up or put down in mid-run, while the arm stands still."""
+"""A payload that is picked up or put down in mid-run, while the arm is at rest."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ class DriveEffect(Effect):
 class StoreEffect(DriveEffect):
     """Keeps some of the drives' negative power and gives it back: its law runs over time.
 
-    `drawn` is what stands for it where the past is unknown: nothing comes back, so a plan's energy is never below the
+    `drawn` replaces it where the past is unknown: nothing comes back, so a plan's energy is never below the
     truth. Where the motion is known in order, `supplied` is the law.
     """
 

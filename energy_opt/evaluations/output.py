@@ -58,13 +58,13 @@ def write(
     """Write evaluate.json, and every motion in the formats asked for (trajectory, or trajectory_01 and so on)."""
     result = document(robot, found, request)
     with written_whole(out, ANSWER) as aside:
-        rows = []
+        records = []
         for number, evaluation in enumerate(found, start=1):
             stem = "trajectory" if len(found) == 1 else f"trajectory_{number:02d}"
-            rows += write_cycle(evaluation.parts, evaluation.judge, formats, aside, rate, prefix, stem)
-        result["written"] = [row.document() for row in rows]
+            records += write_cycle(evaluation.parts, evaluation.judge, formats, aside, rate, prefix, stem)
+        result["written"] = [row.document() for row in records]
         write_json(aside / ANSWER, result)
-    return result, rows
+    return result, records
 
 
 def table(found: Sequence[Evaluation]) -> str:

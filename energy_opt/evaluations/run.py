@@ -33,7 +33,7 @@ class Interval:
 
     start: float
     end: float
-    stands: bool
+    resting: bool
     load: Load | None
     brakes: bool
 
@@ -131,8 +131,8 @@ def _scorers(robot: Robot, rival: Rival) -> Callable[[Load | None], Scorer]:
 def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
     """The motion cut where it begins or ends to stand, and where what is carried changes.
 
-    A cycle whose accelerations are spread over milliseconds stands a few of them earlier or later than its steps say:
-    what is carried changes while it stands.
+    A cycle whose accelerations are spread over milliseconds is a few of them earlier or later than its steps say:
+    what is carried changes while it rests.
     """
     end = motion.trajectory.duration
     marks = {0.0, end, *motion.waits.ravel().tolist()}
@@ -148,8 +148,8 @@ def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
             continue
         middle = (a + b) / 2
         stretch = next((s for s in motion.stretches if s.start <= middle <= s.end), motion.stretches[-1])
-        stands = bool(((motion.waits[:, 0] < middle) & (middle < motion.waits[:, 1])).any())
-        out.append(Interval(a, b, stands, None if payload else stretch.load, stretch.brakes and stands))
+        resting = bool(((motion.waits[:, 0] < middle) & (middle < motion.waits[:, 1])).any())
+        out.append(Interval(a, b, resting, None if payload else stretch.load, stretch.brakes and resting))
     return out
 
 
@@ -199,7 +199,7 @@ def _baselines(
     timings = {
         i: minimum_time(robot, first(i.load).model, path, limits, path.start_speed, path.end_speed)
         for i in intervals
-        if not i.stands and (path := of_trajectory(part_of(motion.trajectory, i.start, i.end))).moves
+        if not i.resting and (path := of_trajectory(part_of(motion.trajectory, i.start, i.end))).moves
     }
     out = []
     for name in ("toppra", "scaled"):
@@ -223,7 +223,7 @@ def _parts(motion: Recorded, intervals: Sequence[Interval]) -> tuple[Part, ...]:
     out = []
     for i in intervals:
         trajectory = part_of(motion.trajectory, i.start, i.end)
-        waits = i.stands and bool(np.abs(trajectory.velocity).max() < AT_REST)
+        waits = i.resting and bool(np.abs(trajectory.velocity).max() < AT_REST)
         if waits:
             trajectory = standing(trajectory.joints, trajectory.position[-1], i.end - i.start)
         out.append(Part(trajectory, "", waits, "brakes" if i.brakes else "", i.load))

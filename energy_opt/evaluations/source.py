@@ -42,7 +42,7 @@ class Recorded:
         name: of its file.
         trajectory: its rows, from time 0 on.
         stretches: what is carried when; they follow one another from its start to its end.
-        waits: (W, 2) s, where the arm stands still for a while.
+        waits: (W, 2) s, where the arm is at rest for a while.
         notes: what a reader must know, a line each.
     """
 
@@ -80,12 +80,12 @@ def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     """
     path = Path(path)
     table, answer = _table(path), _answer(path)
-    rows = formats.read(table).of(joints, "" if answer is not None else prefix)
-    trajectory, notes = _motion(rows)
+    records = formats.read(table).of(joints, "" if answer is not None else prefix)
+    trajectory, notes = _motion(records)
     trajectory = replace(trajectory, time=trajectory.time - trajectory.time[0]).on_nanoseconds()
     whole = (Stretch(0.0, trajectory.duration),)
     stretches = whole if answer is None else _stretches(read_json(answer), trajectory) or whole
-    return Recorded(str(path), trajectory, stretches, standstills(trajectory), (*rows.notes, *notes))
+    return Recorded(str(path), trajectory, stretches, standstills(trajectory), (*records.notes, *notes))
 
 
 def _table(path: Path) -> Path:
@@ -119,8 +119,8 @@ def _stretches(document: Any, trajectory: Trajectory) -> tuple[Stretch, ...]:
         starts = [float(step["start"]) for step in steps]
         ends = [*starts[1:], end]
         loads = [_load(s["payload"], s.get("centre") or (0.0, 0.0, 0.0)) for s in steps]
-        rows = zip(starts, ends, loads, steps, strict=True)
-        return tuple(Stretch(a, b, load, bool(step.get("brakes"))) for a, b, load, step in rows)
+        records = zip(starts, ends, loads, steps, strict=True)
+        return tuple(Stretch(a, b, load, bool(step.get("brakes"))) for a, b, load, step in records)
     payload = request.get("payload")
     if not isinstance(payload, dict):
         return ()

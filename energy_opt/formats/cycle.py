@@ -119,7 +119,7 @@ def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = No
         return parts
     if max(jumps) <= NANOSECOND:
         return _met(parts, limits)
-    both = parts[0].trajectory.acceleration[0], parts[-1].trajectory.acceleration[-1]  # begun and ended with, at rest
+    both = parts[0].trajectory.acceleration[0], parts[-1].trajectory.acceleration[-1]  # at both ends, at rest
     shortest = max(*jumps, *(float((np.abs(a) / limits.jerk).max()) for a in both))
     width = float(whole(max(ROOM * shortest, 0.0 if rate is None else SAMPLES / rate)))
     out = list(parts)

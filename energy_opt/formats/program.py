@@ -36,9 +36,9 @@ class Part:
 
 def standing(joints: Sequence[str], q: np.ndarray, seconds: float) -> Trajectory:
     """Rows of standing at q (n,) for so many seconds."""
-    rows = np.repeat(q[None], STANDING, axis=0)
-    still = np.zeros_like(rows)
-    return Trajectory(tuple(joints), np.linspace(0, seconds, STANDING), rows, still, still)
+    samples = np.repeat(q[None], STANDING, axis=0)
+    still = np.zeros_like(samples)
+    return Trajectory(tuple(joints), np.linspace(0, seconds, STANDING), samples, still, still)
 
 
 def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
@@ -55,7 +55,7 @@ def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
     still = [k for k, t in enumerate(trajectories) if not t.velocity.any() and t.duration > 2 * owed]
     pays = max(still, key=lambda k: trajectories[k].duration, default=None)
     times: list[np.ndarray] = []
-    rows: list[list[np.ndarray]] = []
+    samples: list[list[np.ndarray]] = []
     at = 0.0
     for k, t in enumerate(trajectories):
         at += NANOSECOND * jumps[k]
@@ -64,9 +64,9 @@ def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
         if k == pays:
             time = time * (1 - owed / time[-1])
         times.append(at + time[first:])
-        rows.append([x[first:] for x in (t.position, t.velocity, t.acceleration)])
+        samples.append([x[first:] for x in (t.position, t.velocity, t.acceleration)])
         at += float(time[-1])
-    q, v, a = (np.concatenate(part) for part in zip(*rows, strict=True))
+    q, v, a = (np.concatenate(part) for part in zip(*samples, strict=True))
     return Trajectory(trajectories[0].joints, whole(np.concatenate(times)), q, v, a)
 
 

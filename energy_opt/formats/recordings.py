@@ -53,10 +53,10 @@ def _states(bag: Bag, path: Path) -> tuple[tuple[str, ...], list[Any], list[str]
     topics = {topic for topic, kind in bag.topics().items() if kind in STATES}
     if not topics:
         raise BadInput(f"{path}: no sensor_msgs/JointState; its topics are {bag.described()}")
-    rows: dict[tuple[str, tuple[str, ...]], list[tuple[float, Any]]] = {}
+    samples: dict[tuple[str, tuple[str, ...]], list[tuple[float, Any]]] = {}
     for topic, _, stamp, found in bag.messages(lambda topic, kind: topic in topics):
-        rows.setdefault((topic, tuple(found.name)), []).append((_time(found, stamp), found))
-    usable = {key: value for key, value in rows.items() if len(value) > 1 and key[1]}
+        samples.setdefault((topic, tuple(found.name)), []).append((_time(found, stamp), found))
+    usable = {key: value for key, value in samples.items() if len(value) > 1 and key[1]}
     if not usable:
         raise BadInput(f"{path}: fewer than two joint states of the same joints")
     topic, names = max(usable, key=lambda key: (len(key[1]), len(usable[key])))
@@ -87,8 +87,8 @@ def _power(bag: Bag, path: Path) -> tuple[Series, list[str]]:
         return _series(bag, topic, path), [f"{path}: power [W] is {topic}", *_others(named, topic, path)]
     if batteries:
         topic = _busiest(bag, batteries)
-        rows = [(_time(m, stamp), float(m.voltage) * float(m.current)) for _, _, stamp, m in _of(bag, topic)]
-        time, values = _rising(rows)
+        samples = [(_time(m, stamp), float(m.voltage) * float(m.current)) for _, _, stamp, m in _of(bag, topic)]
+        time, values = _rising(samples)
         power = np.array(values)
         if not np.isfinite(power).all():
             raise BadInput(f"{path}: {topic}: voltage or current is not a number in some messages")

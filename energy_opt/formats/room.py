@@ -20,7 +20,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 ROUNDS = 6  # plans with smaller bounds
 STEP = 1.2  # times what is broken, by which a bound becomes smaller: peaks move with the plan
-TOLD = 0.9995  # of a bound: shares above it are all of it in words
+SHOWN = 0.9995  # of a bound: shares above it are all of it in words
 NEAR = 1e-2  # of a bound: what samples may break at most of a plan that is then slowed
 LEAST = 0.5  # of a bound: where samples need less than that, the rate is too low for the motion
 
@@ -83,7 +83,7 @@ def said(shares: Mapping[str, float], joules: float) -> str:
     """What room was left and what it costs, in words; empty where none was."""
     if not shares:
         return ""
-    less = {name: share for name, share in shares.items() if share < TOLD} or shares
+    less = {name: share for name, share in shares.items() if share < SHOWN} or shares
     used = ", ".join(f"{name.replace('_', ' ')} at most {100 * share:.4g} %" for name, share in less.items())
     return f"planned with room for the samples that are written ({used} of its bound): {joules:+.3g} J"
 

@@ -118,12 +118,12 @@ class Rows:
         """
         if given is None or self.time is None or len(self.time) < FEWEST:
             return
-        told = np.gradient(of, self.time, axis=0)
+        derived = np.gradient(of, self.time, axis=0)
         if kind == "acceleration" and of is self.position:
-            told = np.gradient(told, self.time, axis=0)
-        size = float(np.sum(told**2))
-        factor = float(np.sum(given * told)) / size if size > 0 else 1.0
-        left = float(np.sum((given - factor * told) ** 2))
+            derived = np.gradient(derived, self.time, axis=0)
+        size = float(np.sum(derived**2))
+        factor = float(np.sum(given * derived)) / size if size > 0 else 1.0
+        left = float(np.sum((given - factor * derived) ** 2))
         if left < UNLIKE * factor**2 * size and not 1 / SLIP < abs(factor) < SLIP:
             unit = "deg" if abs(np.degrees(1) / factor - 1) < 0.1 else "another unit"
             raise BadInput(
@@ -136,7 +136,7 @@ class Rows:
         """The rows as a path: that of the trajectory, which it keeps, or the spline through waypoints.
 
         Raises:
-            BadInput: the trajectory stands still on its way, of which a path keeps nothing.
+            BadInput: the trajectory rests on its way, of which a path keeps nothing.
         """
         if self.time is None:
             return through(self.position)

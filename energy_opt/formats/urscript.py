@@ -168,13 +168,13 @@ _REST = [
 
 def _followed(trajectory: Trajectory) -> list[str]:
     """A call for every two rows."""
-    rows = [(vector(q), vector(v), vector(a)) for q, v, a in zip(
+    samples = [(vector(q), vector(v), vector(a)) for q, v, a in zip(
         trajectory.position, trajectory.velocity, trajectory.acceleration, strict=True
     )]  # fmt: skip
     steps = np.diff(trajectory.time)
     return [
         f"  t = quintic({step:.9f},{','.join(before)},{','.join(after)},t,dt,speed)"
-        for step, before, after in zip(steps, rows, rows[1:], strict=False)
+        for step, before, after in zip(steps, samples, samples[1:], strict=False)
     ]
 
 

@@ -37,13 +37,13 @@ class Checked(Found):
 
     def document(self) -> dict[str, Any]:
         """Whether all are usable, and of each file its faults and remarks."""
-        rows = [
+        records = [
             {"file": name, "usable": not found, "faults": found, "remarks": self.remarks.get(name, [])}
             for name, found in self.faults.items()
         ]
         lines = [fault for found in self.faults.values() for fault in found]
         failed = {"status": BadInput.status, "message": "\n".join(lines)} if lines else {}
-        return {"usable": self.usable, **failed, "files": rows}
+        return {"usable": self.usable, **failed, "files": records}
 
     def text(self, out: Path) -> str:
         """A line for every file that is usable."""
@@ -212,23 +212,23 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     from energy_opt.motion.limits.registry import joint_limits
     from energy_opt.robot import known_robots, load_robot
 
-    rows = read(file)
-    for note in rows.notes:
+    samples = read(file)
+    for note in samples.notes:
         notes.append(note)
     if request.robot is None:
-        joints = {name.removeprefix(request.joint_prefix) for name in rows.joints}
+        joints = {name.removeprefix(request.joint_prefix) for name in samples.joints}
         matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
         if not matching:
-            return [f"{file}: joints {', '.join(rows.joints)} are those of no robot by name; say which with --robot"]
+            return [f"{file}: joints {', '.join(samples.joints)} are those of no robot by name; say which with --robot"]
         robot = robot_of(request, matching[0])
         notes.append(f"{file}: taken for a {robot.name} (say --robot to change it)")
     else:
         robot = robot_of(request)
-    rows = rows.of(robot.joints, request.joint_prefix)
-    refuse_degrees(robot, rows.position, rows.where)
-    if rows.time is None:
+    samples = samples.of(robot.joints, request.joint_prefix)
+    refuse_degrees(robot, samples.position, samples.where)
+    if samples.time is None:
         return []
-    trajectory = rows.trajectory()
+    trajectory = samples.trajectory()
     model = _model(request, robot)
     certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
     return [

@@ -142,14 +142,14 @@ def write_controllers(
     from energy_opt.profiles import movej
 
     judge = judge_of(planner, move)
-    formats, rows = output.wanted(request.write), []
+    formats, records = output.wanted(request.write), []
     if moves is not None:
         scripts = FORMATS["urscript"] in formats
-        rows += movej.write(moves, planner.robot, judge, out, ["moves.yaml", *(["trajectory.script"] * scripts)])
+        records += movej.write(moves, planner.robot, judge, out, ["moves.yaml", *(["trajectory.script"] * scripts)])
         formats = [form for form in formats if form.name != "urscript"]
     payload = load_of(planner.robot, planner.model)
-    rows += output.write(result.trajectory, judge, formats, out, request.rate, request.joint_prefix, payload)
-    return rows
+    records += output.write(result.trajectory, judge, formats, out, request.rate, request.joint_prefix, payload)
+    return records
 
 
 def kept_words(moves: StandardMoves) -> str:

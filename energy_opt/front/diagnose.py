@@ -92,7 +92,7 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
         found = diagnosed(measured, declared, request.seed, request.tolerance, given, stopped)
     result = Diagnosed(**{f.name: getattr(found, f.name) for f in fields(Diagnosis)}, request=asked)
     result.document["request"] = document
-    since = changes_since(declared, result.model, measured.robot) if declared.doubt is not None else []
+    since = changes_since(declared, result.model, measured.robot) if declared.uncertainty is not None else []
     result.document["changes"] = [change.document() for change in since]
     if words:
         result.document["remarks"].insert(0, words)

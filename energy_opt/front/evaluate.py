@@ -84,8 +84,8 @@ class Answers(Found):
         """The same; returns the answers with what is known of the files."""
         asked = self.asked
         formats = check_written(asked, self.robot.n)
-        _, rows = saved(self.robot, self.found, self.request, out, formats, asked.rate, asked.joint_prefix)
-        return replace(self, files=tuple(rows))
+        _, records = saved(self.robot, self.found, self.request, out, formats, asked.rate, asked.joint_prefix)
+        return replace(self, files=tuple(records))
 
 
 def run(request: EvaluateRequest, desk: Desk) -> Answers:
@@ -149,6 +149,6 @@ def _motion(given: AnyMotion, robot: Robot, prefix: str) -> Recorded:
     if missing:
         raise BadInput(f"the trajectory has joints {', '.join(given.joints)}; missing: {', '.join(sorted(missing))}")
     index = [given.joints.index(joint) for joint in robot.joints]
-    rows = (np.asarray(x)[:, index] for x in (given.position, given.velocity, given.acceleration))
-    trajectory = Trajectory(robot.joints, given.time - given.time[0], *rows).on_nanoseconds()
+    samples = (np.asarray(x)[:, index] for x in (given.position, given.velocity, given.acceleration))
+    trajectory = Trajectory(robot.joints, given.time - given.time[0], *samples).on_nanoseconds()
     return Recorded("trajectory", trajectory, (Stretch(0.0, trajectory.duration),), standstills(trajectory))

@@ -30,8 +30,8 @@ def _passing(trajectory: Trajectory, q: np.ndarray) -> np.ndarray:
 
 def with_goals(result: Answer, chosen: Chosen, poses: dict[str, Pose], settings: Settings) -> Answer:
     """The answer with the goals that were looked at, and by what its ends miss their poses."""
-    rows = result.trajectory.position
-    at = {"start": rows[0], "goal": rows[-1]}
+    positions = result.trajectory.position
+    at = {"start": positions[0], "goal": positions[-1]}
     for k, q in enumerate(chosen.move.via, start=1):
         at[f"via {k}"] = _passing(result.trajectory, q)
     said = pose_document(result.arm, settings.tool, poses, at)

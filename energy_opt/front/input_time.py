@@ -32,6 +32,6 @@ def solved(solve: Callable[[Move], Result], move: Move, asked: Move) -> tuple[Re
     except Infeasible as error:
         if move == asked or error.shortest_duration is None:
             raise
-        told = f"the {move.duration:.4g} s of the given trajectory are too short ({error}); the duration is free"
+        said = f"the {move.duration:.4g} s of the given trajectory are too short ({error}); the duration is free"
     result = solve(asked)
-    return replace(result, warnings=(*result.warnings, told)), asked
+    return replace(result, warnings=(*result.warnings, said)), asked

@@ -80,10 +80,10 @@ class JobAnswer(Found):
         from energy_opt.jobs.output import write
 
         with written_whole(out, ANSWER) as aside:
-            rows = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
+            records = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
             request = {**self.request.document(), **self.stamp}
-            found = write(self.result, request, aside, self.request.worth, rows)
-        return replace(self, files=tuple(rows), saved=found)
+            found = write(self.result, request, aside, self.request.worth, records)
+        return replace(self, files=tuple(records), saved=found)
 
     def __repr__(self) -> str:
         return (

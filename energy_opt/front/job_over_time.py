@@ -94,8 +94,8 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
             job, mean_of(rivals), settings, cell=cell, times=times, stopped=stopped, progress=show,
             **known, restated=lambda result: result if kind is None else stated(result, rivals),
         )  # fmt: skip
-        rows = assumptions(job.robot, [rival.model for rival in rivals])
-        used = {"assumptions": [asdict(row) for row in rows]}
+        records = assumptions(job.robot, [rival.model for rival in rivals])
+        used = {"assumptions": [asdict(row) for row in records]}
         found = {**document(job, points, shortest, stopped()), **used, "request": plain(stamped)}
         if worth is not None:
             bend = found["knee"] or found["minimum"] or {}
@@ -105,7 +105,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
         front = desk.keep(JobFront(found, asked))
         if answers is not None and not stopped():
             answers.forget()
-    if line := said(rows):
+    if line := said(records):
         desk.say(line)
     if found["status"] == "infeasible":
         desk.say(f"no cycle time asked for can be done; the shortest that can is {shortest:.6g} s")

@@ -82,14 +82,14 @@ def _energies(result: Result) -> tuple[list[str], list[list[object]]]:
     columns = [("result", result.trajectory.duration, result.energy)]
     columns += [(b.name, b.duration, b.energy) for b in result.baselines]
     header = ["", *(name for name, _, _ in columns)]
-    rows: list[list[object]] = [["duration [s]", *(duration for _, duration, _ in columns)]]
+    records: list[list[object]] = [["duration [s]", *(duration for _, duration, _ in columns)]]
     for part in ("total", "standby", "stored", "loss"):
-        rows.append([part, *(getattr(energy, part) for _, _, energy in columns)])
+        records.append([part, *(getattr(energy, part) for _, _, energy in columns)])
     for effect in result.energy.by_effect:
         values = [energy.by_effect.get(effect) for _, _, energy in columns]
-        if not any(same(values, row[1:]) for row in rows[1:]):  # what repeats a line above says nothing
-            rows.append([f"  {effect}", *values])
-    return header, rows
+        if not any(same(values, row[1:]) for row in records[1:]):  # what repeats a line above says nothing
+            records.append([f"  {effect}", *values])
+    return header, records
 
 
 def _why_less(result: Result) -> list[str]:
@@ -110,18 +110,18 @@ def _under(row: Mapping[str, Any]) -> str:
     if joules is None:
         return f"  under {row['name']}: {row['total']:.3f} J"
     of_loss = "" if share is None else f", {share:.2f} % of the loss"
-    doubt = ""
+    uncertainty = ""
     if "saving_joules_interval" in row:
         low, high = row["saving_joules_interval"]
-        doubt = f"; between {low:.3f} and {high:.3f} J (95 %) by what its data leave open"
-    return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}{doubt}"
+        uncertainty = f"; between {low:.3f} and {high:.3f} J (95 %) by what its data leave open"
+    return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}{uncertainty}"
 
 
 def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     """The short table for the terminal; `year` says what the saving is worth in one."""
-    header, rows = _energies(result)
+    header, records = _energies(result)
     lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name in header[1:])]
-    for name, *values in rows:
+    for name, *values in records:
         cells = "".join(f"{value:>12.4f}" if isinstance(value, float) else f"{'-':>12}" for value in values)
         lines.append(f"{name:<22}{cells}")
     beside = input_words(result.document())

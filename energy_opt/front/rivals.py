@@ -82,8 +82,10 @@ def _drawn(rival: Rival, count: int) -> list[Rival]:
 
 def _explaining(rival: Rival) -> list[Rival]:
     """Other models that explain the same data as well, by the model's file."""
-    doubt = rival.model.doubt
-    return [Rival(f"rival {k}", model) for k, model in enumerate(() if doubt is None else doubt.rivals, start=1)]
+    uncertainty = rival.model.uncertainty
+    return [
+        Rival(f"rival {k}", model) for k, model in enumerate(() if uncertainty is None else uncertainty.rivals, start=1)
+    ]
 
 
 def _interval(result: Result, rival: Rival, robot: Robot) -> dict[str, list[float]]:
@@ -144,7 +146,8 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     A warning says where the move costs more than the evenly slowed one under a model.
 
     These are the model itself; where that is one of the source paper's, which knows no friction, the careful one; and
-    where it carries its doubt, the models that explain its data as well. The doubt gives the saving's interval, too.
+    where it carries its uncertainty, the models that explain its data as well. Its uncertainty gives the saving's
+    interval, too.
     """
     if result.models:
         first, *others = result.models
@@ -154,17 +157,17 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     judges = with_careful(rivals, robot)
     judges += _explaining(rivals[0])
     slowed = result.baseline("scaled")
-    rows: list[dict[str, Any]] = []
+    records: list[dict[str, Any]] = []
     warnings = list(result.warnings)
     for rival in judges:
         scorer = Scorer(robot, rival.model)
         beside = None if slowed is None or not slowed.valid else scorer.energy(slowed.trajectory)
         row = row_of(rival.name, scorer.energy(result.trajectory), beside)
-        rows.append({**row, **(_interval(result, rival, robot) if rival is judges[0] else {})})
+        records.append({**row, **(_interval(result, rival, robot) if rival is judges[0] else {})})
         joules = row["saving_joules"]
         if isinstance(joules, float) and joules < 0 and rival is not judges[0]:
             warnings.append(
                 f"under the model {rival.name!r} this move takes {-joules:.3g} J more than the same move slowed "
                 "evenly; plan with --robust mean, or with a model that was calibrated"
             )
-    return grounded(replace(result, models=tuple(rows), warnings=tuple(warnings)), rivals[:1], robot)
+    return grounded(replace(result, models=tuple(records), warnings=tuple(warnings)), rivals[:1], robot)

@@ -47,12 +47,12 @@ class Simulation(Found):
 
     def document(self) -> dict[str, Any]:
         """Folder, robot, effects of the plant, and the runs, with start and duration [s] and energy [J]."""
-        rows = [
+        records = [
             {"file": r.file, "trajectory": s, "start": r.start, "duration": r.duration, "energy": r.energy}
             for r, s in zip(self.runs, self.sources, strict=True)
         ]
         plant = [*(each.name for each in self.plant.model.effects), *(each.name for each in self.plant.specials)]
-        return {"out": str(self.out), "robot": self.robot.name, "plant": plant, "runs": rows}
+        return {"out": str(self.out), "robot": self.robot.name, "plant": plant, "runs": records}
 
     def __repr__(self) -> str:
         return f"Simulation({str(self.out)!r}, {self.robot.name!r}, {len(self.runs)} runs)"
@@ -113,10 +113,10 @@ def simulated_files(out: Path) -> list[str]:
     if not (out / "truth.toml").is_file() or not (out / "log.toml").is_file():
         return []
     try:
-        rows = read_toml(out / "log.toml").get("run", [])
+        records = read_toml(out / "log.toml").get("run", [])
     except BadInput:
         return []
-    names = [str(row[key]) for row in rows for key in ("file", "power_file") if key in row]
+    names = [str(row[key]) for row in records for key in ("file", "power_file") if key in row]
     return ["declared.toml", *(name for name in names if Path(name).name == name and (out / name).is_file())]
 
 

@@ -97,8 +97,8 @@ class Tradeoff(Found):
         return f"Tradeoff({self.data['robot']!r}, {len(self.data['points'])} points{best})"
 
     def _repr_html_(self) -> str:
-        rows = zip(self.durations, self.energies, strict=True)
-        cells = "".join(f"<tr><td>{d:.4g}</td><td>{e:.6g}</td></tr>" for d, e in rows)
+        records = zip(self.durations, self.energies, strict=True)
+        cells = "".join(f"<tr><td>{d:.4g}</td><td>{e:.6g}</td></tr>" for d, e in records)
         return f"<table><tr><th>duration [s]</th><th>energy [J]</th></tr>{cells}</table>"
 
 

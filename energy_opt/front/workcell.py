@@ -64,9 +64,9 @@ class CellAnswer(Found):
         from energy_opt.workcell.program import write_programs
 
         with written_whole(out, ANSWER) as aside:
-            rows = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
-            write(self.result, {**self.request.document(), **self.stamp}, aside, self.request.worth, rows)
-        return replace(self, files=tuple(rows))
+            records = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
+            write(self.result, {**self.request.document(), **self.stamp}, aside, self.request.worth, records)
+        return replace(self, files=tuple(records))
 
     def __repr__(self) -> str:
         return f"CellAnswer({len(self.result.cell.robot)} robots, {self.result.energy:.5g} J)"

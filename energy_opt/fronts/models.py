@@ -21,12 +21,12 @@ def models_of(planner: Planner, move: Move, front: Front, judges: Sequence[Rival
     if best is None or best.trajectory is None:
         return []
     slowed = planner.slowed(move, best.trajectory.duration)
-    rows = []
+    records = []
     for judge in judges:
         scorer = Scorer(planner.robot, judge.model)
         beside = None if slowed is None else scorer.energy(slowed)
-        rows.append(row_of(judge.name, scorer.energy(best.trajectory), beside))
-    return rows
+        records.append(row_of(judge.name, scorer.energy(best.trajectory), beside))
+    return records
 
 
 def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None) -> Front:
@@ -40,15 +40,15 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
         cycle: the cycle under the first model, where there is one.
     """
     planner = robust.planner
-    begun, _, _ = planner.first_path(replace(move, duration=None, max_duration=None))
-    fastest = planner.context(begun).fastest(path_of(begun))
+    timed, _, _ = planner.first_path(replace(move, duration=None, max_duration=None))
+    fastest = planner.context(timed).fastest(path_of(timed))
     known: dict[int, Optimum] = {}
 
     def held(optimum: Optimum) -> Optimum:
         trajectory = optimum.trajectory
         if trajectory.duration >= fastest.duration:
             slowed = fastest.slowed(trajectory.duration).trajectory(planner.robot.joints)
-            if robust.costs_more(trajectory, slowed) and robust.planner.certify(slowed, begun).valid:
+            if robust.costs_more(trajectory, slowed) and robust.planner.certify(slowed, timed).valid:
                 result = robust.solve(replace(move, duration=trajectory.duration, max_duration=None), [trajectory])
                 return Optimum(result.trajectory, result.energy, result.status == "solved")
         return replace(optimum, trajectory=robust.first.filled(trajectory), energy=robust.first.energy(trajectory))

@@ -1,4 +1,4 @@
-"""A cycle put together: motions and waits in order, and where the arm stands while time is left over."""
+"""A cycle put together: motions and waits in order, and where the arm waits while time is left over."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where the arm stands while time is left over: after step `after`, at `power` W, held by brakes or by motors."""
+    """Where the arm waits while time is left over: after step `after`, at `power` W, held by brakes or by motors."""
 
     after: int
     power: float

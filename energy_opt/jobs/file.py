@@ -52,7 +52,7 @@ class Step:
         wait: seconds, None for a move; brakes: it waits without holding losses.
         mode: "retime" or "reshape"; least, most: of the duration, s.
         payload: (4,) mass [kg] and its centre [m] in the last joint's frame.
-        scene: file of what stands around the arm, if the job names one.
+        scene: file of what is around the arm, if the job names one.
         stop: does the arm stand still at its end?
         pose: where the tool must be at its end, while `goal` is still to be chosen (nan then, see `Job.at`).
     """
@@ -184,12 +184,12 @@ def _read(
     cycle = reader.number(document, "cycle_time", "job", 1.0, BRIEFEST)
     if "cycle_time" not in document:
         reader.faults.append("job: no cycle_time; expected seconds")
-    rows = document.get("step", [])
-    if not isinstance(rows, list) or not rows or not all(isinstance(row, Mapping) for row in rows):
+    records = document.get("step", [])
+    if not isinstance(records, list) or not records or not all(isinstance(row, Mapping) for row in records):
         return None, [*reader.faults, "step: expected [[step]] tables, at least one"]
-    if len(rows) > MOST_STEPS:
-        return None, [*reader.faults, f"step: {len(rows)} steps; expected at most {MOST_STEPS}"]
-    steps = _steps(reader, rows, payload)
+    if len(records) > MOST_STEPS:
+        return None, [*reader.faults, f"step: {len(records)} steps; expected at most {MOST_STEPS}"]
+    steps = _steps(reader, records, payload)
     brakes = reader.truth(document, "brakes", "job", False)
     if reader.faults:
         return None, reader.faults

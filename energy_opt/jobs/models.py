@@ -23,7 +23,7 @@ def compared(result: JobResult, judges: Sequence[Rival]) -> JobResult:
     """The result with a row of `models` for every judge, the model that it was planned with first."""
     job = result.job
     slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
-    rows: list[dict[str, Any]] = []
+    records: list[dict[str, Any]] = []
     for judge in judges:
         scorers = Scorers(job.robot, unloaded(judge.model))
 
@@ -34,8 +34,8 @@ def compared(result: JobResult, judges: Sequence[Rival]) -> JobResult:
         if slowed is not None:
             joules = total(slowed) - energy
         share = None if joules is None else 100 * joules / (energy + joules)
-        rows.append({"name": judge.name, "total": energy, "saving_joules": joules, "saving_total_percent": share})
-    return replace(result, models=tuple(rows))
+        records.append({"name": judge.name, "total": energy, "saving_joules": joules, "saving_total_percent": share})
+    return replace(result, models=tuple(records))
 
 
 def grounded(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
@@ -54,13 +54,13 @@ def grounded(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
         return theirs - ours - SAME * abs(theirs)
 
     share = None if slowed is None else break_even(saved, rivals[0].model, job.robot)
-    rows = [
+    records = [
         {"step": leg.name, **row}
         for leg, answer in zip(result.plan.legs, result.plan.answers, strict=True)
         for row in detours(answer.trajectory)
     ]
     used = assumptions(job.robot, [rival.model for rival in rivals])
-    return replace(result, assumptions=used, break_even_friction=share, travel=tuple(rows))
+    return replace(result, assumptions=used, break_even_friction=share, travel=tuple(records))
 
 
 def mean_of(rivals: Sequence[Rival]) -> PowerModel:
@@ -76,15 +76,20 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     """
     job = result.job
     corners = [Rival(f"{r.name}, {name}", m) for r in rivals for name, m in friction_range(r.model, job.robot)]
-    rows = compared(result, [*rivals, *corners]).models
+    records = compared(result, [*rivals, *corners]).models
     slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
-    dear = [
-        row["name"] for row in rows if slowed is not None and exceeds(row["total"], row["total"] + row["saving_joules"])
+    costlier = [
+        row["name"]
+        for row in records
+        if slowed is not None and exceeds(row["total"], row["total"] + row["saving_joules"])
     ]
     plan, warnings = result.plan, result.warnings
-    if dear and slowed is not None:
+    if costlier and slowed is not None:
         plan = slowed
-        warnings = (*warnings, f"no cycle was found that costs less than the evenly slowed one under {dear[0]!r} too")
+        warnings = (
+            *warnings,
+            f"no cycle was found that costs less than the evenly slowed one under {costlier[0]!r} too",
+        )
     totals = [row["total"] for row in compared(replace(result, plan=plan), rivals).models]
     robust = {"kind": "mean", "total": sum(totals) / len(totals), "lower_bound": result.bound}
     scorers = Scorers(job.robot, unloaded(rivals[0].model))

@@ -130,8 +130,10 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
 
 
 def _rows(t: Trajectory, first: int, last: int) -> Trajectory:
-    rows = slice(first, last + 1)
-    return Trajectory(t.joints, t.time[rows] - t.time[first], t.position[rows], t.velocity[rows], t.acceleration[rows])
+    records = slice(first, last + 1)
+    return Trajectory(
+        t.joints, t.time[records] - t.time[first], t.position[records], t.velocity[records], t.acceleration[records]
+    )
 
 
 def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
@@ -171,8 +173,8 @@ def write(
     cycle, csv = whole_cycle(result), formats.FORMATS["csv"]
     csv.write(cycle, Path(out) / "cycle.csv")
     own = unchanged(Path(out) / "cycle.csv", csv, cycle, judging_of(result)(cycle))
-    rows = [own.document(), *(row.document() for row in written)]
-    found = {**document(result), "written": rows, "request": plain(request)}
+    records = [own.document(), *(row.document() for row in written)]
+    found = {**document(result), "written": records, "request": plain(request)}
     if not own.valid:
         found["warnings"].append(f"cycle.csv: {own}")
     if worth is not None:

@@ -121,16 +121,16 @@ def knee(time: np.ndarray, energy: np.ndarray) -> int | None:
 
 def document(job: Job, points: Sequence[JobPoint], shortest: float, interrupted: bool) -> dict[str, Any]:
     """tradeoff.json of a job: `duration` is the cycle time [s], energies are of the whole cycle [J]."""
-    rows = [_row(point) for point in points]
-    found = [row for row in rows if row["energy_total"] is not None]
+    records = [_row(point) for point in points]
+    found = [row for row in records if row["energy_total"] is not None]
     bend = knee(*(np.array([row[name] for row in found]) for name in ("duration", "energy_total")))
-    known = {row["status"] for row in rows} - {"infeasible"}
+    known = {row["status"] for row in records} - {"infeasible"}
     status = "solved" if known == {"solved"} else "not_converged" if known else "infeasible"
     return {
         "status": "interrupted" if interrupted else status,
         "robot": job.robot.name,
         "joints": list(job.robot.joints),
-        "points": rows,
+        "points": records,
         "minimum": _short(min(found, key=lambda row: row["energy_total"], default=None)),
         "knee": _short(None if bend is None else found[bend]),
         "fastest": shortest,

@@ -25,8 +25,8 @@ def write(out: Path, found: Mapping[str, Any]) -> None:
 
     shown = [row for row in found["points"] if row["energy_total"] is not None]
     with written_whole(out, "tradeoff.json") as aside:
-        rows = [["" if row[name] is None else str(row[name]) for name in COLUMNS] for row in found["points"]]
-        write_text(aside / "tradeoff.csv", "\n".join(",".join(row) for row in [list(COLUMNS), *rows]) + "\n")
+        records = [["" if row[name] is None else str(row[name]) for name in COLUMNS] for row in found["points"]]
+        write_text(aside / "tradeoff.csv", "\n".join(",".join(row) for row in [list(COLUMNS), *records]) + "\n")
         if shown:
             time = np.array([row["duration"] for row in shown])
             parts = {name: np.array([row[f"energy_{name}"] for row in shown]) for name in ("loss", "standby")}

@@ -131,8 +131,8 @@ def run_job(
         cell: what the arm keeps clear of besides the scenes that steps name; by default its own body.
         stopped: asked between solves; True ends the work with the best so far.
         known: an earlier run's answer to a leg of that duration, which is judged again before it is taken.
-        answered: told every answer.
-        progress: told what is being done, and what share of the work is done.
+        answered: is given every answer.
+        progress: is given what is being done, and what share of the work is done.
         room: shares of the limits' bounds that the legs may use, by the limits' names.
 
     Raises:

@@ -19,7 +19,7 @@ from energy_opt.robot import Robot
 GRID = 0.02  # [s] of the motion's features
 MOST = 40_000  # nodes of that grid
 READINGS = 1500  # readings that take part
-FEWEST = 12  # readings apart that a clock or a window is told from, two for every feature
+FEWEST = 12  # readings apart from which a clock or a window is estimated, two for every feature
 LEAST = 0.25  # [s] a smaller offset is left to the meter's own delay, which the fit knows
 SURE = 15.0  # log likelihood by which a moved clock must be better than the one given
 GOOD = 0.3  # share of the readings' variance that the motion must explain

@@ -31,6 +31,6 @@ start = 60.0
 # [meter]
 # window = 0.1                    # s: a reading is the mean of so long, stamped at its end
 
-# [segment]                       # one long recording: cut into runs where the arm stands still
+# [segment]                       # one long recording: cut into runs where the arm is at rest
 # at = "standstill"
 """

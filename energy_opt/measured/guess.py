@@ -109,13 +109,13 @@ def _torque_error(table: Table, name: str) -> float | None:
     table.load([*position.values(), *(plain[word] for word in effort.values())])
     q = np.column_stack([table.column(position[joint]) for joint in robot.joints])
     tau = np.column_stack([table.column(plain[effort[joint]]) for joint in robot.joints])
-    rows = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1))
-    rows = rows[:: max(1, len(rows) // 500)]
-    if degrees_fault(q[rows], robot) is not None:
+    samples = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1))
+    samples = samples[:: max(1, len(samples) // 500)]
+    if degrees_fault(q[samples], robot) is not None:
         q = np.radians(q)
-    rest = np.zeros((len(rows), robot.n))
-    off = robot.body.torque(q[rows], rest, rest) - tau[rows]
-    spread = float(np.sqrt(np.mean(tau[rows] ** 2)))
+    rest = np.zeros((len(samples), robot.n))
+    off = robot.body.torque(q[samples], rest, rest) - tau[samples]
+    spread = float(np.sqrt(np.mean(tau[samples] ** 2)))
     return float(np.sqrt(np.mean(off**2))) / spread if spread > 0.5 else None
 
 
@@ -176,8 +176,8 @@ def guess_meter(table: Table, span: float | None, hand: ByHand) -> Guess:
     _guess_time(table, out, "power.time", hand, span)
     _guess_meter(table, out, hand)
     if not {"power", "energy"} & set(out.columns):
-        told = understood(table, out.columns)
-        raise BadInput(f"{table.path}: neither joints' positions nor power nor energy of the whole robot; {told}")
+        known = understood(table, out.columns)
+        raise BadInput(f"{table.path}: neither joints' positions nor power nor energy of the whole robot; {known}")
     return out
 
 

@@ -186,7 +186,7 @@ def _document(
     columns |= guess.columns
     if meter is not None:
         columns = {key: value for key, value in columns.items() if key not in ("power", "energy")} | meter.columns
-    rows = []
+    records = []
     absolute = all(g.first > EPOCH or (g.first > 3600 and not g.dated) for g in joints.values())
     begin = min(g.first for g in joints.values())
     for table, g in sorted(joints.items(), key=lambda item: (item[1].first if absolute else 0.0, item[0].path.name)):
@@ -195,8 +195,8 @@ def _document(
             row["start"] = round(g.first - begin, 6)
         if table in pairs:
             row["power_file"] = pairs[table].path.name
-        rows.append(row)
-    return {"format": FORMAT, "robot": robot, "run": rows, "columns": columns}
+        records.append(row)
+    return {"format": FORMAT, "robot": robot, "run": records, "columns": columns}
 
 
 def _kinds(document: dict[str, Any], runs: Sequence[Run], words: list[str]) -> None:
@@ -209,7 +209,7 @@ def _kinds(document: dict[str, Any], runs: Sequence[Run], words: list[str]) -> N
     motions = [sum(piece.kind == "motion" for piece in cut_at_standstill(run)) for run in runs]
     if len(document["run"]) < FEW and max(motions, default=0) > 1:
         document["segment"] = {"at": "standstill"}
-        words.append("cut into runs where the arm stands still")
+        words.append("cut into runs where the arm is at rest")
 
 
 def _at_home(fault: str, folder: Path, tables: Sequence[Table]) -> str:

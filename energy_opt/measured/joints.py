@@ -110,10 +110,10 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
             f"{time[index[back]]:.10g} s does not come after {time[index[back - 1]]:.10g} s"
         )
         return None
-    rows = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
-    dropped, index = np.delete(index, rows.kept), index[rows.kept]
+    samples = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
+    dropped, index = np.delete(index, samples.kept), index[samples.kept]
     kept = {name: values[index] for name, values in signals.items() if np.isfinite(values[index]).all()}
-    found = Joints(rows.time, kept, rows, index, dropped, table.is_date(rules["time"].columns[0]))
+    found = Joints(samples.time, kept, samples, index, dropped, table.is_date(rules["time"].columns[0]))
     fault = _step_fault(found, kind, robot) or degrees_fault(kept["position"], robot)
     if fault is not None:
         row = table.row_number(int(index[fault[0]]))

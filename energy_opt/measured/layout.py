@@ -72,26 +72,26 @@ def layout_of(path: Path, given: Csv | None = None) -> Layout:
     given = given or Csv()
     content, skip = _content(path)
     head = bytes(content[skip : skip + HEAD])
-    rows, starts = _rows(head, len(content) > skip + HEAD)
-    if not any(row.strip() for row in rows):
+    text_lines, starts = _rows(head, len(content) > skip + HEAD)
+    if not any(row.strip() for row in text_lines):
         raise BadInput(f"{path}: row 1: no header; expected column names such as time, <joint>.position")
-    hint = re.match(r"sep=(.)$", rows[0].strip())
-    delimiter = given.delimiter or (hint.group(1) if hint else _delimiter(rows))
-    if delimiter == " " and any("  " in row.strip() for row in rows):
+    hint = re.match(r"sep=(.)$", text_lines[0].strip())
+    delimiter = given.delimiter or (hint.group(1) if hint else _delimiter(text_lines))
+    if delimiter == " " and any("  " in row.strip() for row in text_lines):
         content, skip = re.sub(rb"(?m)^[ ]+|[ ]+(?=\r?$)", b"", re.sub(rb"[ ]{2,}", b" ", bytes(content[skip:]))), 0
-        rows, starts = _rows(content[:HEAD], len(content) > HEAD)
-    cells = [split(row, delimiter) for row in rows]
+        text_lines, starts = _rows(content[:HEAD], len(content) > HEAD)
+    cells = [split(row, delimiter) for row in text_lines]
     at = _header(path, cells)
     names = tuple(re.sub(r"^[#%]\s*(?=\w)", "", name.strip()) for name in cells[at])
     _no_nul(path, content, delimiter, names)
-    body = [k for k in range(at + 1, len(rows)) if rows[k].strip()]
+    body = [k for k in range(at + 1, len(text_lines)) if text_lines[k].strip()]
     units: tuple[str, ...] = ()
     if body and _is_unit_row(cells[body[0]]):
         units = tuple(cell.strip() for cell in cells[body[0]])
         body = body[1:]
     sample = tuple(tuple(cells[k]) for k in body[:SAMPLE])
     decimal = given.decimal or _decimal([cells[k] for k in body])
-    first = body[0] if body else len(rows)
+    first = body[0] if body else len(text_lines)
     begin = skip + starts[first] if first < len(starts) else len(content)
     return Layout(names, units, delimiter, decimal, begin, first + 1, content, sample)
 
@@ -145,17 +145,17 @@ def text(raw: bytes) -> str:
 
 def _rows(head: bytes, cut: bool) -> tuple[list[str], list[int]]:
     """Lines of the head and where each begins; an incomplete last one is left out."""
-    rows, starts = [], []
+    text_lines, starts = [], []
     for match in re.finditer(rb"([^\r\n]*)(\r\n|\r|\n|$)", head):
         if match.start() == len(head):
             break
         if cut and match.end() == len(head):
             break
-        rows.append(match.group(1))
+        text_lines.append(match.group(1))
         starts.append(match.start())
-    if not rows and head:
-        rows, starts = [head], [0]
-    decoded = text(b"\n".join(rows)).split("\n") if rows else []
+    if not text_lines and head:
+        text_lines, starts = [head], [0]
+    decoded = text(b"\n".join(text_lines)).split("\n") if text_lines else []
     return decoded, starts
 
 

@@ -90,10 +90,10 @@ def read_log(folder: str | Path, allow_outside: bool = False) -> LogFile:
     robot = document.get("robot")
     if not isinstance(robot, str) or not robot:
         raise BadInput(f"{path}: robot = {robot!r}; expected a robot's name or the path of a URDF file")
-    rows = document.get("run", [])
-    if not isinstance(rows, list) or not rows:
+    records = document.get("run", [])
+    if not isinstance(records, list) or not records:
         raise BadInput(f"{path}: no [[run]] table; a set has one for every run")
-    runs = tuple(_entry(row, f"{path}: [[run]] {k}") for k, row in enumerate(rows, start=1))
+    runs = tuple(_entry(row, f"{path}: [[run]] {k}") for k, row in enumerate(records, start=1))
     files = [run.file for run in runs]
     twice = next((name for name in files if files.count(name) > 1), None)
     if twice is not None:

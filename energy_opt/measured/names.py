@@ -74,15 +74,15 @@ def signal_of(words: Iterable[str]) -> str | None:
 
 
 def joint_columns(
-    header: Sequence[str], joints: Sequence[str], told: Mapping[int, str] | None = None
+    header: Sequence[str], joints: Sequence[str], given: Mapping[int, str] | None = None
 ) -> dict[str, dict[str, str]]:
     """Which header holds which joint's signal: {signal: {joint: header}}, only signals found for every joint.
 
     Args:
-        header: of a file. joints: the robot's. told: joint name by number, where the file itself says.
+        header: of a file. joints: the robot's. given: joint name by number, where the file itself says.
     """
     by_name = _by_name(header, joints)
-    by_number = _by_number(header, joints, told or {})
+    by_number = _by_number(header, joints, given or {})
     out = {}
     for signal in w.SIGNALS:
         found = by_name.get(signal) or by_number.get(signal)
@@ -126,7 +126,7 @@ def _short_names(joints: Sequence[str]) -> dict[str, list[str]]:
     return forms
 
 
-def _by_number(header: Sequence[str], joints: Sequence[str], told: Mapping[int, str]) -> dict[str, dict[str, str]]:
+def _by_number(header: Sequence[str], joints: Sequence[str], given: Mapping[int, str]) -> dict[str, dict[str, str]]:
     vectors: dict[tuple[tuple[str, ...], int, tuple[int, ...]], dict[int, str]] = defaultdict(dict)
     for text in header:
         h = cut(text)
@@ -140,8 +140,8 @@ def _by_number(header: Sequence[str], joints: Sequence[str], told: Mapping[int, 
             continue
         first = 0 if 0 in members else 1
         numbers = range(first, first + len(joints))
-        if told:
-            order = {told[k]: members[k] for k in members if k in told}
+        if given:
+            order = {given[k]: members[k] for k in members if k in given}
         else:
             order = {joint: members[k] for joint, k in zip(joints, numbers, strict=True) if k in members}
         if set(order) < set(joints):

@@ -10,7 +10,7 @@ from energy_opt.measured.columns import Rule
 from energy_opt.measured.names import joint_columns, power_column
 from energy_opt.measured.table import Table
 
-# Columns in which a recorder states the payload that the arm was told of: mass [kg], centre of mass [m].
+# Columns in which a recorder states the payload that the arm was given: mass [kg], centre of mass [m].
 PAYLOAD = {"ur_rtde": ("payload", "payload_cog_0", "payload_cog_1", "payload_cog_2")}
 AUTO = float("nan")  # a time's factor that the stamps themselves tell
 

@@ -12,7 +12,7 @@ from energy_opt.measured.joints import Joints, quantity
 from energy_opt.measured.rows import backward, held
 from energy_opt.measured.table import Table
 
-TICKS = 0.3  # share of rows in which a counter stands still, from which only its steps are readings
+TICKS = 0.3  # share of samples in which a counter stays the same, from which only its steps are readings
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def _counter(time: np.ndarray, energy: np.ndarray, dated: bool) -> Readings:
     if len(still) and still.mean() > TICKS:
         at = np.concatenate([[False], ~still])
         time, energy = time[at], energy[at]
-        remarks.append(f"the counter stands still in {100 * still.mean():.0f} % of rows: read where it steps")
+        remarks.append(f"the counter stays the same in {100 * still.mean():.0f} % of rows: read where it steps")
     span, step = np.diff(time), np.diff(energy)
     reset = step < -0.5 * np.maximum(np.abs(energy[:-1]), 1e-9)
     if reset.any():

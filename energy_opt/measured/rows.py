@@ -76,8 +76,8 @@ def clean(time: np.ndarray, values: np.ndarray) -> Rows:
     if skipped.any() and skipped.mean() < 0.1:
         remarks.append(f"{int(missing[skipped].sum())} rows missing in {int(skipped.sum())} places: bridged")
     if wide.any():
-        begun = stamps[:-1][wide] - stamps[0]
-        lengths = ", ".join(f"{x:.3g} s after {t:.4g} s" for x, t in zip(step[wide][:3], begun, strict=False))
+        begins = stamps[:-1][wide] - stamps[0]
+        lengths = ", ".join(f"{x:.3g} s after {t:.4g} s" for x, t in zip(step[wide][:3], begins, strict=False))
         more = f" and {int(wide.sum()) - 3} more" if wide.sum() > 3 else ""
         remarks.append(f"cut at {int(wide.sum())} gap(s) without rows ({lengths}{more})")
     return Rows(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))

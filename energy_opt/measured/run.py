@@ -75,7 +75,7 @@ class Run:
 class MeasuredSet:
     """All runs of a set.
 
-    `clock` is True where the log states every run's set time; `payload` is what the recorder was told, where it says;
+    `clock` is True where the log states every run's set time; `payload` is what the recorder states, where it does;
     `remarks` say what reading it took: rows dropped, recordings cut, clocks found.
     """
 

@@ -1,4 +1,4 @@
-"""Cutting one long recording into runs where the arm stands still."""
+"""Cutting one long recording into runs where the arm is at rest."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from energy_opt.measured.run import Run
 
-STILL_SPEED = 0.01  # [rad/s] below this, over `SHORTEST`, the arm stands still
+STILL_SPEED = 0.01  # [rad/s] below this, over `SHORTEST`, the arm is at rest
 SHORTEST = 0.25  # [s] a shorter halt does not part two runs
 LONG = 1.5  # [s] a standstill this long is a static run of its own
 MARGIN = 0.15  # [s] of it left to the motions on either side
@@ -106,17 +106,17 @@ def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> 
 
 
 def _piece(run: Run, first: int, last: int, readings: np.ndarray, kind: str, number: int) -> Run:
-    rows = slice(first, last + 1)
-    joints: dict[str, Any] = {name: values[rows] for name, values in run.joint_signals()}
+    samples = slice(first, last + 1)
+    joints: dict[str, Any] = {name: values[samples] for name, values in run.joint_signals()}
     zero = float(run.time[first])
     return dataclasses.replace(
         run,
         file=f"{run.file}#{number}",
         kind=kind,
         start=run.start + zero,
-        time=run.time[rows] - zero,
-        rows=run.rows[rows],
-        logged=run.logged_at(rows),
+        time=run.time[samples] - zero,
+        rows=run.rows[samples],
+        logged=run.logged_at(samples),
         power_time=run.power_time[readings] - zero,
         power=run.power[readings],
         window=run.window[readings],

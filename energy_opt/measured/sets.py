@@ -98,8 +98,8 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
     if log.window is None and any(one.interval for one in found):
         # What a slow meter shows is the meter's, not a run's: all runs decide together.
         interval = float(np.median([one.interval for one in found if one.interval]))
-        told = [one.scores for one in found if one.scores is not None and np.isfinite(one.scores).all()]
-        mean, sure = shows_means(np.sum(told, axis=0), interval) if told else (True, False)
+        scored = [one.scores for one in found if one.scores is not None and np.isfinite(one.scores).all()]
+        mean, sure = shows_means(np.sum(scored, axis=0), interval) if scored else (True, False)
         faults = [fault for fault in faults if fault.startswith(f"{log.path}: columns.")]
         found = _recordings(dataclasses.replace(log, window=interval if mean else 0.0), robot, faults)
         shows = f"means over {interval:.3g} s" if mean else "the power at its stamps"

@@ -67,10 +67,10 @@ def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
     """What a fit leaves open of a model that has its effects; with `numbers` also of the effects' own."""
     charted, amounts = f.count, len(f.amounts)
     first = charted + len(f.weights)
-    rows = np.r_[np.arange(charted if numbers else 0), first : first + amounts]
-    sizes, axes = np.linalg.eigh(f.covariance[np.ix_(rows, rows)])
+    records = np.r_[np.arange(charted if numbers else 0), first : first + amounts]
+    sizes, axes = np.linalg.eigh(f.covariance[np.ix_(records, records)])
     root = axes * np.sqrt(np.maximum(sizes, 0.0))
-    values, at = np.zeros((len(model.values(n)), len(rows))), 0
+    values, at = np.zeros((len(model.values(n)), len(records))), 0
     where = dict(zip((e.name for e in model.effects), model.slices(n), strict=True))
     for c, z in zip(f.charts, f.numbers, strict=True):
         if numbers:
@@ -79,7 +79,7 @@ def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
     basis, noise, nuisance = f.world.links.basis, f.world.whiten.noise, f.nuisance
     density = noise.white**2 * f.world.samples.step + 2 * noise.wave**2 * noise.memory
     level = float(np.hypot(nuisance.offset, nuisance.drift))
-    return Slack(values, basis @ f.amounts, basis @ root[len(rows) - amounts :], level, density)
+    return Slack(values, basis @ f.amounts, basis @ root[len(records) - amounts :], level, density)
 
 
 def separations(rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float) -> np.ndarray:

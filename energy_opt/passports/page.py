@@ -62,14 +62,14 @@ def _values(report: Report, arm: Arm) -> None:
         report.table(
             ["power [W]", "seconds", "standstills"], [[m["power"], m["seconds"], m["standstills"]] for m in arm.modes]
         )
-    rows = [["standby", None, *_cells(arm.number("standby", "power"))]]
-    rows += [["R/Kt²", arm.robot.joints[j], *_cells(arm.number("copper_loss", "r_over_kt2", j))] for j in range(n)]
+    records = [["standby", None, *_cells(arm.number("standby", "power"))]]
+    records += [["R/Kt²", arm.robot.joints[j], *_cells(arm.number("copper_loss", "r_over_kt2", j))] for j in range(n)]
     for j in range(n):
-        rows += [
+        records += [
             [f"friction at {arm.speeds[j, k]:.3g} rad/s", arm.robot.joints[j], *_cells(arm.friction_at(j, k))]
             for k in range(arm.speeds.shape[1])
         ]
-    report.table(["quantity", "joint", "value", "95 %", "unit", "status", "source"], rows)
+    report.table(["quantity", "joint", "value", "95 %", "unit", "status", "source"], records)
     shown_above = ("standby", "copper_loss")
     others = [row for row in arm.numbers() if row["effect"] not in shown_above]
     report.table(
@@ -98,7 +98,7 @@ def _curves(arms: Sequence[Arm]) -> list[Chart]:
         for j, joint in enumerate(arm.robot.joints):
             band = {} if low is None or high is None else {"low": low[j], "high": high[j]}
             lines.setdefault(joint, []).append(Line(arm.label, speed[j], here[j], "line", arm.label, **band))
-    return [Chart(joint, "speed [rad/s]", "friction [N m]", rows) for joint, rows in lines.items()]
+    return [Chart(joint, "speed [rad/s]", "friction [N m]", records) for joint, records in lines.items()]
 
 
 def _maps(arm: Arm) -> bytes:

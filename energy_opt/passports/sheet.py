@@ -162,7 +162,7 @@ def _document(arm: Arm) -> dict[str, Any]:
                 "friction": curve,
             }
         )
-    known = arm.model.doubt
+    known = arm.model.uncertainty
     return {
         "label": arm.label,
         "robot": arm.robot.name,

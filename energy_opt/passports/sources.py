@@ -99,7 +99,7 @@ class Arm:
 
     def measured(self, effect: str) -> bool:
         """Does the model say how sure the effect's values are?"""
-        known = self.model.doubt
+        known = self.model.uncertainty
         if known is None:
             return False
         spread = zip(known.names, np.diag(known.matrix), strict=True)
@@ -126,7 +126,7 @@ class Arm:
         p = next(p for p in held.parameters if p.name == parameter)
         values = np.ravel(p.full(effect, held.values[parameter], self.robot.n, held.extents))
         own = held.values[parameter].size
-        low_high, known = None, self.model.doubt
+        low_high, known = None, self.model.uncertainty
         place = f"{effect}.{parameter}.{index if own > 1 else 0}"
         if known is not None and place in known.names:
             k = known.names.index(place)
@@ -158,7 +158,7 @@ class Arm:
 
     def numbers(self) -> list[dict[str, Any]]:
         """Every value of the model, one row each."""
-        rows = []
+        records = []
         for effect in self.model.effects:
             for p in effect.parameters:
                 per_joint = p.dimensions == ("joint",)
@@ -167,8 +167,8 @@ class Arm:
                         continue  # tables of values, as a curve's: they are shown as curves
                     joint = self.robot.joints[k] if per_joint else None
                     own = self.number(effect.name, p.name, k).document()
-                    rows.append({"effect": effect.name, "parameter": p.name, "joint": joint, **own})
-        return rows
+                    records.append({"effect": effect.name, "parameter": p.name, "joint": joint, **own})
+        return records
 
 
 def published(name: str) -> Path | None:
@@ -212,8 +212,8 @@ def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) 
         model.check(robot.n)
     except BadInput as error:
         raise BadInput(f"{file}: {error}") from None
-    rows = read_toml(file).get("effect", [])
-    sources = {row["name"]: row["source"] for row in rows if row.get("source")}
+    records = read_toml(file).get("effect", [])
+    sources = {row["name"]: row["source"] for row in records if row.get("source")}
     return Arm(label, robot, model, str(word), sources, _modes(file, robot))
 
 
@@ -221,7 +221,7 @@ def _modes(file: Path, robot: Robot) -> tuple[dict[str, Any], ...]:
     """The levels of power at rest that the diagnosis beside a model file found; none without one of the same robot."""
     try:
         document = json.loads(file.with_name("diagnosis.json").read_text(encoding="utf-8"))
-        rows = document["modes"] if document["robot"] == robot.name else []
-        return tuple({key: float(row[key]) for key in ("power", "seconds", "standstills")} for row in rows)
+        records = document["modes"] if document["robot"] == robot.name else []
+        return tuple({key: float(row[key]) for key in ("power", "seconds", "standstills")} for row in records)
     except (OSError, ValueError, TypeError, KeyError):
         return ()

@@ -113,15 +113,15 @@ def _span(kind: str, rows: Sequence[Assumption]) -> str:
 
 def grouped(given: Iterable[Assumption]) -> list[tuple[str, str, str, str]]:
     """Rows for a table: what, values with their unit, source and note; joints that share source and note in one."""
-    rows = tuple(given)
+    records = tuple(given)
     out: dict[tuple[str, str, str, str], list[Assumption]] = {}
-    for row in rows:
+    for row in records:
         out.setdefault((row.what, row.unit, row.source, row.note), []).append(row)
     table = []
     for (what, unit, source, note), same in out.items():
         numbers = [f"{row.value:.4g}" for row in same]
         shown = numbers[0] if len(set(numbers)) == 1 else ", ".join(numbers)
         names = [row.joint for row in same if row.joint is not None]
-        partly = 0 < len(names) < len({row.joint for row in rows} - {None})
+        partly = 0 < len(names) < len({row.joint for row in records} - {None})
         table.append((what, f"{shown} {unit}" + (f" ({', '.join(names)})" if partly else ""), source, note))
     return table

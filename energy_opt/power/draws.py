@@ -1,4 +1,4 @@
-"""Models drawn from a model's own doubt: what its data leave open, as values that might as well be true."""
+"""Models drawn from a model's own uncertainty: what its data leave open, as values that might as well be true."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from energy_opt.power.model import PowerModel
 
 def draws_of(model: PowerModel, count: int, seed: int = 0) -> list[PowerModel]:
     """Models with values drawn from the model's covariance; none where it has none."""
-    doubt = model.doubt
-    if doubt is None or not len(doubt.names):
+    uncertainty = model.uncertainty
+    if uncertainty is None or not len(uncertainty.names):
         return []
     rng = np.random.default_rng(seed)
-    values, vectors = np.linalg.eigh(doubt.matrix)
+    values, vectors = np.linalg.eigh(uncertainty.matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    root[np.diag(doubt.matrix) == 0] = 0.0  # what is given, as a curve's speeds, stays to the last digit
+    root[np.diag(uncertainty.matrix) == 0] = 0.0  # what is given, as a curve's speeds, stays to the last digit
     out = []
     for _ in range(count):
-        moved = dict(zip(doubt.names, root @ rng.normal(size=len(doubt.names)), strict=True))
+        moved = dict(zip(uncertainty.names, root @ rng.normal(size=len(uncertainty.names)), strict=True))
         drawn = model
         for effect in model.effects:
             given = {}

@@ -125,7 +125,7 @@ def friction_range(model: PowerModel, robot: Robot) -> tuple[tuple[str, PowerMod
             for effect in prior(robot, dry, viscous):
                 other = other.replaced(effect)
             name = f"friction {100 * dry:g} % dry, {100 * viscous:g} % viscous"
-            out.append((name, replace(other, doubt=None)))
+            out.append((name, replace(other, uncertainty=None)))
     return tuple(out)
 
 

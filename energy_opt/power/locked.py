@@ -8,7 +8,7 @@ import numpy as np
 
 from energy_opt.effects import Effect
 from energy_opt.errors import BadInput
-from energy_opt.power.model import Doubt, PowerModel
+from energy_opt.power.model import PowerModel, Uncertainty
 from energy_opt.robot import Robot
 
 
@@ -23,7 +23,7 @@ def of_joints(model: PowerModel, robot: Robot) -> PowerModel:
         return model
     kept = [k for k, joint in enumerate(robot.unlocked) if joint in robot.joints]
     effects = tuple(_of(effect, kept, whole) for effect in model.effects)
-    return replace(model, effects=effects, doubt=_doubt(model, kept, whole, robot))
+    return replace(model, effects=effects, uncertainty=_uncertainty(model, kept, whole, robot))
 
 
 def _long(effect: Effect, whole: int) -> list[str]:
@@ -47,10 +47,10 @@ def _of(effect: Effect, kept: list[int], whole: int) -> Effect:
     return type(effect)(**{**effect.values, **values}, **effect.choices)
 
 
-def _doubt(model: PowerModel, kept: list[int], whole: int, robot: Robot) -> Doubt | None:
+def _uncertainty(model: PowerModel, kept: list[int], whole: int, robot: Robot) -> Uncertainty | None:
     """The covariance of the numbers that are left, under their new names."""
-    doubt = model.doubt
-    if doubt is None:
+    uncertainty = model.uncertainty
+    if uncertainty is None:
         return None
     names: dict[str, str] = {}  # old to new
     for effect in model.effects:
@@ -59,6 +59,6 @@ def _doubt(model: PowerModel, kept: list[int], whole: int, robot: Robot) -> Doub
             if name in _long(effect, whole):
                 left = np.take(left, kept, axis=_axis(effect, name, whole))
             names |= {f"{effect.name}.{name}.{k}": f"{effect.name}.{name}.{i}" for i, k in enumerate(left.ravel())}
-    at = [k for k, name in enumerate(doubt.names) if name in names]
-    rivals = tuple(of_joints(rival, robot) for rival in doubt.rivals)
-    return Doubt(tuple(names[doubt.names[k]] for k in at), doubt.matrix[np.ix_(at, at)], rivals)
+    at = [k for k, name in enumerate(uncertainty.names) if name in names]
+    rivals = tuple(of_joints(rival, robot) for rival in uncertainty.rivals)
+    return Uncertainty(tuple(names[uncertainty.names[k]] for k in at), uncertainty.matrix[np.ix_(at, at)], rivals)

@@ -20,7 +20,7 @@ FORMAT = "energy-opt/model/1"
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Uncertainty:
     """How sure a model's values are, by the data that they come from.
 
     Attributes:
@@ -40,12 +40,12 @@ class PowerModel:
     Attributes:
         robot: the robot's name (a label; joints are the robot's own, in its order).
         effects: at most one of each kind.
-        doubt: how sure the values are, where data said; it does not change what the model says.
+        uncertainty: how sure the values are, where data said; it does not change what the model says.
     """
 
     robot: str
     effects: tuple[Effect, ...]
-    doubt: Doubt | None = field(default=None, compare=False)
+    uncertainty: Uncertainty | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         names = [e.name for e in self.effects]
@@ -76,12 +76,15 @@ class PowerModel:
 
         Its other values are as sure as before.
         """
-        doubt = self.doubt
-        if doubt is not None:
-            kept = [k for k, name in enumerate(doubt.names) if name.partition(".")[0] != effect.name]
-            names, rivals = tuple(doubt.names[k] for k in kept), tuple(r.replaced(effect) for r in doubt.rivals)
-            doubt = Doubt(names, doubt.matrix[np.ix_(kept, kept)], rivals)
-        return replace(self.replaced(effect), doubt=doubt)
+        uncertainty = self.uncertainty
+        if uncertainty is not None:
+            kept = [k for k, name in enumerate(uncertainty.names) if name.partition(".")[0] != effect.name]
+            names, rivals = (
+                tuple(uncertainty.names[k] for k in kept),
+                tuple(r.replaced(effect) for r in uncertainty.rivals),
+            )
+            uncertainty = Uncertainty(names, uncertainty.matrix[np.ix_(kept, kept)], rivals)
+        return replace(self.replaced(effect), uncertainty=uncertainty)
 
     def __add__(self, other: Effect | PowerModel) -> PowerModel:
         """The model with one more effect, or with those of another model.
@@ -191,17 +194,17 @@ class PowerModel:
 
     def to_document(self) -> dict[str, Any]:
         """The model file's content."""
-        rows = []
+        records = []
         for e in self.effects:
             row: dict[str, Any] = {"name": e.name}
             for p in e.parameters:
                 value = e.values[p.name]
                 row[p.name] = float(value[0]) if value.size == 1 else value.tolist()
-            rows.append({**row, **e.choices})
-        document: dict[str, Any] = {"format": FORMAT, "robot": self.robot, "effect": rows}
-        if self.doubt is not None:
-            document["covariance"] = {"names": list(self.doubt.names), "matrix": self.doubt.matrix.tolist()}
-            document["rival"] = [{"effect": rival.to_document()["effect"]} for rival in self.doubt.rivals]
+            records.append({**row, **e.choices})
+        document: dict[str, Any] = {"format": FORMAT, "robot": self.robot, "effect": records}
+        if self.uncertainty is not None:
+            document["covariance"] = {"names": list(self.uncertainty.names), "matrix": self.uncertainty.matrix.tolist()}
+            document["rival"] = [{"effect": rival.to_document()["effect"]} for rival in self.uncertainty.rivals]
         return {key: value for key, value in document.items() if key != "rival" or value}
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -220,13 +223,13 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
             "[covariance] and [[rival]]"
         )
     robot = document.get("robot", "")
-    rows = document.get("effect", [])
+    records = document.get("effect", [])
     if not isinstance(robot, str):
         raise BadInput(f"{where}: robot = {robot!r}; expected a name in quotes")
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+    if not isinstance(records, list) or not all(isinstance(row, dict) for row in records):
         raise BadInput(f"{where}: effect is not a list of [[effect]] tables")
     effects = []
-    for number, row in enumerate(rows, start=1):
+    for number, row in enumerate(records, start=1):
         name = row.get("name")
         try:
             if not isinstance(row.get("source", ""), str):
@@ -236,27 +239,27 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
             raise BadInput(f"{where}: [[effect]] {number}: {error}") from None
     try:
         model = PowerModel(robot, tuple(effects))
-        return replace(model, doubt=doubt_from_document(document, model, where))
+        return replace(model, uncertainty=uncertainty_from_document(document, model, where))
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
 
 
-def doubt_from_document(document: dict[str, Any], model: PowerModel, where: str) -> Doubt | None:
+def uncertainty_from_document(document: dict[str, Any], model: PowerModel, where: str) -> Uncertainty | None:
     """The [covariance] and [[rival]] tables of a model file; None where it has neither."""
-    table, rows = document.get("covariance"), document.get("rival", [])
-    if table is None and not rows:
+    table, records = document.get("covariance"), document.get("rival", [])
+    if table is None and not records:
         return None
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+    if not isinstance(records, list) or not all(isinstance(row, dict) for row in records):
         raise BadInput(f"{where}: rival is not a list of [[rival]] tables, each with [[rival.effect]] tables")
     known = {**document, "covariance": None, "rival": []}
     rivals = tuple(
         model_from_document(
             {**{k: v for k, v in known.items() if k in ("format", "robot")}, **row}, f"{where}: [[rival]] {k}"
         )
-        for k, row in enumerate(rows, start=1)
+        for k, row in enumerate(records, start=1)
     )
     if table is None:
-        return Doubt((), np.zeros((0, 0)), rivals)
+        return Uncertainty((), np.zeros((0, 0)), rivals)
     if not isinstance(table, dict) or set(table) != {"names", "matrix"} or not isinstance(table["names"], list):
         raise BadInput(f"{where}: [covariance] has names (a list) and matrix, nothing else")
     names = tuple(str(name) for name in table["names"])
@@ -274,7 +277,7 @@ def doubt_from_document(document: dict[str, Any], model: PowerModel, where: str)
     for name in names:
         if name not in places:
             raise BadInput(f"{where}: [covariance] name {name!r} is not effect.parameter.index of the model")
-    return Doubt(names, matrix, rivals)
+    return Uncertainty(names, matrix, rivals)
 
 
 def names_of(model: PowerModel) -> list[str]:

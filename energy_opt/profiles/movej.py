@@ -136,7 +136,7 @@ def read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     if path.suffix == ".yaml":
         document = read_yaml(path)
-        rows = [(m["to"], m["leading_velocity"], m["leading_acceleration"]) for m in document["moves"]]
+        constraints = [(m["to"], m["leading_velocity"], m["leading_acceleration"]) for m in document["moves"]]
         start = document["start"]
     else:
         text = read_text(path)
@@ -145,8 +145,12 @@ def read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if found is None or not calls:
             raise BadInput(f"{path}: not a program of standard moves")
         start = list(map(float, found[1].split(",")))
-        rows = [(list(map(float, q.split(","))), float(v), float(a)) for q, a, v in calls]
-    return np.array([start, *(q for q, _, _ in rows)]), np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
+        constraints = [(list(map(float, q.split(","))), float(v), float(a)) for q, a, v in calls]
+    return (
+        np.array([start, *(q for q, _, _ in constraints)]),
+        np.array([r[1] for r in constraints]),
+        np.array([r[2] for r in constraints]),
+    )
 
 
 def judged(path: Path, moves: StandardMoves, judge: Judging) -> Written:

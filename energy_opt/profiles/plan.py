@@ -98,7 +98,7 @@ class MovesPlanner:
         for count in range(least, vias + 1):
             answers = []
             for start in self._starts(move, reference, count, guess):
-                chain, certificate = self.mended(start, move, (duration, duration), "energy")
+                chain, certificate = self.repaired(start, move, (duration, duration), "energy")
                 trajectory = chain.trajectory(self.robot.joints)
                 if certificate.valid:
                     answers.append((chain, trajectory, self.p.score(trajectory), certificate))
@@ -118,7 +118,7 @@ class MovesPlanner:
     def _kept(self, move: Move, reference: Result, trajectory: Trajectory, energy: Energy) -> float | None:
         """The share that moves keep of what the best known trajectory saves, under the planner's model.
 
-        That is sought again, from the moves, where they are cheaper; none is ever dearer than the moves themselves.
+        That is sought again, from the moves, where they are cheaper; none ever costs more than the moves themselves.
         """
         baseline = reference.baseline("scaled")
         if baseline is None or not baseline.valid:
@@ -177,7 +177,7 @@ class MovesPlanner:
             out.append(Chain(np.vstack([line[0], q, line[1]]), spans, np.full(count + 2, ramp), rises))
         return out
 
-    def mended(
+    def repaired(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str
     ) -> tuple[Chain, Certificate]:
         """Solved from `chain`, and again with what the judge finds broken in view.
@@ -186,8 +186,8 @@ class MovesPlanner:
         """
         limits, keep = self.p.limits(move), None
         for turn in range(TURNS):
-            rows = () if keep is None else (keep.rows(),)
-            chain, converged = self._solved(chain, move, durations, objective, (*limits, *rows))
+            constraints = () if keep is None else (keep.rows(),)
+            chain, converged = self._solved(chain, move, durations, objective, (*limits, *constraints))
             certificate = self.p.certify(chain.trajectory(self.robot.joints), move)
             proof = certificate.clearance
             if certificate.valid or turn == TURNS - 1:
@@ -249,7 +249,7 @@ class MovesPlanner:
         shortest = None
         for start in [] if touched else self._starts(move, reference, vias, None):
             longer = start.lasting(3 * duration)
-            chain, certificate = self.mended(longer, move, (0.2 * duration, LONGEST * duration), "time")
+            chain, certificate = self.repaired(longer, move, (0.2 * duration, LONGEST * duration), "time")
             if certificate.valid and (shortest is None or chain.duration < shortest):
                 shortest = chain.duration
         ask = "" if shortest is None else f"; the shortest found that do take {shortest:.6g} s"

@@ -104,7 +104,9 @@ class Program:
         self._bounds = bounds[self._bounded]
         least_share = np.tile(np.concatenate(sides)[self._bounded], self._count)
         asked = [] if near is None else [limit.places(near.along) for limit in limits]
-        self.placed = [Placed(rows, symbols, near) for rows in asked if rows is not None and near is not None]
+        self.placed = [
+            Placed(constraints, symbols, near) for constraints in asked if constraints is not None and near is not None
+        ]
         self.row_bounds = (
             np.concatenate([low, least_share, *(placed.rows.lower for placed in self.placed)]),
             np.concatenate([high, np.ones(len(least_share)), *(placed.rows.upper for placed in self.placed)]),

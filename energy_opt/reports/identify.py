@@ -24,11 +24,11 @@ def page(document: Mapping[str, Any], load: Sequence[float], power: Sequence[flo
         Line("poses", np.asarray(load), np.asarray(power), "points", "measured"),
         Line("Method 1", ends, np.full(2, first["standby"]), "dash", "declared"),
     ]
-    rows: list[list[object]] = [["Method 1", first["standby"], None, None, None, None]]
+    records: list[list[object]] = [["Method 1", first["standby"], None, None, None, None]]
     if second is not None:
         r, p0, ci = second["r_over_kt2"], second["standby"], second["ci95"]
         lines.append(Line("Method 2", ends, p0 + r * ends, "line", "calibrated"))
-        rows.append(["Method 2", p0, ci["standby"], r, ci["r_over_kt2"], second["r_squared"]])
+        records.append(["Method 2", p0, ci["standby"], r, ci["r_over_kt2"], second["r_squared"]])
         report.headline(
             f"Overhead {p0:.2f} W and copper loss {r:.4g} W/(N m)^2 by Method 2; {first['standby']:.2f} W by Method 1."
         )
@@ -37,7 +37,7 @@ def page(document: Mapping[str, Any], load: Sequence[float], power: Sequence[flo
     report.charts(Chart("Static power", "squared gravity torque [(N m)^2]", "power [W]", lines))
     report.table(
         ["", "overhead [W]", "95 % [W]", "R/Kt^2 [W/(N m)^2]", "95 % [W/(N m)^2]", "R^2 of the line [1]"],
-        rows,
+        records,
     )
     expected = [None if second is None else p0 + r * x for x in load]
     report.section("Poses").table(

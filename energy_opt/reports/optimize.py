@@ -197,14 +197,16 @@ def _energy(report: Report, document: Mapping[str, Any]) -> None:
     bars = {name: {k: v for k, v in parts.items() if k != "standby"} for name, parts in compared.items()}
     report.section("Energy")
     report.charts(Chart("Energy by effect, standby left out", "energy [J]", "", bars=bars))
-    rows: list[list[object]] = [["duration [s]", *(duration for _, duration, _, _ in columns)]]
-    rows += [[f"{part} [J]", *(e[part] for _, _, e, _ in columns)] for part in ("total", "standby", "stored", "loss")]
+    records: list[list[object]] = [["duration [s]", *(duration for _, duration, _, _ in columns)]]
+    records += [
+        [f"{part} [J]", *(e[part] for _, _, e, _ in columns)] for part in ("total", "standby", "stored", "loss")
+    ]
     for effect in document["energy"]["by_effect"]:
         values = [e["by_effect"].get(effect) for _, _, e, _ in columns]
-        if not any(same(values, row[1:]) for row in rows[1:]):  # what repeats a line above says nothing
-            rows.append([f"of the total: {effect} [J]", *values])
-    rows.append(["valid: within all that was checked", *(valid for _, _, _, valid in columns)])
-    report.table(["", *(name for name, _, _, _ in columns)], rows)
+        if not any(same(values, row[1:]) for row in records[1:]):  # what repeats a line above says nothing
+            records.append([f"of the total: {effect} [J]", *values])
+    records.append(["valid: within all that was checked", *(valid for _, _, _, valid in columns)])
+    report.table(["", *(name for name, _, _, _ in columns)], records)
 
 
 def _models(report: Report, document: Mapping[str, Any]) -> None:
@@ -220,11 +222,11 @@ def _models(report: Report, document: Mapping[str, Any]) -> None:
 
 def assumed(report: Report, document: Mapping[str, Any]) -> None:
     """The section of what was not given, with sources; and of what is known to end the saving."""
-    rows = [Assumption(**row) for row in document.get("assumptions", ())]
-    if not rows:
+    records = [Assumption(**row) for row in document.get("assumptions", ())]
+    if not records:
         return
     report.section("What was not given")
-    report.table(["what", "value", "source", "note"], [list(row) for row in grouped(rows)])
+    report.table(["what", "value", "source", "note"], [list(row) for row in grouped(records)])
     share = document.get("break_even_friction")
     if share is not None:
         report.text(f"The move saves as long as dry friction is below {100 * share:.2g} % of the effort limits.")

@@ -88,12 +88,12 @@ class Report:
 
     def facts(self, values: Mapping[str, Any], digits: int = 4) -> Report:
         """Add a table of names and values; what has none is left out."""
-        rows = "".join(
+        records = "".join(
             f"<tr><td>{html.escape(str(name))}</td><td>{html.escape(shown(value, digits))}</td></tr>\n"
             for name, value in values.items()
             if value is not None
         )
-        return self._add(f'<div class="wide"><table class="facts">\n{rows}</table></div>') if rows else self
+        return self._add(f'<div class="wide"><table class="facts">\n{records}</table></div>') if records else self
 
     def command(self, request: Mapping[str, Any] | None) -> Report:
         """Add the command line that a request holds, if one does."""

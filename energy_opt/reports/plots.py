@@ -104,8 +104,8 @@ def bars(axes: Axes, groups: Mapping[str, Mapping[str, float]]) -> None:
 def heat_maps(maps: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]], x: str, y: str, z: str) -> Figure:
     """Colour over two axes, by the map's name: x (S,), y (T,) and the value (T, S); each has its own scale."""
     columns = min(len(maps), 4)
-    rows = -(-len(maps) // columns)
-    figure, grid = new_figure(rows, columns, width=3.6 * columns, height=2.8)
+    records = -(-len(maps) // columns)
+    figure, grid = new_figure(records, columns, width=3.6 * columns, height=2.8)
     for axes in grid.ravel()[len(maps) :]:
         axes.set_visible(False)
     for axes, (name, (across, up, value)) in zip(grid.ravel(), maps.items(), strict=False):

@@ -42,12 +42,12 @@ def page(
         year = {} if worth is None else worth.of(first - energy)
         return [name, energy, first - energy, 100 * (1 - energy / first), year.get("kwh"), year.get("money")]
 
-    rows = [row(_said(x), x["energy_total"]) for x in levers]
-    rows += [row(f"{_said(x)} alone", x["energy_total"]) for x in document["levers_alone"]]
+    records = [row(_said(x), x["energy_total"]) for x in levers]
+    records += [row(f"{_said(x)} alone", x["energy_total"]) for x in document["levers_alone"]]
     if document["bound"] is not None:
-        rows.append(["lower bound of these curves", document["bound"], *[None] * 4])
+        records.append(["lower bound of these curves", document["bound"], *[None] * 4])
     header = ["with", "energy of the cycle [J]", "saved [J]", "saved [%]", "saved [kWh a year]", "saved [money a year]"]
-    report.table(header, rows, digits=6)
+    report.table(header, records, digits=6)
     for robot in document["robots"]:
         report.section(str(robot["name"])).table(
             ["step", "begins [s]", "takes [s]", "mode", "zone", "energy [J]"],

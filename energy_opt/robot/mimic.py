@@ -22,10 +22,10 @@ Law = tuple[str, float, float]  # the joint that leads, ratio and offset
 def followers(description: Description, locked: Mapping[str, float]) -> tuple[dict[str, float], dict[str, Law]]:
     """The joints that stand still, and those that follow one that moves by itself.
 
-    A joint that follows one that stands still stands still too, as does one with multiplier 0; one that is locked by
+    A joint that follows one that never moves never moves either, as does one with multiplier 0; one that is locked by
     its own name does not follow. Where a joint follows one that follows another, the last one leads both.
 
-    Returns: `locked` with what stands still beside; laws of the others by name.
+    Returns: `locked` with what never moves beside; laws of the others by name.
 
     Raises:
         BadInput: joints follow each other in a circle.

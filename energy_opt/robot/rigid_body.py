@@ -24,7 +24,7 @@ from energy_opt.robot.plain_urdf import plain_urdf
 FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
 
 
-MARK = "link:"  # before links' names in Pinocchio's model: there a link and a joint of one name are told apart by kind
+MARK = "link:"  # before links' names in Pinocchio's model: there a link and a joint of one name differ by kind
 
 
 def _built(description: Description) -> pin.Model:

@@ -72,13 +72,13 @@ class Identification(Found):
 
     def document(self) -> dict[str, Any]:
         """The content of identify.json."""
-        rows = [{"file": p.file, "power": p.power, "gravity_torque_squared": p.load} for p in self.poses]
+        records = [{"file": p.file, "power": p.power, "gravity_torque_squared": p.load} for p in self.poses]
         return {
             "robot": self.robot,
             "method1": {"standby": self.standby, "ci95": self.standby_ci95},
             "method2": self.line,
             "remark": self.word,
-            "poses": rows,
+            "poses": records,
             **({"request": dict(self.request)} if self.request else {}),
         }
 
@@ -122,8 +122,8 @@ def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Po
             held = float(np.ptp(run.power_time[inside]) + run.window[inside].max()) if inside.any() else 0.0
             if inside.sum() >= FEWEST_READINGS or (inside.sum() > 1 and held >= LONG):
                 held = float(run.time[last] - run.time[first])
-                rows = run.position[first : last + 1]
-                out.append(_pose(body, run.file, rows, run.power[inside], held, payload))
+                records = run.position[first : last + 1]
+                out.append(_pose(body, run.file, records, run.power[inside], held, payload))
     return out
 
 

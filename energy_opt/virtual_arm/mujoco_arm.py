@@ -196,8 +196,8 @@ class MujocoArm:
         """Stand still at a pose, (n,) rad: settled first, then the settled torque throughout."""
         steps = round(duration / STEP)
         few = self.play(np.tile(position, (2, 1)), np.zeros((2, len(position))))
-        rows = (np.repeat(x[-1:], steps, axis=0) for x in (few.position, few.torque))
-        q, u = rows
+        records = (np.repeat(x[-1:], steps, axis=0) for x in (few.position, few.torque))
+        q, u = records
         return Played((np.arange(steps) + 0.5) * STEP, q, np.zeros_like(q), u, few.tracking_error)
 
 

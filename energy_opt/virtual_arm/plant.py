@@ -80,9 +80,9 @@ def load_plant(path: str | Path) -> Plant:
         BadInput: names the file, the table and the parameter at fault.
     """
     document = read_toml(Path(path))
-    rows = document.pop("special", [])
-    if not isinstance(rows, list):
+    records = document.pop("special", [])
+    if not isinstance(records, list):
         raise BadInput(f"{path}: special is not a list of [[special]] tables")
     model = model_from_document(document, str(path))
-    specials = tuple(special_from_row(row, f"{path}: [[special]] {k}") for k, row in enumerate(rows, start=1))
+    specials = tuple(special_from_row(row, f"{path}: [[special]] {k}") for k, row in enumerate(records, start=1))
     return Plant(model, specials)

@@ -16,7 +16,7 @@ from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.measured import read_set
 from energy_opt.passports import friction, loss, read_arm
 from energy_opt.passports.changes import changes_since
-from energy_opt.power.model import Doubt
+from energy_opt.power.model import Uncertainty
 
 DRY, OIL, HEAT = np.array([2.0, 3.0, 1.0, 0.5, 0.4, 0.3]), 0.7, 0.006
 
@@ -35,7 +35,7 @@ def model(dry=DRY, standby=70.0, spread=None):
     if spread is None:
         return out
     names = ("standby.power.0", *(f"coulomb_friction.tau_c.{k}" for k in range(6)))
-    return replace(out, doubt=Doubt(names, np.eye(7) * spread**2))
+    return replace(out, uncertainty=Uncertainty(names, np.eye(7) * spread**2))
 
 
 def test_friction_and_loss_are_those_of_the_formulas():
@@ -148,7 +148,7 @@ def test_diagnose_says_what_has_changed_since_the_last_calibration(tmp_path, cap
     truth = write_world(World("ur5", 72, (0.0, 0.0), cause="coulomb_friction", motions=5, poses=3), tmp_path / "set")
     held = truth.declared + eo.CoulombFriction(tau_c=[0.5] * 3 + [0.1] * 3)  # a fraction of today's
     names = tuple(f"coulomb_friction.tau_c.{k}" for k in range(6))
-    replace(held, doubt=Doubt(names, np.eye(6) * 0.05**2)).save(tmp_path / "last.toml")
+    replace(held, uncertainty=Uncertainty(names, np.eye(6) * 0.05**2)).save(tmp_path / "last.toml")
     words = [str(truth.folder), "--model", str(tmp_path / "last.toml"), "--out", str(tmp_path / "out"), "--json"]
     assert main(["diagnose", *words]) == 0
     said = capsys.readouterr()

@@ -19,7 +19,7 @@ from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
 from energy_opt.power.draws import draws_of
-from energy_opt.power.model import Doubt
+from energy_opt.power.model import Uncertainty
 from energy_opt.power.named import named_model
 from energy_opt.robot import Robot
 
@@ -166,8 +166,8 @@ def test_a_plan_of_the_source_model_says_what_friction_makes_of_it(panda: Robot)
 def test_what_the_data_leave_open_reaches_the_saving(panda: Robot) -> None:
     """The interval of the saving is that of savings under independent draws of the doubtful number."""
     friction = CoulombFriction(tau_c=0.8)
-    doubt = Doubt(("coulomb_friction.tau_c.0",), np.array([[0.15**2]]), (source_method_2(),))
-    model = dataclasses.replace(source_method_2().replaced(friction), doubt=doubt)
+    uncertainty = Uncertainty(("coulomb_friction.tau_c.0",), np.array([[0.15**2]]), (source_method_2(),))
+    model = dataclasses.replace(source_method_2().replaced(friction), uncertainty=uncertainty)
     rivals, kind = rivals_from([model], None, panda)
     assert kind is None
     result = Planner(panda, model, Settings(starts=1, controls=16, compile="never")).solve(
@@ -186,21 +186,27 @@ def test_what_the_data_leave_open_reaches_the_saving(panda: Robot) -> None:
     assert width > 0 and np.abs(np.array([low, high]) - wanted).max() < 0.5 * width
     robust, kind = rivals_from([model], "mean", panda)
     assert kind == "mean" and [r.name for r in robust][-1] == "rival 1" and len(robust) > 3
-    loaded, _ = rivals_from([model], "mean", panda, 1.0)  # a payload takes nothing of the doubt away
+    loaded, _ = rivals_from([model], "mean", panda, 1.0)  # a payload takes nothing of the uncertainty away
     assert [r.name for r in loaded] == [r.name for r in robust] and all(r.model.get("payload") for r in loaded)
-    tilted = model.standing(0.1, 0.0).doubt
-    assert tilted is not None and tilted.names == doubt.names and tilted.matrix.tolist() == doubt.matrix.tolist()
+    tilted = model.standing(0.1, 0.0).uncertainty
+    assert (
+        tilted is not None
+        and tilted.names == uncertainty.names
+        and tilted.matrix.tolist() == uncertainty.matrix.tolist()
+    )
     assert [rival.get("base_tilt") for rival in tilted.rivals] == [model.standing(0.1, 0.0).get("base_tilt")]
 
 
 def test_draws_leave_what_is_given_as_it_is() -> None:
-    """A curve's speeds have no doubt; those of its torques must not reach them by rounding."""
+    """A curve's speeds have no uncertainty; those of its torques must not reach them by rounding."""
     curve, count = FrictionCurve(speed=[0.0, 0.1, 0.9], torque=np.full((6, 3), 4.0)), 6 + 3 + 18
     places = (("copper_loss.r_over_kt2", 6), ("friction_curve.speed", 3), ("friction_curve.torque", 18))
     names = tuple(f"{name}.{k}" for name, size in places for k in range(size))
     rng = np.random.default_rng(0)
     root = rng.normal(size=(count, count)) * np.exp(3 * rng.normal(size=(count, 1)))
     root[6:9] = 0.0
-    model = PowerModel("ur5", (CopperLoss(r_over_kt2=[0.1] * 6), curve), doubt=Doubt(names, root @ root.T, ()))
+    model = PowerModel(
+        "ur5", (CopperLoss(r_over_kt2=[0.1] * 6), curve), uncertainty=Uncertainty(names, root @ root.T, ())
+    )
     for drawn in draws_of(model, 5):
         assert np.array_equal(drawn.effects[-1].values["speed"], [0.0, 0.1, 0.9])

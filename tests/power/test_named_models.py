@@ -98,5 +98,5 @@ def test_a_locked_joint_leaves_the_lists_of_every_model(tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(text)
     model = model_from(str(tmp_path / "m.toml"), robot)
     assert model.get("viscous_friction").values["b"].tolist() == [1, 2, 4, 5, 6, 7]
-    assert model.doubt.names == ("viscous_friction.b.2",) and model.doubt.matrix.tolist() == [[4.0]]
+    assert model.uncertainty.names == ("viscous_friction.b.2",) and model.uncertainty.matrix.tolist() == [[4.0]]
     assert model_from(model, robot) == model  # one entry for each joint that moves is taken as it is

@@ -144,7 +144,7 @@ def test_moves_that_touch_are_led_around(solved: tuple[Planner, Move, Result], t
     )  # fmt: skip
     touching = among.certify(free.trajectory, move)
     assert touching.within_limits and touching.clearance is not None and not touching.clearance.proven
-    chain, certificate = MovesPlanner(among).mended(free.chain, move, (1.8, 1.8), "energy")
+    chain, certificate = MovesPlanner(among).repaired(free.chain, move, (1.8, 1.8), "energy")
     assert certificate.valid and certificate.clearance is not None and certificate.clearance.lower_bound > 0
     energy = planner.score(chain.trajectory(planner.robot.joints))
     assert free.energy.loss < energy.loss < 1.3 * free.energy.loss

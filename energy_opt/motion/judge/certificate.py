@@ -44,7 +44,7 @@ class Certificate:
     @property
     def worst(self) -> dict[str, object]:
         """The limit that is used most: its name, joint (or what else is limited), time [s], value and bound."""
-        return _told(max(self.found, key=_size))
+        return _document(max(self.found, key=_size))
 
     @property
     def tightest(self) -> str:
@@ -55,7 +55,7 @@ class Certificate:
     @property
     def binding(self) -> dict[str, object]:
         """The same among the limits that more time would ease: all but the position's, if there are others."""
-        return _told(max(self.found, key=lambda found: (found.limit != "position", _size(found))))
+        return _document(max(self.found, key=lambda found: (found.limit != "position", _size(found))))
 
     @property
     def within_limits(self) -> bool:
@@ -91,7 +91,7 @@ class Certificate:
         return tuple(limit.scaled(share) for limit, share in zip(limits, shares, strict=True))
 
 
-def _told(found: Violation) -> dict[str, object]:
+def _document(found: Violation) -> dict[str, object]:
     return {
         "limit": found.limit,
         "joint": found.where,

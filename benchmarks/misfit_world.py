@@ -16,7 +16,8 @@ import numpy as np
 from misfit_drives import ARMS, CAUSES, LAWS, MORE, Motors
 from misfit_motions import STEP, hand_torque, session
 from misfit_urdf import with_urdf, write_changed, write_loaded
-from unlisted_laws import KINDS, Limits, Part, bending
+from unlisted_law import Limits, Part
+from unlisted_laws import KINDS, bending
 
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.files import write_toml

@@ -22,7 +22,7 @@ def test_random_option_sets_are_answered_rightly(tmp_path: Path) -> None:
 
 
 def test_the_evaluator_shares_nothing_with_the_package() -> None:
-    for name in ("benchmarks/option_judge.py", "tests/independent.py"):
+    for name in ("benchmarks/option_judge.py", "benchmarks/option_arm.py", "tests/independent.py"):
         text = (ROOT / name).read_text()
         assert "import energy_opt" not in text and "from energy_opt" not in text
 

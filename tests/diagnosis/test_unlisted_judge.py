@@ -16,7 +16,8 @@ from misfit_drives import ARMS
 from misfit_world import World, write_world
 from unlisted import lines, lower, upper
 from unlisted_judge import contradictions, difference_error, foreseen, held_out
-from unlisted_laws import KINDS, Limits, Part
+from unlisted_law import Limits, Part
+from unlisted_laws import KINDS
 
 
 @pytest.fixture(scope="module")

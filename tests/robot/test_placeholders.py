@@ -1,0 +1,100 @@
+"""Placeholders and implausible numbers of a URDF: limits, efforts, masses and inertias are named or replaced."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from two_joints import two_joints
+
+from energy_opt.robot import known_robots, load_robot
+
+
+def test_implausible_and_placeholder_inertias_are_named() -> None:
+    assert [w.split(":")[0] for w in load_robot("ur5").warnings] == ["wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+    for name in ("panda", "ur3e", "ur5e", "ur10e"):
+        assert load_robot(name).warnings == ()
+
+
+def test_placeholder_limits_are_replaced_and_named(tmp_path: Path) -> None:
+    robot = load_robot(two_joints(tmp_path, effort="0", velocity="1e9"))
+    assert robot.limits.effort[0] == np.inf and robot.limits.velocity[0] == pytest.approx(np.pi)
+    np.testing.assert_allclose(robot.limits.acceleration, [5 * np.pi, 5])
+    first = [w for w in robot.warnings if w.startswith("first:")]
+    assert len(first) == 2 and all("assumed" in w for w in first)
+    assert not any(w.startswith("second:") for w in robot.warnings)
+
+
+def test_doubtful_limits_are_named_and_kept(tmp_path: Path) -> None:
+    """A limit far beyond what such an arm could use is said to be doubtful, but nobody's number is overruled."""
+    robot = load_robot(two_joints(tmp_path, effort="5000", velocity="1000"))
+    assert robot.limits.effort[0] == 5000 and robot.limits.velocity[0] == 1000
+    assert [w.startswith("first:") and "as stated" in w for w in robot.warnings] == [True, True]
+
+
+def test_massless_last_link_is_named(tmp_path: Path) -> None:
+    robot = load_robot(two_joints(tmp_path, mass="0", inertia="0"))
+    assert any(w.startswith("second:") and "no mass" in w for w in robot.warnings)
+
+
+def test_effort_limits_of_ten_thousand_newton_metres_are_a_large_arms_own(tmp_path: Path) -> None:
+    path = two_joints(tmp_path, effort="17880", mass="900", inertia="30")
+    robot = load_robot(path)
+    assert robot.limits.effort[0] == 17880 and not any("effort limit 17880" in w for w in robot.warnings)
+
+
+def test_the_same_effort_on_all_joints_and_far_above_gravity_is_a_placeholder(tmp_path: Path) -> None:
+    text = Path(two_joints(tmp_path, effort="2000")).read_text()
+    path = tmp_path / "same.urdf"
+    path.write_text(re.sub(r'effort="[0-9.]+"', 'effort="2000"', text))
+    robot = load_robot(path)
+    assert np.isinf(robot.limits.effort).all()
+    said = [w for w in robot.warnings if "the same on all joints and" in w]
+    assert len(said) == 2 and all("limits with max_effort" in w for w in said)
+
+
+def test_an_effort_that_cannot_hold_the_arm_is_a_placeholder_unless_a_limits_file_says_so(tmp_path: Path) -> None:
+    path = two_joints(tmp_path, effort="0.1")
+    Path(path).write_text(Path(path).read_text().replace('axis xyz="0 0 1"', 'axis xyz="0 1 0"'))
+    robot = load_robot(path)
+    assert np.isinf(robot.limits.effort[0])
+    (said,) = [w for w in robot.warnings if "does not hold the arm" in w]
+    assert said.startswith("first: effort limit 0.1 N m") and "limits with max_effort" in said
+    limits = tmp_path / "joint_limits.yaml"
+    limits.write_text("joint_limits: {first: {max_effort: 0.2}}\n")
+    assert load_robot(path, limits=limits).limits.effort[0] == 0.2
+
+
+def test_one_effort_for_all_joints_that_is_too_little_for_some_is_a_placeholder(tmp_path: Path) -> None:
+    """A Denso as shipped has 1 N m on all joints: what turns about the vertical needs nothing to be held."""
+    text = Path(two_joints(tmp_path)).read_text().replace('axis xyz="0 0 1"', 'axis xyz="0 1 0"')
+    assert "0 1 0" in text
+    path = tmp_path / "same.urdf"
+    path.write_text(re.sub(r'effort="[0-9.]+"', 'effort="1"', text))
+    found = load_robot(path)
+    gravity = found.body.torque(*(np.zeros((1, 2)) + k for k in (0.7, 0, 0)))[0]
+    assert (np.abs(gravity) > 1).tolist() == [True, False], "one joint is held, one is not"
+    assert np.isinf(found.limits.effort).all()
+    assert any(w.startswith("second:") and "too little for some" in w for w in found.warnings)
+
+
+def test_an_arm_that_is_too_heavy_for_its_size_or_drives_is_named(tmp_path: Path) -> None:
+    heavy = load_robot(two_joints(tmp_path, effort="50", mass="3300", inertia="100"))
+    assert any("more than every effort limit" in w for w in heavy.warnings)
+    assert any("several times what such arms weigh" in w for w in heavy.warnings)
+    assert not any("kg move" in w for name in known_robots() for w in load_robot(name).warnings)
+
+
+def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
+    """A public description of an arm for 120 kg of load and 2.5 m long has 12 kg of moving links in all."""
+    said = {}
+    for mass in ("5", "200"):
+        path = Path(two_joints(tmp_path, effort="5000", mass=mass, inertia="1"))
+        path.write_text(path.read_text().replace('origin xyz="0.3 0 0"', 'origin xyz="2.5 0 0"'))
+        said[mass] = [w for w in load_robot(path).warnings if "kg move" in w]
+    assert said["5"] == [
+        "6 kg move on an arm of 2.5 m: a fraction of what such arms weigh; energies are too low; used as it is"
+    ]
+    assert said["200"] == []

@@ -106,27 +106,9 @@ class Job:
         return replace(self, steps=tuple(steps))
 
 
-def load_job(
-    path: Path,
-    load: Callable[[str], Robot],
-    *,
-    allow_outside: bool = False,
-    payload: Load | None = None,
-    named: Mapping[str, Pose] | None = None,
-) -> Job:
-    """Read a job.
-
-    Args:
-        load: makes the robot out of its name, or of the path of its URDF.
-        allow_outside: URDF and scenes may lie outside the job's folder.
-        payload: held until a step says another, in place of what the job says.
-        named: poses by name beside those of the job, as a scene file has them.
-
-    Raises:
-        BadInput: names every fault, one a line, with the step's name.
-    """
-    document = read_toml(Path(path))
-    return job_of(document, Path(path), load, allow_outside=allow_outside, payload=payload, named=named)
+def load_job(path: Path, load: Callable[[str], Robot], **more: Any) -> Job:
+    """Read the job file `path`; further arguments and errors are those of `job_of`."""
+    return job_of(read_toml(Path(path)), Path(path), load, **more)
 
 
 def job_of(
@@ -138,7 +120,18 @@ def job_of(
     payload: Load | None = None,
     named: Mapping[str, Pose] | None = None,
 ) -> Job:
-    """A job from a document that was read; `path` is the file that other files lie beside. Else as `load_job`."""
+    """A job from a document that was read.
+
+    Args:
+        path: of the file that other files are beside, for messages too.
+        load: makes the robot out of its name, or of the path of its URDF.
+        allow_outside: URDF and scenes may lie outside the job's folder.
+        payload: held until a step says another, in place of what the job says.
+        named: poses by name beside those of the job, as a scene file has them.
+
+    Raises:
+        BadInput: names every fault, one a line, with the step's name.
+    """
     job, faults = _read(document, path, load, allow_outside, payload, named)
     if faults or job is None:
         raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))

@@ -15,50 +15,23 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
+from energy_opt.effects import (
+    curve,
+    electrics,
+    friction,
+    links,
+    mechanics,
+    meter,
+    past,
+    payload_change,
+    rigid,
+    self_heating,
+    signal_power,
+    stages,
+    temperature_friction,
+)
 from energy_opt.effects.base import Effect
-from energy_opt.effects.curve import FrictionCurve
-from energy_opt.effects.electrics import (
-    CopperLoss,
-    InverterLoss,
-    IronLoss,
-    MotionPower,
-    PsuLoss,
-    Regeneration,
-    Standby,
-    StandbyDrift,
-    SupplyEfficiency,
-    WindingTemperature,
-)
-from energy_opt.effects.friction import (
-    AsymmetricFriction,
-    CoulombFriction,
-    GearEfficiency,
-    LoadFriction,
-    PowerLawFriction,
-    SigmoidFriction,
-    StribeckFriction,
-    ThermalViscous,
-    ViscousFriction,
-)
-from energy_opt.effects.links import LinkInertia
-from energy_opt.effects.mechanics import Armature, GravitySpring
-from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain, MeterWindow
 from energy_opt.effects.parameter import Parameter
-from energy_opt.effects.past import DcLink, IdleHold, RunOffset
-from energy_opt.effects.payload_change import PayloadChange
-from energy_opt.effects.rigid import BaseTilt, Payload
-from energy_opt.effects.self_heating import WindingSelfHeating
-from energy_opt.effects.signal_power import SignalPower
-from energy_opt.effects.stages import (
-    DriveEffect,
-    HeatEffect,
-    PowerEffect,
-    RigidEffect,
-    SupplyEffect,
-    TorqueEffect,
-    WindingEffect,
-)
-from energy_opt.effects.temperature_friction import DailyFriction, TemperatureFriction
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_text
 
@@ -66,24 +39,28 @@ LARGEST = 10**6  # bytes of a file of effects
 GROUP = "energy_opt.effects"
 
 ALL_EFFECTS: tuple[type[Effect], ...] = (
-    Standby, CopperLoss, CoulombFriction, ViscousFriction, StribeckFriction, LoadFriction, Armature, Payload,
-    BaseTilt, GravitySpring, Regeneration, GearEfficiency, InverterLoss, SupplyEfficiency, MotionPower,
-    WindingTemperature, StandbyDrift, MeterDelay, MeterFilter, MeterGain, MeterWindow, FrictionCurve,
-    AsymmetricFriction, PowerLawFriction, SigmoidFriction, ThermalViscous, PsuLoss, IronLoss, DcLink, IdleHold,
-    RunOffset, LinkInertia, WindingSelfHeating, TemperatureFriction, DailyFriction, SignalPower, PayloadChange,
+    electrics.Standby, electrics.CopperLoss, friction.CoulombFriction, friction.ViscousFriction,
+    friction.StribeckFriction, friction.LoadFriction, mechanics.Armature, rigid.Payload, rigid.BaseTilt,
+    mechanics.GravitySpring, electrics.Regeneration, friction.GearEfficiency, electrics.InverterLoss,
+    electrics.SupplyEfficiency, electrics.MotionPower, electrics.WindingTemperature, electrics.StandbyDrift,
+    meter.MeterDelay, meter.MeterFilter, meter.MeterGain, meter.MeterWindow, curve.FrictionCurve,
+    friction.AsymmetricFriction, friction.PowerLawFriction, friction.SigmoidFriction, friction.ThermalViscous,
+    electrics.PsuLoss, electrics.IronLoss, past.DcLink, past.IdleHold, past.RunOffset, links.LinkInertia,
+    self_heating.WindingSelfHeating, temperature_friction.TemperatureFriction, temperature_friction.DailyFriction,
+    signal_power.SignalPower, payload_change.PayloadChange,
 )  # fmt: skip
 BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECTS}
 
 # The law that an effect of each stage must write, by the base class that asks for it.
 LAWS: dict[type[Effect], tuple[str, ...]] = {
-    RigidEffect: ("gravity", "point_mass", "links", "held"),
-    TorqueEffect: ("torque",),
-    HeatEffect: ("heat",),
-    WindingEffect: ("factor",),
-    DriveEffect: ("drawn",),
-    PowerEffect: ("power",),
-    SupplyEffect: ("at_meter",),
-    MeterEffect: ("reading", "sensitivity"),
+    stages.RigidEffect: ("gravity", "point_mass", "links", "held"),
+    stages.TorqueEffect: ("torque",),
+    stages.HeatEffect: ("heat",),
+    stages.WindingEffect: ("factor",),
+    stages.DriveEffect: ("drawn",),
+    stages.PowerEffect: ("power",),
+    stages.SupplyEffect: ("at_meter",),
+    meter.MeterEffect: ("reading", "sensitivity"),
 }
 
 _added: dict[str, type[Effect]] = {}
@@ -220,8 +197,8 @@ def _check(kind: Any) -> None:
     if not isinstance(kind, type) or not issubclass(kind, Effect):
         raise BadInput(f"{kind!r} is not an effect: a class derived from one of energy_opt.effects'")
     where = f"effect {kind.__qualname__}"
-    stages = [stage for stage in LAWS if issubclass(kind, stage)]
-    if not stages:
+    bases = [stage for stage in LAWS if issubclass(kind, stage)]
+    if not bases:
         expected = ", ".join(stage.__name__ for stage in LAWS)
         raise BadInput(f"{where}: derive it from one of {expected}")
     name = getattr(kind, "name", None)
@@ -230,8 +207,8 @@ def _check(kind: Any) -> None:
     parameters = getattr(kind, "parameters", None)
     if not isinstance(parameters, tuple) or not all(isinstance(p, Parameter) for p in parameters):
         raise BadInput(f"{where}: parameters is not a tuple of Parameter")
-    laws = LAWS[stages[0]]
-    if all(getattr(kind, law).__func__ is getattr(stages[0], law).__func__ for law in laws):
-        raise BadInput(f"{where}: writes no law: {' or '.join(laws)}, as {stages[0].__name__} describes")
+    laws = LAWS[bases[0]]
+    if all(getattr(kind, law).__func__ is getattr(bases[0], law).__func__ for law in laws):
+        raise BadInput(f"{where}: writes no law: {' or '.join(laws)}, as {bases[0].__name__} describes")
     if kind.stores and kind.stored.__func__ is Effect.stored.__func__:  # type: ignore[attr-defined]
         raise BadInput(f"{where}: stores energy, but does not say how much: stored(q, v, p)")

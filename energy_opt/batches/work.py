@@ -137,7 +137,7 @@ def _posed(task: Task, planner: Planner, row: dict[str, Any]) -> dict[str, Any]:
     if len(powers) > 1:
         solver = RobustPlanner(robot, [Rival(name, model) for name, model in powers], planner=planner)
     models = [model for _, model in powers]
-    chosen = solve_to(ends, move, robot, models, planner.cell, planner.settings, solver.solve)
+    chosen = solve_to(ends, move, robot, models, planner.cell, planner.settings, solver)
     return filled(row, chosen.result.document())
 
 

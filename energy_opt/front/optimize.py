@@ -52,11 +52,11 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
         planner = Planner(robot, rivals[0].model, settings, **known)
         robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, **known)
         try:
-            solve, chosen = (planner if robust is None else robust).solve, None
+            solver, chosen = planner if robust is None else robust, None
             if ends is None:
-                found, move = solved(solve, move, given)
+                found, move = solved(solver.solve, move, given)
             else:
-                chosen = solve_to(ends, move, robot, members(rivals), cell, settings, solve, kind == "worst")
+                chosen = solve_to(ends, move, robot, members(rivals), cell, settings, solver, kind == "worst")
                 found, move = chosen.result, chosen.move
             found, moves = with_room_of(
                 request, planner, robust, move, *moves_of(request, planner, robust, move, found)

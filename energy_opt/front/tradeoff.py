@@ -195,7 +195,7 @@ def chosen_for(
     Returns: the move, and `candidates` and `nearest` as in result.json.
     """
     mean = mean_of(planner)
-    chosen = solve_to(ends, move, planner.robot, members(rivals), mean.cell, settings, planner.solve)
+    chosen = solve_to(ends, move, planner.robot, members(rivals), mean.cell, settings, planner)
     return chosen.move, chosen.document()
 
 

@@ -3,9 +3,9 @@
 reach       every joint goal that the poses and goals allow
 estimate    what the straight move to each is likely to cost; goals that touch something are left out
 improve     the most promising are moved along their freedom to where the estimate is least
-screen      these are solved with few control points, in order, while the next may be better than the best
-bend        the best screened motion bent along the freedom says where its end costs less; screened again
-solve       the best in full, and the goal nearest to the start at the duration of the answer: that is the saving
+screen      these are sketched, in order, while the next may be better than the best
+bend        the best sketch bent along the freedom says where its end costs less; sketched again
+solve       the best in full, bent once more; and the goal nearest to the start at that duration: that is the saving
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Target, unreached
 
 IMPROVED = 5  # goals that are moved along their freedom by the estimate
-SCREENED = 3  # goals that are solved roughly
+SCREENED = 3  # goals that are sketched
 HOPE = 1.5  # a goal is screened if its estimate, less so many of the largest gain so far, is below the best energy
 EQUAL = 1e-5  # relative: goals with estimates nearer than this differ by a joint that costs nothing
-WORTH = 2e-3  # of the loss: a step along the freedom that promises less is not made
+WORTH, WORTH_SOLVING = 2e-3, 1e-2  # of the loss: what a step along the freedom must promise, and one solved in full
 APART = 0.35  # [rad, m] distance of goals that are both screened
 LISTED = 40  # goals that an answer lists
-BENT = 1  # steps along the freedom
 FREE = 60  # goals without contact among which is chosen
 
 Solve = Callable[[Move, Sequence[Trajectory]], Result]
+Sketch = Callable[[Move, Sequence[Trajectory]], Trajectory]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Candidate:
 
     Attributes:
         goal: (n,) [rad, m]; estimate: [J] of the straight move; energy: [J] as solved, None where it was not.
-        status: "solved" and so on as results have it; "screened" with the energy of a rough solve, which knows no
+        status: "solved" and so on as results have it; "screened" with the energy of a sketch, which knows no
             bodies; "looked_at", "not_looked_at", "colliding", "too_fast" or "infeasible".
         pose: the pose that it reaches; None where it was given by its joints.
     """
@@ -58,13 +58,14 @@ class Candidate:
     pose: Pose | None = None
 
     def document(self) -> dict[str, object]:
-        """As it is in result.json; what a rough solve takes is an estimate."""
+        """As it is in result.json; what a sketch takes is an estimate."""
         rough = self.status == "screened"
         estimate, energy = (self.energy, None) if rough else (self.estimate, self.energy)
         return {"goal": self.goal, "estimate": estimate, "energy": energy, "status": self.status}
 
 
 Solved = tuple[Candidate, Result]
+Sketched = tuple[Candidate, Trajectory]
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Chosen:
         candidates: the answer's first, then by energy and estimate.
         nearest: the goal nearest to the start; nearest_result: its motion at the answer's duration, None where it has
             none.
-        solves: how many moves were solved in full; screened: how many roughly.
+        solves: how many moves were solved in full; screened: how many were sketched.
     """
 
     move: Move
@@ -113,8 +114,8 @@ class Chooser:
     Args:
         scorers: of the models that are planned under; `worst`: goals are compared by the worst of them, else the mean.
         cell: what goals must keep clear of; None for nothing.
-        solver: solves a move, given motions to start from; rough: the same with few control points, one start
-            and no regard to bodies: a goal whose rough solve takes more than the best answer is not solved in full.
+        solver: solves a move, given motions to start from; sketch: guesses the answer with no regard to bodies: a goal
+            whose sketch takes more than the best answer is not solved in full.
     """
 
     def __init__(
@@ -123,13 +124,13 @@ class Chooser:
         scorers: Sequence[Scorer],
         cell: Cell | None,
         solver: Solve,
-        rough: Solve,
+        sketch: Sketch,
         seed: int = 0,
         worst: bool = False,
     ) -> None:
         self.tool, self.scorers, self.seed, self._worst = tool, list(scorers), seed, worst
         self.cell = cell if cell is not None and cell.checks else None
-        self._solver, self._rough = solver, rough
+        self._solver, self._sketch = solver, sketch
         self.solves = self.screened = 0
 
     def choose(self, move: Move, goals: Sequence[Target]) -> Chosen:
@@ -148,25 +149,25 @@ class Chooser:
         open_ = sorted((c for c in found if c.status == "looked_at"), key=lambda c: c.estimate)
         if not open_:
             raise self._none(move, goals, found)
-        tried, failures = self._screen(move, self._improved(move, open_))
-        if not tried:
-            raise failures[0]
-        best = min(tried, key=_rank)
-        for _ in range(BENT):
-            step = self._bent(move, best)
-            if step is None:
-                break
-            tried.append(step)
-            best = step
-        answer, solved = self._full(move, tried, failures)
+        promising = self._improved(move, open_)
+        tried = self._screened(move, promising)
+        if tried:
+            best = min(tried, key=_cost)
+            bent = self._bent(move, *best, WORTH)
+            tried += [] if bent is None else self._sketched(move, bent, [best[1]])
+        answer, solved = self._full(move, promising, tried)
+        bent = self._bent(move, answer[0], answer[1].trajectory, WORTH if not tried else WORTH_SOLVING)
+        again = None if bent is None else self._attempt(move, bent, [answer[1].trajectory])
+        if again is not None and not isinstance(again, Infeasible):
+            solved.append(again)
+            answer = min(answer, again, key=_rank)
         nearest = min(open_, key=lambda c: self._distance(move, c.goal))
         near = self._compared(move, nearest, answer)
         if near is not None and _rank(near) < _rank(answer):  # the search was not as good
             answer = near
-        listed = [answer[0], *(c for c, _ in solved if c is not answer[0])]
-        rows = [*tried, *((c, None) for c in found)]
-        rows = [row for row in rows if not any(np.array_equal(row[0].goal, x.goal) for x in listed)]
-        rest = sorted((c for c, _ in rows), key=lambda c: (c.energy is None, c.status != "looked_at", c.estimate))
+        listed = [answer[0], *(c for c, _ in sorted(solved, key=_rank) if c is not answer[0])]
+        rest = [c for c in (*(c for c, _ in tried), *found) if not any(np.array_equal(c.goal, x.goal) for x in listed)]
+        rest.sort(key=lambda c: (c.energy is None, c.status != "looked_at", c.estimate))
         return Chosen(
             replace(move, goal=answer[0].goal), answer[1], tuple([*listed, *rest][:LISTED]),
             nearest if near is None else near[0], None if near is None else near[1], self.solves, self.screened,
@@ -229,72 +230,67 @@ class Chooser:
             out.append(goal)
         return sorted(out, key=lambda c: c.estimate)
 
-    def _screen(self, move: Move, goals: Sequence[Candidate]) -> tuple[list[Solved], list[Infeasible]]:
-        """Rough solves of goals in order, while the next may be better than the best."""
-        out: list[Solved] = []
-        failures: list[Infeasible] = []
+    def _screened(self, move: Move, goals: Sequence[Candidate]) -> list[Sketched]:
+        """Sketches of goals in order, while the next may be better than the best."""
+        out: list[Sketched] = []
         if len(goals) == 1 and (goals[0].pose is None or not has_freedom(self.tool, goals[0].pose)):
-            found = self._attempt(self._solver, move, goals[0])
-            return ([], [found]) if isinstance(found, Infeasible) else ([found], [])
-        tried: list[Candidate] = []
+            return out
         for goal in goals:
             gain = max((c.estimate - (c.energy or np.inf) for c, _ in out), default=np.inf)
             least = min((c.energy or np.inf for c, _ in out), default=np.inf)
             if len(out) == SCREENED or goal.estimate - HOPE * max(gain, 0.0) > least:
                 break
-            if any(_alike(goal, other) for other in tried):
-                continue
-            tried.append(goal)
-            found = self._attempt(self._rough, move, goal)
-            if isinstance(found, Infeasible):
-                failures.append(found)
-            else:
-                out.append(found)
-        return out, failures
+            if not any(_alike(goal, other) for other, _ in out):
+                out += self._sketched(move, goal)
+        return out
 
-    def _attempt(
-        self, solver: Solve, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()
-    ) -> Solved | Infeasible:
-        rough = solver is self._rough
-        self.screened, self.solves = self.screened + rough, self.solves + (not rough)
+    def _sketched(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> list[Sketched]:
+        """The sketch of a goal; none where it is not possible."""
+        self.screened += 1
         try:
-            result = solver(replace(move, goal=goal.goal), warm)
+            found = self._sketch(replace(move, goal=goal.goal), warm)
+        except Infeasible:
+            return []
+        return [(replace(goal, energy=self._energy(found), status="screened"), found)]
+
+    def _energy(self, trajectory: Trajectory) -> float:
+        totals = [scorer.energy(trajectory).total for scorer in self.scorers]
+        return float(max(totals) if self._worst else np.mean(totals))
+
+    def _attempt(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> Solved | Infeasible:
+        self.solves += 1
+        try:
+            result = self._solver(replace(move, goal=goal.goal), warm)
         except Infeasible as error:
             return error
-        status = "screened" if rough and result.status == "solved" else result.status
-        totals = [scorer.energy(result.trajectory).total for scorer in self.scorers]
-        return replace(goal, energy=float(max(totals) if self._worst else np.mean(totals)), status=status), result
+        return replace(goal, energy=self._energy(result.trajectory), status=result.status), result
 
-    def _bent(self, move: Move, best: Solved) -> Solved | None:
-        """The best motion to an end that costs less, solved roughly; None where none is found."""
-        goal, result = best
+    def _bent(self, move: Move, goal: Candidate, motion: Trajectory, worth: float) -> Candidate | None:
+        """The goal to which the motion, bent, costs less by a share `worth` of its loss; None where there is none."""
         if goal.pose is None or not has_freedom(self.tool, goal.pose):
             return None
-        bent = Bent(self.scorers, result.trajectory, move.duration is not None)
+        bent = Bent(self.scorers, motion, move.duration is not None)
         q = improved(self.tool, goal.pose, goal.goal, lambda q: bent(None, q), self.cell)
         before, after = bent(None, np.vstack([goal.goal, q]))
-        if before - after < WORTH * result.energy.loss:
-            return None
-        found = self._attempt(self._rough, move, replace(goal, goal=q), [result.trajectory])
-        return None if isinstance(found, Infeasible) or _rank(found) >= _rank(best) else found
+        return None if before - after < worth * bent.loss else replace(goal, goal=q)
 
-    def _full(self, move: Move, tried: Sequence[Solved], failures: Sequence[Infeasible]) -> tuple[Solved, list[Solved]]:
-        """The best of the screened goals solved in full, and all that were."""
-        if self.solves:  # the only goal there was
-            return tried[0], list(tried)
-        error: Infeasible | None = failures[0] if failures else None
+    def _full(self, move: Move, goals: Sequence[Candidate], tried: Sequence[Sketched]) -> tuple[Solved, list[Solved]]:
+        """The best of the sketched goals solved in full, and all that were; others only where none of these works."""
+        sketched = sorted(tried, key=_cost)
+        rest = [goal for goal in goals if not any(np.array_equal(goal.goal, c.goal) for c, _ in tried)]
+        errors: list[Infeasible] = []
         out: list[Solved] = []
-        for goal, result in sorted(tried, key=_rank):
-            if out and _rank((goal, result)) >= min(map(_rank, out)):
+        for goal, warm in [*((c, [motion]) for c, motion in sketched), *((c, []) for c in rest)]:
+            least = min((c.energy or np.inf for c, _ in out if c.status == "solved"), default=None)
+            if least is not None and (goal.energy is None or goal.energy >= least):
                 break
-            found = self._attempt(self._solver, move, goal, [result.trajectory])
+            found = self._attempt(move, goal, warm)
             if isinstance(found, Infeasible):
-                error = found
+                errors.append(found)
             else:
                 out.append(found)
         if not out:
-            assert error is not None
-            raise error
+            raise errors[0]
         out.sort(key=_rank)
         return out[0], out
 
@@ -303,9 +299,9 @@ class Chooser:
         if np.array_equal(nearest.goal, answer[0].goal):
             return answer
         at = replace(move, duration=answer[1].trajectory.duration, max_duration=None)
-        found = self._attempt(self._solver, at, nearest)
+        found = self._attempt(at, nearest)
         if isinstance(found, Infeasible):  # it takes longer than that
-            found = self._attempt(self._solver, move, nearest)
+            found = self._attempt(move, nearest)
         return None if isinstance(found, Infeasible) else found
 
     def _distance(self, move: Move, goal: np.ndarray) -> float:
@@ -343,3 +339,7 @@ def _alike(one: Candidate, two: Candidate) -> bool:
 def _rank(item: Solved) -> tuple[bool, float]:
     goal, result = item
     return result.status != "solved", np.inf if goal.energy is None else goal.energy
+
+
+def _cost(item: Sketched) -> float:
+    return np.inf if item[0].energy is None else item[0].energy

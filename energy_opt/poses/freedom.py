@@ -149,7 +149,7 @@ class Bent:
         self._speed = 30 * x**2 * (1 - x) ** 2 / trajectory.duration
         self._bend = 60 * x * (1 - x) * (1 - 2 * x) / trajectory.duration**2
         self._share = float(self._needed(v[None], a[None])[0])
-        self._loss = float(np.mean([scorer.energy(trajectory).loss for scorer in scorers]))
+        self.loss = float(np.mean([scorer.energy(trajectory).loss for scorer in scorers]))
 
     def __call__(self, start: np.ndarray | None, goal: np.ndarray | None) -> np.ndarray:
         """Energy (M,) [J] with other ends (M, n); None for its own."""
@@ -165,7 +165,7 @@ class Bent:
         if not self._fixed:
             return self._energy(q, v, a, longer)
         energy = self._energy(q, v, a, np.ones(len(q)))
-        return np.asarray(energy + PRICE * np.maximum(longer - 1, 0) ** 2 * self._loss)
+        return np.asarray(energy + PRICE * np.maximum(longer - 1, 0) ** 2 * self.loss)
 
     def _needed(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """The share of the duration (M,) that velocity and acceleration limits need."""

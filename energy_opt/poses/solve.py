@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from energy_opt.cell.cell import Cell
-from energy_opt.motion import Move, Planner, Result, Settings, Trajectory
+from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.poses.choose import Chooser, Chosen
 from energy_opt.poses.ends import Ends
 from energy_opt.poses.estimate import fastest, holding
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.sets import Ring, Target, layer, positions_of, thinned
-from energy_opt.power import Mixture, PowerModel
+from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
-
-Solve = Callable[[Move, Sequence[Trajectory]], Result]
-CONTROLS = 20  # of solves that only rank goals
 
 
 def solve_to(
@@ -29,7 +27,7 @@ def solve_to(
     models: Sequence[PowerModel],
     cell: Cell | None,
     settings: Settings,
-    solve: Solve,
+    planner: Planner | RobustPlanner,
     worst: bool = False,
 ) -> Chosen:
     """The cheapest motion to any of the goals; see `Chooser.choose`.
@@ -38,15 +36,13 @@ def solve_to(
         ends: start pose, poses on the way and goals; the move's own goal is ignored, and its start where there is a
             start pose.
         models: that are planned under; goals are compared by their mean, or by the `worst` of them.
-        solve: the planner that gives the answer.
+        planner: of these models, which gives the answer.
     """
     tool = ToolKinematics(robot, settings.tool)
     scorers = [Scorer(robot, model) for model in models]
     if ends.start is not None or ends.via:
         move = _placed(ends, move, tool, scorers, cell, settings)
-    quick = replace(settings, starts=1, controls=min(CONTROLS, settings.controls), solver="sqp", ways=1)
-    rough = Planner(robot, Mixture.of(models) if len(models) > 1 else models[0], quick)
-    chooser = Chooser(tool, scorers, cell, solve, rough.solve, settings.seed, worst)
+    chooser = Chooser(tool, scorers, cell, planner.solve, planner.sketch, settings.seed, worst)
     return chooser.choose(move, ends.goals)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,14 +15,15 @@ import pytest
 from energy_opt.cell.load import load_cell, scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.front.given import source_model
 from energy_opt.front.rivals import rivals_from
 from energy_opt.jobs import check_job, load_job
-from energy_opt.motion import Settings, Trajectory
+from energy_opt.motion import Move, Planner, Settings, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.placement import PlaceRequest, place
 from energy_opt.placement.search import Search
+from energy_opt.poses.choose import Chooser
 from energy_opt.poses.estimate import curves, straight
 from energy_opt.poses.freedom import Bent, improved
 from energy_opt.poses.given import Given, in_base, poses_of_request
@@ -346,6 +348,25 @@ def test_a_proven_placement_comes_before_a_cheaper_one_that_is_none(
     job = load_job(path, lambda name: ur.robot)
     found = place(job, source_model(ur.robot), PlaceRequest((-0.2, 0.2, 0.0, 0.0, 0.0, 0.0), seeds=2, steps=0))
     assert found.solved and found.place[0] == 0.0 and found.result.energy == 5.0
+
+
+def test_a_sketch_is_near_the_answer_and_goals_without_one_are_solved_in_full(ur: ToolKinematics) -> None:
+    robot, model = ur.robot, source_model(ur.robot)
+    planner, start = Planner(robot, model, Settings(starts=1)), np.array([0.0, -1.5, 1.5, -1.6, -1.5, 0.0])
+    goals = [start + 0.8, start - 0.7]
+    move = Move(start, goals[0], "reshape", 1.2)
+    answer, sketch = planner.solve(move), planner.sketch(move)
+    assert sketch.duration == pytest.approx(1.2) and sketch.position[-1] == pytest.approx(goals[0])
+    assert planner.score(sketch).total == pytest.approx(answer.energy.total, abs=0.05 * answer.energy.loss)
+    with pytest.raises(Infeasible, match="no motion within the limits"):
+        planner.sketch(replace(move, duration=0.1))
+
+    def none(move: Move, warm: object) -> Trajectory:
+        raise Infeasible("no sketch")
+
+    chosen = Chooser(ur, [Scorer(robot, model)], None, planner.solve, none).choose(move, goals)
+    assert chosen.result.status == "solved" and chosen.screened == 2
+    assert chosen.candidates[0].energy == pytest.approx(chosen.result.energy.total)
 
 
 @pytest.mark.parametrize("kind", ["yaml", "json"])  # as lines of ours, and as MoveIt's message with an object's pose

@@ -24,9 +24,11 @@ from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.anytime import Progress
+from energy_opt.motion.plan.candidates import unseen
 from energy_opt.motion.plan.choice import instead
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.single import Single
+from energy_opt.motion.plan.sketch import sketched
 from energy_opt.motion.plan.ways import check_free, first_path
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.trajectory import Trajectory
@@ -197,6 +199,16 @@ class Planner:
         except Infeasible as error:
             raise self._confirmed(error, move, progress) from None
         return replace(result, warnings=(*result.warnings, *self._cell_warnings, *self._long_turns(move)))
+
+    def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
+        """A guess of the answer, in a fraction of the time of `solve`: blind to bodies, limits not quite kept.
+
+        Raises:
+            Infeasible: none was found.
+        """
+        if move.mode == "retime" or unseen(move):
+            return self.solve(move, warm).trajectory
+        return sketched(replace(self.context(move), cell=None), move, warm)
 
     def _long_turns(self, move: Move) -> list[str]:
         """What to say of joints without an end that reach the same pose by turning the other way."""

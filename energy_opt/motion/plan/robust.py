@@ -157,6 +157,10 @@ class RobustPlanner:
             best = replace(self._answer(_slowed(best.result)), bound=best.bound)
         return self._stated(best)
 
+    def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
+        """A guess of the answer under the models' mean; see `Planner.sketch`."""
+        return self.planner.sketch(move, warm)
+
     def solve_by(self, find: Callable[[Planner], Result]) -> Result:
         """As `solve`, of what `find` makes with a planner of the models' mean; it has the last word.
 

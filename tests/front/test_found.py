@@ -1,0 +1,47 @@
+"""What all results share: a document as JSON text, files in a folder, a view in notebooks."""
+
+import json
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import pytest
+
+from energy_opt.found import Found
+from energy_opt.front.verbs import VERBS
+
+
+class Table(Found):
+    """A result with a table and a file."""
+
+    def document(self) -> dict[str, Any]:
+        return {"a": 1}
+
+    def text(self, out: Path) -> str:
+        return f"a < b\nfiles in {out}"
+
+    def kept(self, out: Path) -> "Table":
+        (out / "a.json").write_text(self.to_json())
+        return self
+
+
+class Said(Found):
+    """A result whose messages said all; its document is an attribute."""
+
+    def __init__(self) -> None:
+        self.document = {"b": [2.0]}
+
+    def __str__(self) -> str:
+        return "two & more"
+
+
+@pytest.mark.parametrize("verb", [name for name in VERBS if name != "run"])
+def test_every_verb_returns_a_result_of_this_base(verb: str) -> None:
+    returned = get_type_hints(VERBS[verb].run)["return"]
+    assert all(issubclass(kind, Found) for kind in get_args(returned) or (returned,))
+
+
+def test_a_result_is_text_files_and_a_view(tmp_path: Path) -> None:
+    assert Table().save(str(tmp_path)) == tmp_path
+    assert json.loads((tmp_path / "a.json").read_text()) == {"a": 1} and Table().exit_code == 0
+    assert Table()._repr_html_() == "<pre>a &lt; b</pre>"
+    assert json.loads(Said().to_json()) == {"b": [2.0]} and Said()._repr_html_() == "<pre>two &amp; more</pre>"

@@ -47,21 +47,16 @@ class Tradeoff(Found):
 
     Attributes:
         front: its points, from fast to slow.
-        data: tradeoff.json. robot: the arm. move: what was solved. request: what was asked.
+        document: tradeoff.json. robot: the arm. move: what was solved. request: what was asked.
         cell: the arm's body and what stood around it; None where nothing was kept clear of.
     """
 
     front: Front
-    data: Mapping[str, Any]
+    document: Mapping[str, Any]
     robot: Robot
     move: Move
     request: TradeoffRequest
     cell: Cell | None = None
-
-    @property
-    def document(self) -> Mapping[str, Any]:
-        """tradeoff.json."""
-        return self.data
 
     @property
     def exit_code(self) -> int:
@@ -72,29 +67,29 @@ class Tradeoff(Found):
         """A short table for a terminal, of a front that was saved into `out`."""
         from energy_opt.fronts.output import text
 
-        return text(self.front, self.data, out).rstrip("\n")
+        return text(self.front, self.document, out).rstrip("\n")
 
     @property
     def durations(self) -> np.ndarray:
         """(P,) [s]."""
-        return np.array([row["duration"] for row in self.data["points"]])
+        return np.array([row["duration"] for row in self.document["points"]])
 
     @property
     def energies(self) -> np.ndarray:
         """Total energy at each duration, (P,) [J]; nan where none was found."""
-        return np.array([row["energy_total"] for row in self.data["points"]], dtype=float)
+        return np.array([row["energy_total"] for row in self.document["points"]], dtype=float)
 
     def kept(self, out: Path) -> Tradeoff:
         """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
         from energy_opt.fronts.output import write
 
-        write(out, self.front, dict(self.data), self.robot, self.cell)
+        write(out, self.front, dict(self.document), self.robot, self.cell)
         return self
 
     def __repr__(self) -> str:
-        least = self.data["minimum"]
+        least = self.document["minimum"]
         best = "" if least is None else f", least {least['energy_total']:.4g} J at {least['duration']:.4g} s"
-        return f"Tradeoff({self.data['robot']!r}, {len(self.data['points'])} points{best})"
+        return f"Tradeoff({self.document['robot']!r}, {len(self.document['points'])} points{best})"
 
     def _repr_html_(self) -> str:
         records = zip(self.durations, self.energies, strict=True)

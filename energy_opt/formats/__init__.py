@@ -97,13 +97,13 @@ def read_trajectory(path: str | Path, joints: Sequence[str], prefix: str = "") -
     return read(path).of(joints, prefix).trajectory()
 
 
-def read_path(path: str | Path, joints: Sequence[str], prefix: str = "") -> JointPath:
+def read_path(path: str | Path, joints: Sequence[str]) -> JointPath:
     """The path in a file: of a trajectory, which it keeps, or through waypoints.
 
     Raises:
         BadInput: the file is not readable, or lacks a joint.
     """
-    return read(path).of(joints, prefix).path()
+    return read(path).of(joints).path()
 
 
 __all__ = ["FORMATS", "Format", "JointPath", "Rows", "Trajectory", "read", "read_path", "read_trajectory", "write"]

@@ -81,7 +81,7 @@ class Answers(Found):
         return Path(out)
 
     def kept(self, out: Path) -> Answers:
-        """The same; returns the answers with what is known of the files."""
+        """Write evaluate.json, and every motion in the formats that the request asks for, into the folder `out`."""
         asked = self.asked
         formats = check_written(asked, self.robot.n)
         _, records = saved(self.robot, self.found, self.request, out, formats, asked.rate, asked.joint_prefix)

@@ -106,7 +106,6 @@ def cell_player(
     tools: Sequence[int],
     bodies: Sequence[tuple[Solid, str]],
     scene: Sequence[Solid] = (),
-    phases: Sequence[tuple[float, str]] = (),
 ) -> dict[str, Any] | None:
     """What the page's player takes for several arms in one scene; None where there are no bodies to draw.
 
@@ -114,7 +113,7 @@ def cell_player(
         links: of all arms in one tree.
         motion: time (N,) [s] and positions (N, n) of all arms' joints.
         tools: the last link of each arm, whose way is drawn.
-        bodies: with their colours; phases: as in `player`.
+        bodies: with their colours.
     """
     if not bodies:
         return None
@@ -136,7 +135,7 @@ def cell_player(
         "scene": [_solid(body) for body in scene],
         "motions": [shown],
         "closest": None,
-        "phases": [{"time": rounded(time), "name": name} for time, name in phases],
+        "phases": [],
     }
 
 

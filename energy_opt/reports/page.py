@@ -86,10 +86,10 @@ class Report:
         )
         return self._add(f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}</table></div>')
 
-    def facts(self, values: Mapping[str, Any], digits: int = 4) -> Report:
+    def facts(self, values: Mapping[str, Any]) -> Report:
         """Add a table of names and values; what has none is left out."""
         records = "".join(
-            f"<tr><td>{html.escape(str(name))}</td><td>{html.escape(shown(value, digits))}</td></tr>\n"
+            f"<tr><td>{html.escape(str(name))}</td><td>{html.escape(shown(value))}</td></tr>\n"
             for name, value in values.items()
             if value is not None
         )

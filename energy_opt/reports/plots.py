@@ -74,10 +74,10 @@ def labelled(axes: Axes, x: str, y: str, title: str = "") -> Axes:
     return axes
 
 
-def curves(axes: Axes, lines: Sequence[Curve], *, legend: bool = True, width: float = 1.4) -> None:
+def curves(axes: Axes, lines: Sequence[Curve], *, legend: bool = True) -> None:
     """Draw curves in the order of `COLOURS`."""
     for k, line in enumerate(lines):
-        axes.plot(line.x, line.y, color=COLOURS[k % len(COLOURS)], linewidth=width, label=line.name)
+        axes.plot(line.x, line.y, color=COLOURS[k % len(COLOURS)], linewidth=1.4, label=line.name)
     if legend and lines:
         legend_beside(axes, 7)
 

@@ -14,7 +14,6 @@ from energy_opt.diagnosis.claims import written
 from energy_opt.diagnosis.clusters import parted, shortened, split
 from energy_opt.diagnosis.errors import errors, foreseen, usable
 from energy_opt.diagnosis.findings import (
-    STUDENT,
     WIDER,
     Result,
     candidate_rows,
@@ -233,7 +232,7 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
     if found and enough:
         side = joint_side(kept, declared) or side
     limits, joints = measured.robot.limits, measured.robot.joints
-    effects, said = friction_findings(side, limits, joints, STUDENT) if enough else ([], [])
+    effects, said = friction_findings(side, limits, joints) if enough else ([], [])
     model = declared
     for x in effects:
         model = model.replaced(effect_class(x.name)(**x.parameters))

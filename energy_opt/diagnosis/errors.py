@@ -55,11 +55,6 @@ class Quality:
         """The error over the noise, in motion, at rest or in all, whichever is worst."""
         return max(self.motion / self.noise_motion, self.rest / self.noise_rest, self.rmse / self.noise)
 
-    @property
-    def excess(self) -> float:
-        """Mean square above the noise, every distinct motion counted once, in units of the noise's variance."""
-        return max(float(np.mean(self.squares)) - 1, 0.0)
-
     def document(self) -> dict[str, Any]:
         """As in diagnosis.json."""
         moving, resting = (
@@ -201,9 +196,10 @@ def foreseen(
     """
     shown = reading_of(model, samples)
     errors_, lasting, changes = [], [], []
-    difference, _ = _changes(_unmetered(model), samples)
+    paces = _paces(samples)
+    difference, _ = _changes(_unmetered(model), *paces)
     moving = [r for r, kind in enumerate(samples.kinds) if kind == "motion"]
-    others = [(_changes(_unmetered(rival), samples)[0] - difference)[moving] for rival in rivals]
+    others = [(_changes(_unmetered(rival), *paces)[0] - difference)[moving] for rival in rivals]
     for group in clusters(samples):
         if samples.kinds[group[0]] != "motion":
             continue
@@ -247,7 +243,7 @@ def hidden(f: Fit) -> float:
         return 0.0
     wide = fit(w, f.nuisance, charts, numbers, amounts=f.amounts, iterations=0)
     model = _unmetered(wide.model)
-    _, slopes = _changes(model, w.samples, w.links.basis)
+    _, slopes = _changes(model, *_paces(w.samples), w.links.basis)
     where = dict(zip((e.name for e in model.effects), model.slices(n), strict=True))
     count, none = slopes.shape[1] - len(f.amounts), slice(0, 0)
     own = [slopes[:, s] @ c.slope(z) if (s := where.get(c.term.name, none)) != none else np.zeros((len(slopes), len(z)))
@@ -260,20 +256,26 @@ def _unmetered(model: PowerModel) -> PowerModel:
     return replace(model, effects=tuple(e for e in model.effects if e.stage != "meter"))
 
 
-def _changes(model: PowerModel, samples: Samples, links: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def _paces(samples: Samples) -> tuple[Samples, Samples]:
+    """The motions as they are and `SLOWER` times as slow."""
+    fast = samples.at_nodes()
+    return fast, replace(fast, v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
+
+
+def _changes(
+    model: PowerModel, fast: Samples, slow: Samples, links: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Energy (R,) [J] of every run, then waiting, less that of going evenly in `SLOWER` times its time.
 
     And its derivatives (R, P + c) by the values of a model without meter, and by deviations `links` (10 L, c).
     """
-    fast = samples.at_nodes()
-    slow = replace(fast, v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
     tables = []
     for s in (fast, slow):
         p = predict(model, s, None, None if links is None else s.deviating(links))
         tables.append(np.column_stack([p.power, p.jacobian, p.pushed]))
     out = []
-    for rows in samples.slices:
-        t = samples.t[rows]
+    for rows in fast.slices:
+        t = fast.t[rows]
         waits = tables[0][rows][-1] * (SLOWER - 1) * np.ptp(t)
         each = [np.trapezoid(table[rows], t, axis=0) for table in tables]
         out.append(each[0] + waits - SLOWER * each[1])

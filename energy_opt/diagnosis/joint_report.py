@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.findings import Finding
+from energy_opt.diagnosis.findings import STUDENT, Finding
 from energy_opt.diagnosis.fit import Fit, fit
 from energy_opt.diagnosis.hypothesis import ROTOR, USUAL, Chart, Measured, Scale, chart
 from energy_opt.diagnosis.joint_side import STRANGE, JointSide
@@ -21,7 +21,6 @@ WIDER = 1.5  # of the readings' own deviations, as laws of friction are simpler 
 APART = 0.1  # share by which both sides may differ: gears' losses under load, constants of the drives
 LEAST = 0.03  # of a usual size, that is not known better
 SHOWN = 0.05  # of usual dry friction, that readings must show before they speak of friction at all
-STUDENT = 1.96
 DISAGREE = 3.0  # standard deviations between both sides, from which that is said
 
 
@@ -150,9 +149,7 @@ GUESS = 3.0  # times the median share, up to which a joint that says nothing may
 SURE = 4.0  # standard deviations of some joint's number from 0, from which the law is claimed
 
 
-def friction_findings(
-    side: JointSide, limits: Limits, joints: Sequence[str], student: float
-) -> tuple[list[Finding], list[str]]:
+def friction_findings(side: JointSide, limits: Limits, joints: Sequence[str]) -> tuple[list[Finding], list[str]]:
     """Dry and viscous friction where some joint surely has it, and what is to be said of the other joints.
 
     A joint whose readings do not say gets the others' median share of the effort limit, with a wide interval, and no
@@ -178,8 +175,8 @@ def friction_findings(
         low, high = np.zeros_like(full), np.minimum(max(GUESS * float(np.median(shares)), float(shares.max()))
                                                     * limits.effort, most)  # fmt: skip
         full[known] = np.maximum(values, 0.0)
-        low[known] = np.maximum(full[known] - student * deviation, 0.0)
-        high[known] = full[known] + student * deviation
+        low[known] = np.maximum(full[known] - STUDENT * deviation, 0.0)
+        high[known] = full[known] + STUDENT * deviation
         direction = np.sign(side.rows.v[:, known]) if k == 0 else side.rows.v[:, known]
         own = float(np.nansum((direction * full[known]) ** 2))
         parameter = effect_class(name).parameters[0]

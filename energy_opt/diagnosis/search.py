@@ -125,7 +125,7 @@ class Search:
 
     def odds_of_candidates(self, f: Fit) -> dict[str, float]:
         """Logarithm of the odds for every effect that a fit lacks, linearised around it."""
-        bank = self.bank(f)
+        bank = self.banks.get(id(f)) or replace(self, closed=True)._bank(f)  # free functions are not asked for
         here, out = self.whole(bank), dict[str, float]()
         value = bank.weigh(here).value
         for k, b in enumerate(bank.blocks):
@@ -262,7 +262,8 @@ def _open(bank: Bank, here: Subset) -> list[int]:
     odd = any(name.startswith("free") for name in names)
     return [
         k for k, b in enumerate(bank.blocks)
-        if k not in here and b.name not in names and not (odd and b.name.startswith("free")) and _fits(bank, here, k)
+        if k not in here and b.name not in names and not (odd and b.name.startswith("free"))
+        and all(_together(bank, k, other) for other in here)
     ]  # fmt: skip
 
 
@@ -316,17 +317,9 @@ def buildable(bank: Bank, chosen: Subset) -> bool:
     return all(name in there for kind in kinds for name in kind.needs)
 
 
-def _stage(bank: Bank, k: int) -> str:
-    kind = _kind(bank, k)
-    return kind.stage if kind is not None else ""
-
-
 def _together(bank: Bank, a: int, b: int) -> bool:
-    return not (_stage(bank, a) == _stage(bank, b) == "drive")
-
-
-def _fits(bank: Bank, others: Subset, k: int) -> bool:
-    return all(_together(bank, k, other) for other in others)
+    """A drive has one law of what becomes of negative power."""
+    return not all((kind := _kind(bank, k)) is not None and kind.stage == "drive" for k in (a, b))
 
 
 def root(world: World, nuisance: Nuisance) -> Fit:

@@ -49,13 +49,23 @@ def _own_folder() -> Path:
     return Path(out)
 
 
-def _built(cache: Path, key: str, source: str, cc: str) -> Path:
+def _built(cache: Path, key: str, source: str, cc: str, flags: tuple[str, ...] = ()) -> Path:
     """The library, built now."""
-    log.info("compiling node functions, once and for all later runs", extra={"expected": len(source) / RATE})
-    return library.build(cache, key, source, cc)
+    log.info("compiling functions, once and for all later runs", extra={"expected": len(source) / RATE})
+    return library.build(cache, key, source, cc, flags)
 
 
-def _always(source: str, cc: str, key: str) -> Path:
+def library_of(source: str, flags: tuple[str, ...]) -> Path | None:
+    """The library of a C source, built now where the cache has none; None where there is no compiler.
+
+    Raises:
+        BadInput: the compiler fails, or nothing can be written anywhere.
+    """
+    cc = compiler()
+    return None if cc is None else _always(source, cc, library.key_of(source, cc, *flags), flags)
+
+
+def _always(source: str, cc: str, key: str, flags: tuple[str, ...] = ()) -> Path:
     """The library, built now where the cache has none.
 
     Raises:
@@ -64,10 +74,10 @@ def _always(source: str, cc: str, key: str) -> Path:
     try:
         try:
             cache = library.folder()
-            return library.find(cache, key) or _built(cache, key, source, cc)
+            return library.find(cache, key) or _built(cache, key, source, cc, flags)
         except library.Unusable:
             cache = _own_folder()
-            return library.find(cache, key) or _built(cache, key, source, cc)
+            return library.find(cache, key) or _built(cache, key, source, cc, flags)
     except (library.Unusable, OSError) as error:
         raise BadInput(f"--compile always: {error}") from None
 

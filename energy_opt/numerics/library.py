@@ -118,8 +118,8 @@ def find(cache: Path, key: str) -> Path | None:
     return None
 
 
-def build(cache: Path, key: str, source: str, cc: str) -> Path:
-    """Compile `source` in a folder of its own and put the library into the cache.
+def build(cache: Path, key: str, source: str, cc: str, flags: tuple[str, ...] = ()) -> Path:
+    """Compile `source` in a folder of its own, with `flags` after the usual ones, and put the library into the cache.
 
     Raises:
         Unusable: the compiler fails, or the disk is full.
@@ -128,7 +128,9 @@ def build(cache: Path, key: str, source: str, cc: str) -> Path:
         with tempfile.TemporaryDirectory(prefix="build-", dir=cache) as aside:
             code, built = Path(aside) / "nodes.c", Path(aside) / "nodes.so"
             code.write_text(source, encoding="utf-8")
-            done = subprocess.run([cc, *FLAGS, str(code), "-o", str(built)], capture_output=True, text=True, cwd=aside)
+            done = subprocess.run(
+                [cc, *FLAGS, str(code), "-o", str(built), *flags], capture_output=True, text=True, cwd=aside
+            )
             if done.returncode:
                 last = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1]
                 raise Unusable(f"{cc} cannot build the node functions: {last}")

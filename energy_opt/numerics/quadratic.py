@@ -14,15 +14,46 @@ implementation of a primal-dual interior point method, SIAM Journal on Optimizat
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_matrix, hstack
 
-from energy_opt.numerics import banded
-from energy_opt.numerics.interior import LEAST_DAMPING, interior
+from energy_opt.numerics import interior, native
+from energy_opt.numerics.interior import LEAST_DAMPING
+from energy_opt.numerics.native import LOCAL, pointer
 
-__all__ = ["LEAST_DAMPING", "Banded", "Constraints", "Minimum", "minimise"]
-LOCAL = banded.LOCAL
+__all__ = ["LEAST_DAMPING", "Banded", "Constraints", "Minimum", "add_nodes", "add_places", "minimise"]
+
+
+def add_nodes(band: np.ndarray, blocks: np.ndarray, local: np.ndarray, first: np.ndarray, n: int) -> None:
+    """Add the sum over nodes of L' C L to a band; arguments as those of `interior.add_nodes`."""
+    c = native.library()
+    if c is None:
+        interior.add_nodes(band, blocks, local, first, n)
+        return
+    given = [np.ascontiguousarray(x, dtype=np.float64) for x in (blocks, local)]
+    first, half = np.ascontiguousarray(first, dtype=np.int64), np.empty((n, 3 * n))
+    sizes = ctypes.c_int64(len(blocks)), ctypes.c_int64(blocks.shape[1])
+    c.banded_add_nodes(
+        pointer(band), ctypes.c_int64(len(band)), pointer(given[0]), *sizes, pointer(given[1]), pointer(first),
+        ctypes.c_int64(n), pointer(half),
+    )  # fmt: skip
+
+
+def add_places(band: np.ndarray, blocks: np.ndarray, basis: np.ndarray, first: np.ndarray, n: int) -> None:
+    """Add the sum over places of (B B') kron M to a band; `blocks` M (K, n, n) symmetric, `basis` B (K, 6)."""
+    c = native.library()
+    if c is not None:
+        given = [np.ascontiguousarray(x, dtype=np.float64) for x in (blocks, basis)]
+        begin, sizes = np.ascontiguousarray(first, dtype=np.int64), map(ctypes.c_int64, (len(band), len(blocks), n))
+        size, count, joints = sizes
+        c.banded_add_places(pointer(band), size, pointer(given[0]), count, pointer(given[1]), pointer(begin), joints)
+        return
+    whole, local = np.zeros((len(blocks), 3 * n, 3 * n)), np.zeros((len(blocks), 3, LOCAL))
+    whole[:, :n, :n], local[:, 0] = blocks, basis
+    add_nodes(band, whole, local, first, n)
 
 
 @dataclass
@@ -37,7 +68,12 @@ class Banded:
         """The product with d (N + k,)."""
         n = len(self.band)
         out = np.empty(len(d))
-        banded.multiply(self.band, d, out)
+        c = native.library()
+        if c is None:
+            out[:n] = interior.multiply(self.band, d[:n])
+        else:
+            band, x = np.ascontiguousarray(self.band), np.ascontiguousarray(d, dtype=np.float64)
+            c.banded_multiply(pointer(band), *map(ctypes.c_int64, band.shape), pointer(x), pointer(out))
         if len(d) > n:
             out[:n] += self.border @ d[n:]
             out[n:] = self.border.T @ d[:n] + self.corner @ d[n:]
@@ -90,18 +126,37 @@ class Constraints:
         """Number of constraints."""
         return len(self.floor)
 
-    @property
-    def matrix(self) -> tuple[object, ...]:
-        """A as the compiled functions take it."""
-        return (
-            self.gradient.shape[1], self.first, self.joint, self.coefficient, self.wide_first, self.wide, self.place,
-            self.gradient, self.place_first, self.basis, self.border,
-        )  # fmt: skip
+    def matrix(self) -> native.Matrix:
+        """A as the compiled functions take it; it refers to the memory of these arrays."""
+        counts = len(self.first), len(self.wide), len(self.place), len(self.basis), self.border.shape[1]
+        n = self.gradient.shape[1]
+        out = native.Matrix(n, *counts)
+        out.memory = np.empty(len(self.basis) * n * n)
+        for name in (*native.INTEGERS, *native.NUMBERS):
+            setattr(out, name, pointer(getattr(self, name)))
+        out.scratch = pointer(out.memory)
+        return out
+
+    def sparse(self, size: int) -> csr_matrix:
+        """A (R, size + k), for `size` unknowns in the band."""
+        n = self.gradient.shape[1]
+        alone = self.coefficient[:, :, None] * (self.joint[:, None] == np.arange(n))[:, None]
+        at = self.basis[self.place][:, :, None] * self.gradient[:, None]
+        value = np.concatenate([alone.reshape(-1, LOCAL * n), self.wide, at.reshape(-1, LOCAL * n)])
+        first = np.concatenate([self.first, self.wide_first, self.place_first[self.place]])
+        column = first[:, None] * n + np.arange(LOCAL * n)
+        used = (column >= 0) & (column < size) & (value != 0)
+        row = np.nonzero(used)[0]
+        inner = csr_matrix((value[used], (row, column[used])), shape=(self.count, size))
+        return hstack([inner, csr_matrix(self.border)], format="csr")
 
     def times(self, d: np.ndarray) -> np.ndarray:
         """A d (R,) for d (N + k,)."""
-        out = np.empty(self.count)
-        banded.times(d, len(d) - self.border.shape[1], self.matrix, out)
+        size, c = len(d) - self.border.shape[1], native.library()
+        if c is None:
+            return np.asarray(self.sparse(size) @ d)
+        out, d = np.empty(self.count), np.ascontiguousarray(d, dtype=np.float64)
+        c.banded_times(pointer(d), ctypes.c_int64(size), ctypes.byref(self.matrix()), pointer(out))
         return out
 
     def joined(self, other: Constraints) -> Constraints:
@@ -148,11 +203,22 @@ def minimise(
     Raises:
         np.linalg.LinAlgError: no damping makes the program convex.
     """
+    c, size, inner = native.library(), len(g), len(h.band)
+    if c is None:
+        parts, heavy = (h.band, h.border, h.corner), (mass.band, mass.border, mass.corner)
+        a, bounds = held.sparse(inner), (held.floor, held.ceiling)
+        return Minimum(*interior.interior(parts, heavy, g, box, a, *bounds, price, damping, tolerance))
     low, high = (np.flatnonzero(np.isfinite(bound)) for bound in (held.floor, held.ceiling))
-    d, multipliers, broken, damping, steps, good = interior(
-        h.band, h.border, h.corner, mass.band, mass.corner, g, *box, held.matrix, low, high, held.floor, held.ceiling,
-        float(price), float(damping), float(tolerance),
+    sides = native.Sides(size, len(low), len(high), pointer(low), pointer(high))
+    changed = [x.copy() for x in (h.band, h.border, h.corner)]
+    numbers = mass.band, mass.corner, g, *box, held.floor, held.ceiling
+    given = [np.ascontiguousarray(x, dtype=np.float64) for x in numbers]
+    d, multipliers, said = np.empty(size), np.empty(held.count), np.array([0.0, damping, 0.0])
+    failed = c.banded_interior(
+        *map(pointer, changed), *map(pointer, given[:2]), ctypes.c_int64(h.band.shape[1]), *map(pointer, given[2:5]),
+        ctypes.byref(held.matrix()), ctypes.byref(sides), *map(pointer, given[5:]), ctypes.c_double(price),
+        ctypes.c_double(tolerance), pointer(d), pointer(multipliers), pointer(said),
     )  # fmt: skip
-    if not good:
-        raise np.linalg.LinAlgError("not positive definite")
-    return Minimum(d, multipliers, broken, damping, steps)
+    if failed:
+        raise np.linalg.LinAlgError("not positive definite" if failed == 1 else "no memory")
+    return Minimum(d, multipliers, float(said[0]), float(said[1]), int(said[2]))

@@ -18,13 +18,14 @@ from pathlib import Path
 
 from energy_opt.errors import BadInput
 
+LEVEL = 6  # of gzip: 9 takes half as long again and saves 0.2 % of a page
 ASSETS = Path(__file__).parent / "assets"
 
 
 def packed(text: str | bytes) -> str:
     """Text as base64 of its gzip; the same bytes for the same text."""
     data = text.encode() if isinstance(text, str) else text
-    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode("ascii")
+    return base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode("ascii")
 
 
 def asset(name: str) -> str:

@@ -3,12 +3,14 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import energy_opt
-from energy_opt.numerics.quadratic import Banded, Constraints, minimise
+from energy_opt.numerics import native
+from energy_opt.numerics.quadratic import Banded, Constraints, add_nodes, add_places, minimise
 
 PRICE = 20.0
 JOINTS, POINTS, WINDOW = 2, 15, 6
@@ -117,12 +119,35 @@ def test_joined_and_moved_constraints_are_the_same_matrix(tmp_path) -> None:
     assert len(named) == 25 and both.moved(d).floor == pytest.approx(both.floor + both.times(d))
 
 
-def test_machine_code_is_kept_in_the_cache_folder_and_nowhere_else(tmp_path) -> None:
-    """Nothing is written beside the installed files."""
-    code = "from energy_opt.numerics import banded; import numpy as np; banded.factorise(np.ones((1, 1)))"
-    env = {**os.environ, "ENERGY_OPT_CACHE": str(tmp_path / "cache")}
-    subprocess.run([sys.executable, "-c", code], check=True, env=env)
-    kept = list((tmp_path / "cache" / "compiled" / "numba").rglob("*.nbc"))
-    assert any("factorise" in path.name for path in kept)
+@pytest.mark.parametrize(("seed", "border", "convex"), [(0, 0, True), (3, 3, True), (4, 2, False)])
+def test_c_and_numpy_find_the_same(seed: int, border: int, convex: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    full, g, held, _ = problem(seed, border, convex)
+    mass = Banded(banded(np.eye(SIZE)), np.zeros((SIZE, border)), np.eye(border))
+    rng = np.random.default_rng(seed)
+    blocks, local = rng.normal(size=(4, 3 * JOINTS + 1, 3 * JOINTS + 1)), rng.normal(size=(4, 3, WINDOW))
+    blocks += blocks.transpose(0, 2, 1)
+    first, d = np.array([-3, 0, 4, POINTS - 4]), rng.normal(size=SIZE + border)
+    both = []
+    for there in (True, False):
+        if not there:
+            monkeypatch.setattr(native, "library", lambda: None)
+        assert there == (native.library() is not None)
+        h = Banded(banded(full[:SIZE, :SIZE]), full[:SIZE, SIZE:].copy(), full[SIZE:, SIZE:].copy())
+        found = minimise(h, g, (np.full(len(g), -1.0), np.full(len(g), 0.7)), held, PRICE, mass)
+        add_nodes(h.band, blocks, local, first, JOINTS)
+        add_places(h.band, blocks[:, :JOINTS, :JOINTS], local[:, 0], first, JOINTS)
+        both.append((found.d, found.multipliers, found.broken, found.damping, h.band, h.times(d), held.times(d)))
+    for one, two in zip(*both, strict=True):
+        assert one == pytest.approx(two, rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize("cc", ["", "false"])
+def test_machine_code_is_kept_in_the_cache_folder_and_nowhere_else(cc: str, tmp_path: Path) -> None:
+    """Nothing is written beside the installed files, and a compiler that fails is done without."""
+    code = "from energy_opt.numerics import native; print(native.library() is not None)"
+    env = {**os.environ, "ENERGY_OPT_CACHE": str(tmp_path / "cache"), "CC": cc}
+    done = subprocess.run([sys.executable, "-c", code], check=True, env=env, capture_output=True, text=True)
+    assert done.stdout.strip() == str(cc != "false")
+    assert len(list((tmp_path / "cache" / "compiled").glob("*.so"))) == (cc != "false")
     package = os.path.dirname(energy_opt.__file__)
-    assert not [name for _, _, names in os.walk(package) for name in names if name.endswith((".nbi", ".nbc"))]
+    assert not [name for _, _, names in os.walk(package) for name in names if name.endswith((".so", ".o"))]

@@ -1,7 +1,7 @@
 """Index arithmetic of a shape's banded matrices: which unknowns nodes, places and constraints touch.
 
 A node or place touches six control points, a window of 6 n neighbouring unknowns; so the Hessian over control points is
-a band of width 6 n, kept as its lower diagonals (see `numerics.banded`).
+a band of width 6 n, kept as its lower diagonals (see `numerics.quadratic`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from energy_opt.motion.reshape.layout import LOCAL, Shape
-from energy_opt.numerics import banded
+from energy_opt.numerics.quadratic import add_places
 
 
 class Frame:
@@ -56,7 +56,7 @@ class Frame:
         quad = np.flatnonzero(w)
         out = np.zeros((self.size, self.width))
         eye = np.eye(n) * w[quad, None, None]
-        banded.add_places(out, eye, np.ascontiguousarray(s.local[quad, 0]), self.window(u[quad]), n)
+        add_places(out, eye, s.local[quad, 0], self.window(u[quad]), n)
         return out
 
     def columns(self, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

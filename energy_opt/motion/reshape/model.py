@@ -12,9 +12,8 @@ import numpy as np
 
 from energy_opt.motion.reshape.evaluation import Evaluation, Point
 from energy_opt.motion.reshape.layout import LOCAL
-from energy_opt.numerics import banded
 from energy_opt.numerics.batch import Batch
-from energy_opt.numerics.quadratic import Banded, Constraints
+from energy_opt.numerics.quadratic import Banded, Constraints, add_nodes, add_places
 
 SPARE = 0.02  # beyond what a step can reach by its first derivative
 HOT = 0.8  # share of a bound from which what is limited at a node gets a row
@@ -49,8 +48,7 @@ class Model(Evaluation):
             if convex:
                 c = _convex(c)
             used = which if which is self._quad else which[:-1]
-            local = np.ascontiguousarray(s.local[used, :3])
-            banded.add_nodes(band, c[: len(used)], local, self._window[used], n)
+            add_nodes(band, c[: len(used)], s.local[used, :3], self._window[used], n)
             if not self.fixed:
                 by_time = np.matmul(c, self._z_slope[which][:, :, None])[:, :, 0]
                 local = np.einsum("kdi,kda->kai", by_time[:, :-1].reshape(-1, 3, n), s.local[which, :3])
@@ -66,7 +64,7 @@ class Model(Evaluation):
             lam_place = multipliers.get(f"place {number}")  # how ends that move stretch with T is left out
             if lam_place is not None and lam_place.any():
                 window, local = self._placing(rows.u)
-                banded.add_places(band, np.ascontiguousarray(rows.hessian(q, lam_place)), local, window, n)
+                add_places(band, rows.hessian(q, lam_place), local, window, n)
         if s.vias and "via" in multipliers:
             self._add_via_curvature(out, point, multipliers["via"])
         return out

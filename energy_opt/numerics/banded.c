@@ -1,0 +1,443 @@
+/* Banded linear algebra on windows of LOCAL neighbouring control points, and the interior-point loop of `interior`.
+
+   A symmetric band (N, w) is kept by columns: entry (c + o, c) at [c, o]. An unknown is control point times n plus
+   joint. A window begins at control point `first`, which may lie outside [0, N / n): what is outside is pinned and is
+   left out. Functions without `static` are called from `quadratic.py`. `interior.py` states the same loop in NumPy,
+   defines the constants in capitals, and says what they mean. */
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef int64_t I;
+typedef struct { /* the matrix A of constraints; see `quadratic.Constraints` */
+    I n, one, wide, placed, places, border;
+    const I *first, *joint, *wide_first, *place, *place_first;
+    const double *coefficient, *wide_value, *gradient, *basis, *edge;
+    double *scratch; /* (places, n, n) */
+} Matrix;
+typedef struct { /* where bounds are: of N + k unknowns, of constraints with a floor, and with a ceiling */
+    I size, lows, highs;
+    const I *low, *high;
+} Sides;
+
+static double larger(double x, double y) { return x > y ? x : y; }
+static double smaller(double x, double y) { return x < y ? x : y; }
+
+/* Write the Cholesky factor of a band over it; false where it is not positive definite. */
+static bool factorise(double *ab, I size, I width) {
+    for (I j = 0; j < size; j++) {
+        double *p = ab + j * width;
+        if (!(p[0] > 0 && p[0] < 1e300)) return false;
+        I m = width < size - j ? width : size - j;
+        double s = sqrt(p[0]);
+        p[0] = s;
+        for (I i = 1; i < m; i++) p[i] /= s;
+        for (I i = 1; i < m; i++) {
+            double x = p[i], *restrict to = ab + (j + i) * width;
+            const double *restrict from = p + i;
+            if (x != 0)
+                for (I k = 0; k < m - i; k++) to[k] -= x * from[k];
+        }
+    }
+    return true;
+}
+
+/* Solve with a factor, in place, x (N,). */
+static void solve(const double *ab, I size, I width, double *x) {
+    for (I j = 0; j < size; j++) {
+        const double *p = ab + j * width;
+        I m = width < size - j ? width : size - j;
+        double y = x[j] / p[0];
+        x[j] = y;
+        for (I i = 1; i < m; i++) x[j + i] -= p[i] * y;
+    }
+    for (I j = size - 1; j >= 0; j--) {
+        const double *p = ab + j * width;
+        I m = width < size - j ? width : size - j;
+        double s = x[j];
+        for (I i = 1; i < m; i++) s -= p[i] * x[j + i];
+        x[j] = s / p[0];
+    }
+}
+
+/* The product of a symmetric band with x (N,). */
+void banded_multiply(const double *ab, I size, I width, const double *x, double *out) {
+    memset(out, 0, size * sizeof(double));
+    for (I c = 0; c < size; c++) {
+        const double *p = ab + c * width;
+        I m = width < size - c ? width : size - c;
+        double s = p[0] * x[c], y = x[c];
+        for (I o = 1; o < m; o++) {
+            s += p[o] * x[c + o];
+            out[c + o] += p[o] * y;
+        }
+        out[c] += s;
+    }
+}
+
+/* Add the sum over nodes of L' C L to a band: `blocks` C (count, m, m), m >= 3 n, Hessians by position and its first
+   two derivatives; `local` (count, 3, LOCAL) values of the basis and its derivatives; `first` (count,) windows;
+   `half` (n, 3 n) for its own use. */
+void banded_add_nodes(double *ab, I size, const double *blocks, I count, I m, const double *local, const I *first, I n,
+               double *half) {
+    I points = size / n, width = LOCAL * n;
+    for (I k = 0; k < count; k++) {
+        const double *c = blocks + k * m * m, *b = local + k * 3 * LOCAL;
+        for (I a = 0; a < LOCAL; a++) {
+            I row = first[k] + a;
+            if (row < 0 || row >= points) continue;
+            double x = b[a], y = b[LOCAL + a], z = b[2 * LOCAL + a];
+            for (I i = 0; i < n; i++)
+                for (I j = 0; j < 3 * n; j++)
+                    half[i * 3 * n + j] = x * c[i * m + j] + y * c[(n + i) * m + j] + z * c[(2 * n + i) * m + j];
+            for (I d = 0; d <= a; d++) {
+                I column = first[k] + d;
+                if (column < 0) continue;
+                double x2 = b[d], y2 = b[LOCAL + d], z2 = b[2 * LOCAL + d];
+                for (I j = 0; j < n; j++)
+                    for (I i = row == column ? j : 0; i < n; i++) {
+                        const double *h = half + i * 3 * n + j;
+                        ab[(column * n + j) * width + (row - column) * n + i - j] +=
+                            x2 * h[0] + y2 * h[n] + z2 * h[2 * n];
+                    }
+            }
+        }
+    }
+}
+
+/* Add the sum over places of (B B') kron M to a band; `blocks` M (count, n, n) symmetric, `basis` B (count, LOCAL). */
+void banded_add_places(double *ab, I size, const double *blocks, I count, const double *basis, const I *first, I n) {
+    I points = size / n, width = LOCAL * n;
+    for (I k = 0; k < count; k++)
+        for (I a = 0; a < LOCAL; a++) {
+            I row = first[k] + a;
+            if (row < 0 || row >= points) continue;
+            for (I d = 0; d <= a; d++) {
+                I column = first[k] + d;
+                double w = basis[k * LOCAL + a] * basis[k * LOCAL + d];
+                if (column < 0 || w == 0) continue;
+                for (I j = 0; j < n; j++)
+                    for (I i = row == column ? j : 0; i < n; i++)
+                        ab[(column * n + j) * width + (row - column) * n + i - j] += w * blocks[(k * n + i) * n + j];
+            }
+        }
+}
+
+/* A d (R,), d (size + border,). */
+void banded_times(const double *d, I size, const Matrix *a, double *out) {
+    I n = a->n, points = size / n, wide = LOCAL * n, two = a->one + a->wide;
+    for (I r = 0; r < a->one; r++) {
+        double s = 0;
+        for (I i = 0; i < LOCAL; i++) {
+            I c = a->first[r] + i;
+            if (c >= 0 && c < points) s += a->coefficient[r * LOCAL + i] * d[c * n + a->joint[r]];
+        }
+        out[r] = s;
+    }
+    for (I r = 0; r < a->wide; r++) {
+        I begin = a->wide_first[r] * n, end = wide < size - begin ? wide : size - begin;
+        double s = 0;
+        for (I i = begin < 0 ? -begin : 0; i < end; i++) s += a->wide_value[r * wide + i] * d[begin + i];
+        out[a->one + r] = s;
+    }
+    double *at = a->scratch; /* steps at places, from those of control points */
+    memset(at, 0, a->places * n * sizeof(double));
+    for (I k = 0; k < a->places; k++)
+        for (I i = 0; i < LOCAL; i++) {
+            I c = a->place_first[k] + i;
+            if (c >= 0 && c < points)
+                for (I j = 0; j < n; j++) at[k * n + j] += a->basis[k * LOCAL + i] * d[c * n + j];
+        }
+    for (I r = 0; r < a->placed; r++) {
+        double s = 0;
+        for (I j = 0; j < n; j++) s += a->gradient[r * n + j] * at[a->place[r] * n + j];
+        out[two + r] = s;
+    }
+    for (I r = 0; r < two + a->placed; r++)
+        for (I k = 0; k < a->border; k++) out[r] += a->edge[r * a->border + k] * d[size + k];
+}
+
+/* Add A' y to `out` (size + border,). */
+static void back(const double *y, I size, const Matrix *a, double *out) {
+    I n = a->n, points = size / n, wide = LOCAL * n, two = a->one + a->wide;
+    for (I r = 0; r < a->one; r++)
+        for (I i = 0; i < LOCAL; i++) {
+            I c = a->first[r] + i;
+            if (c >= 0 && c < points) out[c * n + a->joint[r]] += a->coefficient[r * LOCAL + i] * y[r];
+        }
+    for (I r = 0; r < a->wide; r++) {
+        I begin = a->wide_first[r] * n, end = wide < size - begin ? wide : size - begin;
+        for (I i = begin < 0 ? -begin : 0; i < end; i++) out[begin + i] += a->wide_value[r * wide + i] * y[a->one + r];
+    }
+    double *at = a->scratch;
+    memset(at, 0, a->places * n * sizeof(double));
+    for (I r = 0; r < a->placed; r++)
+        for (I j = 0; j < n; j++) at[a->place[r] * n + j] += a->gradient[r * n + j] * y[two + r];
+    for (I k = 0; k < a->places; k++)
+        for (I i = 0; i < LOCAL; i++) {
+            I c = a->place_first[k] + i;
+            if (c >= 0 && c < points)
+                for (I j = 0; j < n; j++) out[c * n + j] += a->basis[k * LOCAL + i] * at[k * n + j];
+        }
+    for (I r = 0; r < two + a->placed; r++)
+        for (I k = 0; k < a->border; k++) out[size + k] += a->edge[r * a->border + k] * y[r];
+}
+
+/* Add A' diag(weight) A to a matrix of band, border (size, k) and corner (k, k); `whole` (size + k,), `y` (R,). */
+static void add_square(const double *weight, const Matrix *a, double *ab, I size, double *edge, double *corner,
+                       double *whole, double *y) {
+    I n = a->n, points = size / n, wide = LOCAL * n, two = a->one + a->wide, rows = two + a->placed, count = a->border;
+    for (I r = 0; r < a->one; r++)
+        for (I i = 0; i < LOCAL; i++) {
+            I row = a->first[r] + i;
+            double x = weight[r] * a->coefficient[r * LOCAL + i];
+            if (row < 0 || row >= points || x == 0) continue;
+            for (I j = 0; j <= i; j++) {
+                I column = a->first[r] + j;
+                if (column >= 0)
+                    ab[(column * n + a->joint[r]) * wide + (row - column) * n] += x * a->coefficient[r * LOCAL + j];
+            }
+        }
+    for (I r = 0; r < a->wide; r++) {
+        I begin = a->wide_first[r] * n, end = wide < size - begin ? wide : size - begin;
+        const double *v = a->wide_value + r * wide;
+        for (I j = begin < 0 ? -begin : 0; j < end; j++) {
+            double x = weight[a->one + r] * v[j];
+            if (x != 0)
+                for (I i = j; i < end; i++) ab[(begin + j) * wide + i - j] += x * v[i];
+        }
+    }
+    memset(a->scratch, 0, a->places * n * n * sizeof(double));
+    for (I r = 0; r < a->placed; r++) {
+        double *restrict to = a->scratch + a->place[r] * n * n;
+        const double *restrict v = a->gradient + r * n;
+        for (I i = 0; i < n; i++)
+            for (I j = 0; j < n; j++) to[i * n + j] += weight[two + r] * v[i] * v[j];
+    }
+    banded_add_places(ab, size, a->scratch, a->places, a->basis, a->place_first, n);
+    for (I k = 0; k < count; k++) {
+        for (I r = 0; r < rows; r++) y[r] = weight[r] * a->edge[r * count + k];
+        memset(whole, 0, (size + count) * sizeof(double));
+        back(y, size, a, whole);
+        for (I i = 0; i < size; i++) edge[i * count + k] += whole[i];
+        for (I j = 0; j < count; j++) corner[k * count + j] += whole[size + j];
+    }
+}
+
+/* Write the Cholesky factor (lower) of a small dense matrix over it; false where it is not positive definite. */
+static bool factorise_small(double *x, I size) {
+    for (I j = 0; j < size; j++)
+        for (I i = j; i < size; i++) {
+            double s = x[i * size + j];
+            for (I k = 0; k < j; k++) s -= x[i * size + k] * x[j * size + k];
+            if (i == j && !(s > 0 && s < 1e300)) return false;
+            x[i * size + j] = i == j ? sqrt(s) : s / x[j * size + j];
+        }
+    return true;
+}
+
+/* Solve with a factor of `factorise_small`, in place, y (size,). */
+static void solve_small(const double *x, I size, double *y) {
+    for (I i = 0; i < size; i++) {
+        for (I k = 0; k < i; k++) y[i] -= x[i * size + k] * y[k];
+        y[i] /= x[i * size + i];
+    }
+    for (I i = size - 1; i >= 0; i--) {
+        for (I k = i + 1; k < size; k++) y[i] -= x[k * size + i] * y[k];
+        y[i] /= x[i * size + i];
+    }
+}
+
+/* A vector over all sides of bounds: (d, -d, A d at floors, -A d at ceilings), of `moved` (d, A d). */
+static void spread(const double *moved, const Sides *b, double *out) {
+    I size = b->size;
+    for (I i = 0; i < size; i++) {
+        out[i] = moved[i];
+        out[size + i] = -moved[i];
+    }
+    for (I i = 0; i < b->lows; i++) out[2 * size + i] = moved[size + b->low[i]];
+    for (I i = 0; i < b->highs; i++) out[2 * size + b->lows + i] = -moved[size + b->high[i]];
+}
+
+/* `by_row` (R,): what acts at floors and, times `sign`, at ceilings. */
+static void by_constraint(const double *y, const Sides *b, double sign, I rows, double *by_row) {
+    memset(by_row, 0, rows * sizeof(double));
+    for (I i = 0; i < b->lows; i++) by_row[b->low[i]] += y[2 * b->size + i];
+    for (I i = 0; i < b->highs; i++) by_row[b->high[i]] += sign * y[2 * b->size + b->lows + i];
+}
+
+/* The transpose of `spread` after (d, A d). */
+static void gather(const double *y, const Sides *b, const Matrix *a, I rows, double *by_row, double *out) {
+    for (I i = 0; i < b->size; i++) out[i] = y[i] - y[b->size + i];
+    by_constraint(y, b, -1, rows, by_row);
+    back(by_row, b->size - a->border, a, out);
+}
+
+static void bordered(const double *ab, const double *edge, const double *corner, I inner, I width, I count,
+                     const double *d, double *out) {
+    banded_multiply(ab, inner, width, d, out);
+    for (I k = 0; k < count; k++) {
+        double s = 0;
+        for (I i = 0; i < inner; i++) {
+            out[i] += edge[i * count + k] * d[inner + k];
+            s += edge[i * count + k] * d[i];
+        }
+        for (I j = 0; j < count; j++) s += corner[k * count + j] * d[inner + j];
+        out[inner + k] = s;
+    }
+}
+
+/* The interior-point loop; see `interior.py` for what goes in. `band`, `edge` and `corner` are changed where damping is
+   added. Out: d (size,), multipliers `by_row` (R,), and `told`: sum of e, damping, steps. Returns 0, 1 where no damping
+   makes the program convex, 2 where there is no memory. */
+int banded_interior(double *band, double *edge, double *corner, const double *mass, const double *mass_corner, I width,
+             const double *g, const double *low_box, const double *high_box, const Matrix *a, const Sides *at,
+             const double *floor_, const double *ceiling, double price, double tolerance, double *d, double *by_row,
+             double *told) {
+    I size = at->size, count = a->border, inner = size - count, rows = a->one + a->wide + a->placed;
+    I begin = 2 * size, total = begin + at->lows + at->highs, pairs = 2 * total - begin;
+    double damping = told[1];
+    double *work = calloc(14 * total + 5 * size + 2 * rows + inner * width + 2 * inner * count + count * count + count,
+                          sizeof(double));
+    if (!work) return 2;
+    double *next = work;
+#define TAKE(name, length) double *name = next; next += (length)
+    TAKE(b, total); TAKE(t, total); TAKE(lam, total); TAKE(e, total); TAKE(room, total); TAKE(v, total);
+    TAKE(weight, total); TAKE(s, total); TAKE(slope, total); TAKE(dt, total); TAKE(dl, total); TAKE(de, total);
+    TAKE(to_t, total); TAKE(to_e, total);
+    TAKE(change, size); TAKE(residual, size); TAKE(part, size); TAKE(whole, size); TAKE(moved, size + rows);
+    TAKE(y, rows);
+    TAKE(ab, inner * width); TAKE(edge_now, inner * count); TAKE(through, inner * count);
+    TAKE(corner_now, count * count); TAKE(last, count);
+    memcpy(moved, low_box, size * sizeof(double));
+    memcpy(moved + size, floor_, rows * sizeof(double));
+    spread(moved, at, b);
+    for (I i = 0; i < size; i++) b[size + i] = -high_box[i];
+    for (I i = 0; i < at->highs; i++) b[begin + at->lows + i] = -ceiling[at->high[i]];
+    double primal = 0;
+    for (I i = 0; i < total; i++) {
+        t[i] = larger(-b[i], i < begin ? BEGIN_BOX : BEGIN_ROW);
+        lam[i] = BARRIER / t[i];
+        room[i] = 1;
+        if (i >= begin) {
+            lam[i] = smaller(lam[i], price / 2);
+            room[i] = price - lam[i];
+            e[i] = BARRIER / room[i];
+        }
+        primal = larger(primal, fabs(e[i] - b[i] - t[i]));
+    }
+    for (I i = 0; damping > 0 && i < inner * width; i++) band[i] += damping * mass[i];
+    for (I i = 0; damping > 0 && i < count * count; i++) corner[i] += damping * mass_corner[i];
+    memset(d, 0, size * sizeof(double));
+    gather(lam, at, a, rows, by_row, part);
+    for (I i = 0; i < size; i++) residual[i] = g[i] - part[i];
+    I steps = 0;
+    for (; steps < STEPS; steps++) {
+        double mu = 0, dual = 0;
+        for (I i = 0; i < total; i++) mu += t[i] * lam[i];
+        for (I i = begin; i < total; i++) mu += e[i] * room[i];
+        mu /= pairs;
+        for (I i = 0; i < size; i++) dual = larger(dual, fabs(residual[i]));
+        if (mu < tolerance && dual < DUAL && primal < PRIMAL) break;
+        for (I i = 0; i < total; i++) weight[i] = 1 / (t[i] / lam[i] + e[i] / room[i]);
+        while (true) {
+            memcpy(ab, band, inner * width * sizeof(double));
+            memcpy(edge_now, edge, inner * count * sizeof(double));
+            memcpy(corner_now, corner, count * count * sizeof(double));
+            for (I i = 0; i < inner; i++) ab[i * width] += weight[i] + weight[size + i];
+            for (I i = inner; i < size; i++) corner_now[(i - inner) * (count + 1)] += weight[i] + weight[size + i];
+            by_constraint(weight, at, 1, rows, by_row);
+            add_square(by_row, a, ab, inner, edge_now, corner_now, whole, y);
+            bool good = factorise(ab, inner, width);
+            for (I k = 0; good && k < count; k++) { /* (k, inner): the border through the inverse of the band */
+                for (I i = 0; i < inner; i++) through[k * inner + i] = edge_now[i * count + k];
+                solve(ab, inner, width, through + k * inner);
+            }
+            for (I k = 0; good && k < count; k++)
+                for (I j = 0; j < count; j++)
+                    for (I i = 0; i < inner; i++)
+                        corner_now[k * count + j] -= edge_now[i * count + k] * through[j * inner + i];
+            if (good && factorise_small(corner_now, count)) break;
+            double more = larger(LEAST_DAMPING, damping);
+            damping += more;
+            if (!(damping < MOST_DAMPING)) {
+                free(work);
+                return 1;
+            }
+            for (I i = 0; i < inner * width; i++) band[i] += more * mass[i];
+            for (I i = 0; i < count * count; i++) corner[i] += more * mass_corner[i];
+            bordered(band, edge, corner, inner, width, count, d, residual);
+            gather(lam, at, a, rows, by_row, part);
+            for (I i = 0; i < size; i++) residual[i] += g[i] - part[i];
+        }
+        double way = 0;
+        for (int phase = 0; phase < 2; phase++) {
+            if (phase) {
+                double after = 0;
+                for (I i = 0; i < total; i++) after += (t[i] + way * dt[i]) * (lam[i] + way * dl[i]);
+                for (I i = begin; i < total; i++) after += (e[i] + way * de[i]) * (room[i] - way * dl[i]);
+                double centre = mu * smaller(1, larger(pow(after / pairs / mu, 3), 1e-6));
+                for (I i = 0; i < total; i++) {
+                    to_t[i] = centre - dt[i] * dl[i];
+                    to_e[i] = i < begin ? 0 : centre + de[i] * dl[i];
+                }
+            } else {
+                memset(to_t, 0, 2 * total * sizeof(double));
+            }
+            for (I i = 0; i < total; i++) s[i] = weight[i] * (b[i] - v[i] + to_t[i] / lam[i] - to_e[i] / room[i]);
+            gather(s, at, a, rows, by_row, change);
+            for (I i = 0; i < size; i++) change[i] -= residual[i];
+            for (I k = 0; k < count; k++) {
+                last[k] = change[inner + k];
+                for (I i = 0; i < inner; i++) last[k] -= through[k * inner + i] * change[i];
+            }
+            solve_small(corner_now, count, last);
+            solve(ab, inner, width, change);
+            for (I k = 0; k < count; k++) {
+                change[inner + k] = last[k];
+                for (I i = 0; i < inner; i++) change[i] -= through[k * inner + i] * last[k];
+            }
+            memcpy(moved, change, size * sizeof(double));
+            banded_times(change, inner, a, moved + size);
+            spread(moved, at, slope);
+            double most = 1; /* the inverse of the share at which the first of t, lam, e, room becomes zero */
+            for (I i = 0; i < total; i++) {
+                dl[i] = s[i] - weight[i] * slope[i];
+                dt[i] = (to_t[i] - t[i] * dl[i]) / lam[i] - t[i];
+                most = larger(most, larger(-dt[i] / t[i], -dl[i] / lam[i]));
+            }
+            for (I i = begin; i < total; i++) {
+                de[i] = (to_e[i] + e[i] * dl[i]) / room[i] - e[i];
+                most = larger(most, larger(-de[i] / e[i], dl[i] / room[i]));
+            }
+            way = 1 / most;
+        }
+        way = smaller(1, CLOSE * way);
+        primal *= 1 - way;
+        for (I i = 0; i < size; i++) {
+            residual[i] *= 1 - way;
+            d[i] += way * change[i];
+        }
+        for (I i = 0; i < total; i++) {
+            v[i] += way * slope[i];
+            t[i] += way * dt[i];
+            lam[i] += way * dl[i];
+            if (i >= begin) {
+                e[i] += way * de[i];
+                room[i] = price - lam[i];
+            }
+        }
+    }
+    for (I i = 0; i < total; i++) lam[i] = -lam[i];
+    by_constraint(lam, at, -1, rows, by_row);
+    told[0] = 0;
+    for (I i = begin; i < total; i++) told[0] += e[i];
+    told[1] = damping;
+    told[2] = (double)steps;
+    for (I i = 0; i < size; i++) d[i] = smaller(larger(d[i], low_box[i]), high_box[i]);
+    free(work);
+    return 0;
+}

@@ -1,0 +1,61 @@
+"""`banded.c`, compiled once and kept in the cache folder, called through ctypes; None where there is no compiler.
+
+Written in C and built by the machine's compiler, which takes a second; Numba takes fifteen. A quadratic program of 56
+unknowns takes 0.7 ms, in NumPy 5 ms; one of 294 unknowns 5 to 8 ms, with the library PIQP 18 to 38 ms.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.numerics import compile as build
+from energy_opt.numerics import interior
+
+LOCAL = 6  # control points of a window
+FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-fassociative-math", "-fno-signed-zeros", "-lm")
+DEFINED = (
+    "BARRIER", "BEGIN_BOX", "BEGIN_ROW", "CLOSE", "STEPS", "PRIMAL", "DUAL", "LEAST_DAMPING", "MOST_DAMPING",
+)  # fmt: skip
+INTEGERS = ("first", "joint", "wide_first", "place", "place_first")
+NUMBERS = ("coefficient", "wide", "gradient", "basis", "border")
+
+
+class Matrix(ctypes.Structure):
+    """The constraints of `quadratic` as C takes them."""
+
+    _fields_ = [(name, ctypes.c_int64) for name in ("n", "one", "wides", "placed", "places", "borders")] + [
+        (name, ctypes.c_void_p) for name in (*INTEGERS, *NUMBERS, "scratch")
+    ]
+
+
+class Sides(ctypes.Structure):
+    """Where bounds are."""
+
+    _fields_ = [("size", ctypes.c_int64), ("lows", ctypes.c_int64), ("highs", ctypes.c_int64)] + [
+        ("low", ctypes.c_void_p),
+        ("high", ctypes.c_void_p),
+    ]
+
+
+def pointer(x: np.ndarray) -> ctypes.c_void_p:
+    """The address of a contiguous array's first entry."""
+    assert x.flags.c_contiguous
+    return ctypes.c_void_p(x.__array_interface__["data"][0])
+
+
+@lru_cache(maxsize=1)
+def library() -> ctypes.CDLL | None:
+    """The compiled functions; None where there is no compiler or it fails."""
+    constants = {"LOCAL": LOCAL} | {name: getattr(interior, name) for name in DEFINED}
+    source = "".join(f"#define {name} {value!r}\n" for name, value in constants.items())
+    source += Path(__file__).with_name("banded.c").read_text(encoding="utf-8")
+    try:
+        found = build.library_of(source, FLAGS)
+        return ctypes.CDLL(str(found)) if found else None
+    except (BadInput, OSError):
+        return None

@@ -21,7 +21,7 @@ typedef struct { /* the matrix A of constraints; see `quadratic.Constraints` */
 typedef struct { /* where bounds are: of N + k unknowns, of constraints with a floor, and with a ceiling */
     I size, lows, highs;
     const I *low, *high;
-} Sides;
+} Bounds;
 
 static double larger(double x, double y) { return x > y ? x : y; }
 static double smaller(double x, double y) { return x < y ? x : y; }
@@ -251,8 +251,8 @@ static void solve_small(const double *x, I size, double *y) {
     }
 }
 
-/* A vector over all sides of bounds: (d, -d, A d at floors, -A d at ceilings), of `moved` (d, A d). */
-static void spread(const double *moved, const Sides *b, double *out) {
+/* A vector over all bounds: (d, -d, A d at floors, -A d at ceilings), of `moved` (d, A d). */
+static void spread(const double *moved, const Bounds *b, double *out) {
     I size = b->size;
     for (I i = 0; i < size; i++) {
         out[i] = moved[i];
@@ -263,14 +263,14 @@ static void spread(const double *moved, const Sides *b, double *out) {
 }
 
 /* `by_row` (R,): what acts at floors and, times `sign`, at ceilings. */
-static void by_constraint(const double *y, const Sides *b, double sign, I rows, double *by_row) {
+static void by_constraint(const double *y, const Bounds *b, double sign, I rows, double *by_row) {
     memset(by_row, 0, rows * sizeof(double));
     for (I i = 0; i < b->lows; i++) by_row[b->low[i]] += y[2 * b->size + i];
     for (I i = 0; i < b->highs; i++) by_row[b->high[i]] += sign * y[2 * b->size + b->lows + i];
 }
 
 /* The transpose of `spread` after (d, A d). */
-static void gather(const double *y, const Sides *b, const Matrix *a, I rows, double *by_row, double *out) {
+static void gather(const double *y, const Bounds *b, const Matrix *a, I rows, double *by_row, double *out) {
     for (I i = 0; i < b->size; i++) out[i] = y[i] - y[b->size + i];
     by_constraint(y, b, -1, rows, by_row);
     back(by_row, b->size - a->border, a, out);
@@ -294,7 +294,7 @@ static void bordered(const double *ab, const double *edge, const double *corner,
    added. Out: d (size,), multipliers `by_row` (R,), and `told`: sum of e, damping, steps. Returns 0, 1 where no damping
    makes the program convex, 2 where there is no memory. */
 int banded_interior(double *band, double *edge, double *corner, const double *mass, const double *mass_corner, I width,
-             const double *g, const double *low_box, const double *high_box, const Matrix *a, const Sides *at,
+             const double *g, const double *low_box, const double *high_box, const Matrix *a, const Bounds *at,
              const double *floor_, const double *ceiling, double price, double tolerance, double *d, double *by_row,
              double *told) {
     I size = at->size, count = a->border, inner = size - count, rows = a->one + a->wide + a->placed;

@@ -110,17 +110,17 @@ def interior(
     eye = eye_array(size, format="csr")
     signed = vstack([eye, -eye, a[low], -a[high]], format="csr")
     b = np.concatenate([box[0], -box[1], floor[low], -ceiling[high]])
-    rows = np.arange(len(b)) >= begin
-    t = np.maximum(-b, np.where(rows, BEGIN_ROW, BEGIN_BOX))
-    lam = np.where(rows, np.minimum(BARRIER / t, price / 2), BARRIER / t)
-    room = np.where(rows, price - lam, 1.0)
-    e = np.where(rows, BARRIER / room, 0.0)
-    pairs = len(b) + int(rows.sum())
+    elastic = np.arange(len(b)) >= begin
+    t = np.maximum(-b, np.where(elastic, BEGIN_ROW, BEGIN_BOX))
+    lam = np.where(elastic, np.minimum(BARRIER / t, price / 2), BARRIER / t)
+    room = np.where(elastic, price - lam, 1.0)
+    e = np.where(elastic, BARRIER / room, 0.0)
+    pairs = len(b) + int(elastic.sum())
     parts = tuple(x + damping * y for x, y in zip(parts, mass, strict=True))  # type: ignore[assignment]
     d, v = np.zeros(size), np.zeros(len(b))
     residual, primal, steps = g - signed.T @ lam, float(np.abs(e - b - t).max(initial=0.0)), 0
     while steps < STEPS:
-        mu = (t @ lam + (e * room)[rows].sum()) / pairs
+        mu = (t @ lam + (e * room)[elastic].sum()) / pairs
         if mu < tolerance and np.abs(residual).max() < DUAL and primal < PRIMAL:
             break
         steps += 1
@@ -140,21 +140,21 @@ def interior(
         dt, dl, de = to_t, to_t, to_t
         for phase in range(2):  # predictor and corrector
             if phase:
-                after = (t + way * dt) @ (lam + way * dl) + ((e + way * de) * (room - way * dl))[rows].sum()
+                after = (t + way * dt) @ (lam + way * dl) + ((e + way * de) * (room - way * dl))[elastic].sum()
                 centre = mu * min(1.0, max((after / pairs / mu) ** 3, 1e-6))
-                to_t, to_e = centre - dt * dl, np.where(rows, centre + de * dl, 0.0)
+                to_t, to_e = centre - dt * dl, np.where(elastic, centre + de * dl, 0.0)
             s = weight * (b - v + to_t / lam - to_e / room)
             change = factor.solve(signed.T @ s - residual)
             slope = signed @ change
             dl = s - weight * slope
             dt = (to_t - t * dl) / lam - t
-            de = np.where(rows, (to_e + e * dl) / room - e, 0.0)
-            shares = [-dt / t, -dl / lam, (-de / np.where(rows, e, 1.0))[rows], (dl / room)[rows]]
+            de = np.where(elastic, (to_e + e * dl) / room - e, 0.0)
+            shares = [-dt / t, -dl / lam, (-de / np.where(elastic, e, 1.0))[elastic], (dl / room)[elastic]]
             way = 1 / max(1.0, *(float(share.max(initial=0.0)) for share in shares))
         way = min(1.0, CLOSE * way)
         residual, primal, d, v = residual * (1 - way), primal * (1 - way), d + way * change, v + way * slope
         t, lam, e = t + way * dt, lam + way * dl, e + way * de
-        room = np.where(rows, price - lam, 1.0)
+        room = np.where(elastic, price - lam, 1.0)
     multipliers = np.zeros(len(floor))
     multipliers[low] -= lam[begin : begin + len(low)]
     multipliers[high] += lam[begin + len(low) :]

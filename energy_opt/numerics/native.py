@@ -33,7 +33,7 @@ class Matrix(ctypes.Structure):
     ]
 
 
-class Sides(ctypes.Structure):
+class Bounds(ctypes.Structure):
     """Where bounds are."""
 
     _fields_ = [("size", ctypes.c_int64), ("lows", ctypes.c_int64), ("highs", ctypes.c_int64)] + [

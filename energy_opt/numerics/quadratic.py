@@ -209,14 +209,14 @@ def minimise(
         a, bounds = held.sparse(inner), (held.floor, held.ceiling)
         return Minimum(*interior.interior(parts, heavy, g, box, a, *bounds, price, damping, tolerance))
     low, high = (np.flatnonzero(np.isfinite(bound)) for bound in (held.floor, held.ceiling))
-    sides = native.Sides(size, len(low), len(high), pointer(low), pointer(high))
+    where = native.Bounds(size, len(low), len(high), pointer(low), pointer(high))
     changed = [x.copy() for x in (h.band, h.border, h.corner)]
     numbers = mass.band, mass.corner, g, *box, held.floor, held.ceiling
     given = [np.ascontiguousarray(x, dtype=np.float64) for x in numbers]
     d, multipliers, said = np.empty(size), np.empty(held.count), np.array([0.0, damping, 0.0])
     failed = c.banded_interior(
         *map(pointer, changed), *map(pointer, given[:2]), ctypes.c_int64(h.band.shape[1]), *map(pointer, given[2:5]),
-        ctypes.byref(held.matrix()), ctypes.byref(sides), *map(pointer, given[5:]), ctypes.c_double(price),
+        ctypes.byref(held.matrix()), ctypes.byref(where), *map(pointer, given[5:]), ctypes.c_double(price),
         ctypes.c_double(tolerance), pointer(d), pointer(multipliers), pointer(said),
     )  # fmt: skip
     if failed:

@@ -39,6 +39,26 @@ def test_a_limit_of_ones_own_is_kept_and_judged(panda):
         assert (power <= bound * (1 + 1e-5)).all() and (used > bound).any()
 
 
+class Slower(eo.conditions.Limit):
+    """The first joint's speed, with a bound that falls from 1 rad/s at the start to 0.5 rad/s after 2 s."""
+
+    name, unit, binds, bound = "slower", "rad/s", "arm", 1.0
+
+    def value(self, x):
+        return x.v[0] * (1 + x.t / 2)
+
+
+def test_a_limit_that_depends_on_time_is_kept_by_reshaping_and_refused_for_a_timing(panda):
+    settings = {"starts": 1, "controls": 16, "compile": "never", "model": "source-method-2", "conditions": [Slower()]}
+    ends = {"start": START, "goal": GOAL}
+    with pytest.raises(eo.BadInput, match="slower bounds no timing of a path"):
+        eo.optimize(panda, mode="retime", duration=3.0, **ends, **settings)
+    held = eo.optimize(panda, duration=2.5, **ends, **settings)
+    time, speed = held.trajectory.time, np.abs(held.trajectory.velocity[:, 0])
+    assert held.status == "solved" and (speed * (1 + time / 2)).max() == pytest.approx(1.0, abs=1e-2)
+    assert (speed * (1 + time / 2) <= 1 + 1e-5).all()
+
+
 def test_conditions_are_options(panda, tmp_path):
     ends = {"start": START, "goal": GOAL, "mode": "retime", "model": "source-method-2"}
     conditions = [eo.conditions.MaxPower(400), eo.conditions.ToolSpeed(0.9), eo.conditions.KeepLine(2000)]

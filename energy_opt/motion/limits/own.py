@@ -4,7 +4,7 @@
 
 `value` is an expression in the state (q, v, a, the motors' torque, the arm's power, time). The judge evaluates it over
 a dense grid, a reshaping compiles it with its nodes, and a retiming sees it along the path, where the state is a
-function of path acceleration and squared path speed.
+function of path acceleration and squared path speed. A value that depends on time is kept by reshaping alone.
 """
 
 from __future__ import annotations
@@ -71,7 +71,8 @@ class OwnLimit(Limit):
 
     @property
     def structure(self) -> Hashable:
-        own = {key: value for key, value in vars(self).items() if key not in ("bound", "scale", "_law")}
+        derived = ("bound", "scale", "_law", "_of_position", "_of_time")
+        own = {key: value for key, value in vars(self).items() if key not in derived}
         return type(self).__module__, type(self).__qualname__, repr(sorted(own.items()))
 
     def where(self, joints: Sequence[str], column: int) -> str:
@@ -96,6 +97,16 @@ class OwnLimit(Limit):
         inputs = self._law.sx_in()
         return not any(ca.which_depends(self._law(*inputs), ca.vertcat(*inputs[1:]), 1, True))
 
+    @cached_property
+    def _of_time(self) -> bool:
+        """Whether the value depends on time: a path's timing is then not bounded by it."""
+        inputs = self._law.sx_in()
+        return any(ca.which_depends(self._law(*inputs), inputs[-1], 1, True))
+
+    @property
+    def along(self) -> bool:
+        return not self._of_time
+
     def _shares(self, *columns: np.ndarray) -> np.ndarray:
         """The value over the bound (M, m), at states (M, …) in the order of `State`."""
         found = Batch(self._law, len(columns[0]))(*columns)[0] / self.scale
@@ -113,8 +124,8 @@ class OwnLimit(Limit):
         out.bound, out.scale = np.asarray(self.bound) * share, self.scale * share
         return out
 
-    def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return self._along(d, a, b, self.one_sided)
+    def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
+        return None if self._of_time else self._along(d, a, b, self.one_sided)
 
     def _along(self, d: PathDynamics, a: np.ndarray, b: np.ndarray, signed: bool) -> np.ndarray:
         """The value over the bound (M, m) along a path; `signed`, or its magnitude."""
@@ -123,9 +134,11 @@ class OwnLimit(Limit):
         found = Batch(self._law, len(d.s))(*motion, np.zeros_like(power))[0] / self.scale
         return np.asarray(found if signed else np.abs(found))
 
-    def fixed(self, d: PathDynamics) -> Fixed:
+    def fixed(self, d: PathDynamics) -> Fixed | None:
+        if self._of_time:
+            return None
         none = np.zeros(len(d.s))
-        held = self.use(d, none, none)
+        held = self._along(d, none, none, self.one_sided)
         what = "is on the path" if self._of_position else "is taken by moving slowly"
 
         def text(k: int, j: int) -> str:
@@ -134,7 +147,9 @@ class OwnLimit(Limit):
 
         return Fixed(held - 1, text, holding=not self._of_position)
 
-    def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear:
+    def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear | None:
+        if self._of_time:
+            return None
         step_a, step_b = STEP * (1.0 + np.abs(a)), STEP * np.maximum(b, 1e-3)
         b = np.maximum(b, 2 * step_b)
 

@@ -307,7 +307,10 @@ class Planner:
         limits, rest = self.limits(move), [not np.any(v) for v in move.end_velocities]
         unseen = [limit.name for limit in limits if move.mode == "retime" and not limit.along]
         if unseen:
-            raise BadInput(f"the limit {unseen[0]} says nothing of a timing (`use`); --mode reshape keeps it")
+            raise BadInput(
+                f"the limit {unseen[0]} bounds no timing of a path: it has no `use`, or its value depends on time; "
+                "--mode reshape keeps it"
+            )
         poses = [("start", move.start, rest[0]), ("goal", move.goal, rest[1]), *(("via", q, False) for q in move.via)]
         for what, q, _ in poses:
             if np.shape(q) != (self.robot.n,):

@@ -1,9 +1,10 @@
 """A move at one duration after the other: as a single move is solved, and from a neighbour's optimum.
 
-Fronts of energy against duration are made of such steps. A step does all that a single solve at its duration does, so
-that a front lies nowhere above what single moves find, around obstacles neither. First paths, their timings, ways
-around and what the starts lead to are shared by all durations. Then the neighbour's curve is gone on from where it may
-lead to less: the better one counts. A retimed path is retimed anew, which needs no start.
+Fronts of energy against duration are made of such steps. At durations that are `ALONE` times apart a step does all that
+a single solve does, so that a front follows where the best optimum changes; between these it begins at the neighbour's
+optimum alone, which takes a fifth of the time. First paths, their timings and what the starts lead to are shared by all
+durations. Then a neighbour's curve is gone on from where it may lead to less: the better one counts. A retimed path is
+retimed anew, which needs no start.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from energy_opt.motion.plan.candidates import (
 )
 from energy_opt.motion.plan.clear import ROUGH, TRIAL, Clearing, mended_clear
 from energy_opt.motion.plan.single import Single
+from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.reshape.clear import TRUST
 from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Reshaper
@@ -33,6 +35,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
 PROMISING = 0.01  # of the cost
+ALONE = 1.15  # ratio of durations from which one is solved as a single move is
 BUMP = 0.005  # of the cost: where a front is so little above the line between neighbours, it may be its own curve
 
 
@@ -52,6 +55,7 @@ class Neighbours:
     def __init__(self, single: Single) -> None:
         self._single, self._context, self._move = single, single.context, single.move
         self._known: dict[float, Optimum | None] = {}  # the best so far, by duration
+        self._alone_at: list[float] = []  # durations that were solved as single moves
         self._tried: set[tuple[float, float, float]] = set()  # by duration, and by the neighbour's and its energy
 
     @cached_property
@@ -66,9 +70,9 @@ class Neighbours:
         """
         if self._move.mode == "retime":
             return self._retimed(duration)
-        if duration not in self._known:
+        if duration not in self._known and (neighbour.outcome is None or self._far(duration)):
             self._known[duration] = self._alone(duration)
-        here = self._known[duration]
+        here = self._known.get(duration)
         move = replace(self._move, duration=duration)
         task = task_of(self._context, move, reference_time(self._context, move, self._single.timing), duration)
         step = duration, neighbour.trajectory.duration, neighbour.energy.total
@@ -78,11 +82,18 @@ class Neighbours:
                 self._carried(task, neighbour) if self._context.cell is None else self._cleared(task, neighbour, here)
             )
             here = min((x for x in (here, stepped) if x is not None), key=lambda x: x.energy.total, default=None)
+        if here is None and duration not in self._alone_at:
+            here = self._alone(duration)
         self._known[duration] = here if here is not None else self._retimed(duration)
         return self._known[duration]
 
+    def _far(self, duration: float) -> bool:
+        """Whether no duration near this one was solved as a single move."""
+        return all(max(duration / other, other / duration) > ALONE for other in self._alone_at)
+
     def _alone(self, duration: float) -> Optimum | None:
         """What a solve of the move alone finds; None where nothing within limits came of it."""
+        self._alone_at.append(duration)
         try:
             solved = self._single.at(duration)
         except Infeasible:
@@ -145,8 +156,10 @@ class Neighbours:
         best, trajectory, certificate, _ = mended(self._context, self._reshaper, outcome, task)
         if not certificate.valid:
             return None
-        judged = self._context.judge(trajectory)
-        return Optimum(trajectory, judged.energy, best.converged, best) if judged.certificate.valid else None
+        both = trajectory, at_rest(trajectory, self._context.model)  # with its creeping joints at rest too
+        judged = [found for t in both if t is not None and (found := self._context.judge(t)).certificate.valid]
+        least = min(judged, key=lambda found: found.energy.total, default=None)
+        return None if least is None else Optimum(least.trajectory, least.energy, best.converged, best)
 
     def _retimed(self, duration: float) -> Optimum | None:
         context, shortest = self._context, self._single.timing

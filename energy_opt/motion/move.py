@@ -116,7 +116,7 @@ class Settings:
         seed: of the starting points.
         compile: "auto", "always" or "never" (see `numerics.compile`).
         objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
-        solver: "ipopt", which polishes the best curve that the search finds, or "sqp", which leaves that out.
+        solver: "ipopt", which goes on where the search without regard to bodies has not converged, or "sqp" alone.
         dynamics: source of the symbolic dynamics (see `dynamics`).
         verify_samples: samples of the certificate; None for ten between every two rows.
         end_acceleration: of a reshaped move, "zero" or "free". Where the best timing of the first path, whose end

@@ -161,6 +161,8 @@ class Constraints:
 
     def joined(self, other: Constraints) -> Constraints:
         """These constraints and others."""
+        if not other.count:
+            return self
         one, two = self.__dict__, other.__dict__
         out = {name: np.concatenate([one[name], two[name]]) for name in one if name not in BY_KIND}
         out["place"] = np.concatenate([self.place, other.place + len(self.basis)])

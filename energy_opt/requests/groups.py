@@ -216,7 +216,7 @@ class ConditionGroup(Request):
 class SolvingGroup(Request):
     """solving"""
 
-    solver: str = option("ipopt", "ipopt, or sqp without the last polish (ipopt)", "NAME")
+    solver: str = option("ipopt", "ipopt where the search does not converge, or sqp alone (ipopt)", "NAME")
     starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int)
     initial_paths: int | None = option(
         None, "collision-free paths to start from (1; 0 besides a free --path)", "N", kind=int, aliases=("--ways",)

@@ -72,7 +72,7 @@ def aside(
     if work.best is None:
         return None
     try:
-        made = mended_clear(context, work.search, task, work.polished())
+        made = mended_clear(context, work.search, task, work.best)
     except Infeasible:
         return None
     if made.trajectory is None:

@@ -83,7 +83,7 @@ def kept_clear(
         work.best_of([(task.curve(level.shape, line), TRUST) for line in found])
     if work.best is None:
         return Made(None, work.search.iterations, True, NOTHING, free.starts)
-    made = mended_clear(context, work.search, task, work.polished())
+    made = mended_clear(context, work.search, task, work.best)
     trajectory = made.trajectory
     if trajectory is not None and free_time and move.duration is not None and trajectory.duration <= move.duration:
         assert made.outcome is not None
@@ -210,14 +210,6 @@ class Clearing:
     def _scaled(self, outcome: Outcome) -> float:
         return self.search.scale * self.task.cost(outcome)
 
-    def polished(self) -> Outcome:
-        """The best, polished by IPOPT where that is proven and cheaper."""
-        assert self.best is not None
-        if self.context.settings.solver != "ipopt" or self.context.stopped():
-            return self.best
-        better = self.search.polished(self.best)
-        return better if better is not None and better.cost < self.best.cost else self.best
-
     def little(self, timing: Timing | None) -> bool:
         """Whether so little of the first path's loss is saved that another way is worth its time."""
         if self.best is None:
@@ -231,7 +223,7 @@ class Clearing:
 
 
 def mended_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Made:
-    """A curve that keeps clear, within limits by the judge too: polished under tighter ones where it breaks one."""
+    """A curve that keeps clear, within limits by the judge too: solved again under tighter ones where it breaks one."""
     limits = task.limits
     for _ in range(MENDS):
         trajectory = trajectory_of(outcome.curve, context.robot.joints)
@@ -239,7 +231,7 @@ def mended_clear(context: Context, search: ClearSearch, task: Task, outcome: Out
         if certificate.valid:
             return Made(trajectory, 0, outcome=outcome)
         limits = certificate.tightened(limits)
-        again = search.polished(outcome, replace(task, limits=limits))
+        again = search.under(replace(task, limits=limits), outcome)
         if again is None:
             break
         outcome = again

@@ -185,13 +185,9 @@ class ClearSearch:
         self.iterations += now.iterations if now is not None else 0
         return None
 
-    def polished(self, outcome: Outcome, task: Task | None = None) -> Outcome | None:
-        """An outcome solved again nearby by IPOPT, over planes that do not move; None where that is not proven.
-
-        Args:
-            task: with limits that have changed a little.
-        """
-        task = task or self.task
+    def under(self, task: Task, outcome: Outcome) -> Outcome | None:
+        """An outcome solved again nearby by IPOPT, under limits that have changed a little, over planes that do not
+        move; None where that is not proven."""
         places = Places.evenly(len(self.wanted))
         rows = ClearanceRows(self.near, places.u, self.margins.at(places), REACH / 2)
         found = self.level.solve(

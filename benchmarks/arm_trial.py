@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -170,17 +170,21 @@ def shortened(text: str) -> str:
 def ends(robot: Robot, cell: Cell) -> tuple[np.ndarray, np.ndarray] | None:
     """The first two of the seeded postures that are held within the efforts and touch nothing, half a range apart."""
     q = postures(robot.limits, POSTURES)
-    held = (np.abs(robot.body.torque(q, 0 * q, 0 * q)) <= 0.9 * robot.limits.effort).all(axis=1)
+    q = q[(np.abs(robot.body.torque(q, 0 * q, 0 * q)) <= 0.9 * robot.limits.effort).all(axis=1)]
+    return apart(q, cell.free) or apart(q, lambda pose: cell.touching(pose) is None)
+
+
+def apart(q: np.ndarray, free: Callable[[np.ndarray], bool]) -> tuple[np.ndarray, np.ndarray] | None:
+    """The first two of the postures (N, n) that are free, half a range apart; None where there are not two."""
     start = None
-    for k in np.flatnonzero(held).tolist():
-        if not cell.free(q[k]):
+    for pose in q:
+        if not free(pose):
             continue
         if start is None:
-            start = q[k]
-        elif np.abs(q[k] - start).max() > 0.3:
-            middle = start + 0.5 * (q[k] - start)
-            goal = middle if cell.free(middle) else q[k]
-            return start, goal
+            start = pose
+        elif np.abs(pose - start).max() > 0.3:
+            middle = start + 0.5 * (pose - start)
+            return start, middle if free(middle) else pose
     return None
 
 

@@ -107,9 +107,10 @@ def _configured(model: Any, q: np.ndarray) -> np.ndarray:
 
 
 def named_apart(model: Any) -> Any:
-    """A model in which no link shares its name with a joint: Pinocchio does not lock such a joint else."""
+    """A model in which no link shares its name with a joint: Pinocchio does not reduce such a model else."""
+    joints = {frame.name for frame in model.frames if frame.type != pin.FrameType.BODY}
     for frame in model.frames:
-        if frame.type == pin.FrameType.BODY and model.existJointName(frame.name):
+        if frame.type == pin.FrameType.BODY and frame.name in joints:
             frame.name += " (link)"
     return model
 

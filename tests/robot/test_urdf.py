@@ -90,3 +90,15 @@ def test_what_xacro_writes_from_macros_alone_has_no_link_and_says_so(tmp_path: P
     path.write_text('<robot name="macros" xmlns:xacro="http://ros.org/wiki/xacro"><!-- defines a macro --></robot>')
     with pytest.raises(BadInput, match=r"macros.urdf: no <link>; .* the file that uses the robot's macro$"):
         load_robot(str(path))
+
+
+def test_a_misspelt_place_at_its_default_changes_nothing(tmp_path: Path) -> None:
+    """A vendor writes <origins xyz="0 0 0" .../>; any other place under that name is refused."""
+    shape = '<collision><{tag} xyz="0 {y} 0.0" rpy="0 0 -0"/><geometry><sphere radius="0.1"/></geometry></collision>'
+    files = []
+    for k, (tag, y) in enumerate((("origin", "0"), ("origins", "0"), ("origins", "0.1"))):
+        files.append(tmp_path / f"{k}.urdf")
+        files[-1].write_text(GOOD.replace("</inertial>", "</inertial>" + shape.format(tag=tag, y=y)))
+    assert read_description(files[1]).links == read_description(files[0]).links
+    with pytest.raises(BadInput, match="<origins> is not read here; expected <origin>"):
+        read_description(files[2])

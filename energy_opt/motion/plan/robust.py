@@ -1,7 +1,9 @@
 """Moves that hold under more than one model: the mean of their energies is minimised, or the largest of them.
 
 The mean is one program, with the mean of the models' powers as its cost. No answer may cost more than a valid evenly
-slowed move under any of the models; where one does, that model's weight grows and the move is solved again. The largest
+slowed move under any of the models; where one does, that model's weight grows and the move is solved again in the same
+duration, until the weight was too much; the best mean of these motions that holds under all models (`blend`) ends it.
+The largest
 energy is minimised in the same way, by weights that move towards the models under which the move costs most: at the
 minimum of the largest, a mixture of the models is minimised (the minimax theorem, where energies are convex).
 
@@ -26,6 +28,7 @@ from energy_opt.motion.judge.certificate import ALLOWED, certify
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.anytime import Progress
+from energy_opt.motion.plan.blend import blended, least_weights
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.result import Optimality, Result
 from energy_opt.motion.retime.solve import GLOBAL_GAP
@@ -37,6 +40,7 @@ from energy_opt.robot import Robot
 Kind = Literal["mean", "worst"]
 ROUNDS = {"mean": 4, "worst": 6}  # solves at most; the first of "mean" is nearly always the last
 SAME = 1e-9  # relative: energies that differ by less are equal
+GROWTH = 9.0  # of the weight of a model under which a move costs too much
 STEP = 1.0  # of the weights, per standard deviation of the models' energies above their mean
 
 
@@ -52,12 +56,11 @@ class Rival:
 class _Answer:
     """A result with what each judge says: energies of the move, and of the evenly slowed one where that is valid.
 
-    Judges are the `planned` models of the mean, then the corners of their friction's range. `bound` [J]: no timing of
+    Judges are the models of the mean, then the corners of their friction's range. `bound` [J]: no timing of
     the path has a lower mean of the planned models' energies, or largest of all; None: not known.
     """
 
     result: Result
-    planned: int
     energies: list[Energy]
     slowed: list[Energy] | None
     bound: float | None = None
@@ -72,10 +75,6 @@ class _Answer:
         if self.slowed is None:
             return np.zeros(len(self.energies), dtype=bool)
         return np.array([exceeds(e.total, s.total) for e, s in zip(self.energies, self.slowed, strict=True)])
-
-    def value(self, kind: Kind) -> float:
-        """What is minimised, J."""
-        return float(self.totals[: self.planned].mean() if kind == "mean" else self.totals.max())
 
 
 class RobustPlanner:
@@ -150,12 +149,27 @@ class RobustPlanner:
         progress = Progress(settings.deadline if deadline is None else deadline, self._stopped)
 
         def find(planner: Planner, known: list[Trajectory]) -> Result:
-            return planner.solve(move, [*warm, *known], progress.left)
+            # Weights are prices of what a move costs beyond the evenly slowed one, which is of the same duration.
+            held = move if not known or self.kind == "worst" else replace(move, duration=known[-1].duration)
+            return planner.solve(held, [*warm, *known], progress.left)
 
-        best = self._least(find, progress.ended)
-        if best.dearer().any():
-            best = replace(self._answer(_slowed(best.result)), bound=best.bound)
-        return self._stated(best)
+        best = self._least(find, progress.ended, move)
+        return self._stated(self._or_even(move, best))
+
+    def _or_even(self, move: Move, best: _Answer) -> _Answer:
+        """The answer, or the evenly slowed move where that is better; of a free duration, the fastest timing too."""
+        names = ("scaled",) if move.duration is not None else ("scaled", "toppra")
+        even = [
+            (self._value(np.array([scorer.energy(b.trajectory).total for scorer in self._scorers])), b)
+            for b in best.result.baselines
+            if b.name in names and b.valid
+        ]
+        value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
+        if baseline is None or (not best.dearer().any() and self._value(best.totals) <= value):
+            return best
+        message = "no other move that was found is cheaper than the evenly slowed one under every model"
+        found = self._planner.instead(best.result, move, baseline.trajectory)
+        return replace(self._answer(replace(found, chosen=baseline.name, message=message)), bound=best.bound)
 
     def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
         """A guess of the answer under the models' mean; see `Planner.sketch`."""
@@ -172,36 +186,68 @@ class RobustPlanner:
         said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in dear]
         return replace(result, warnings=(*result.warnings, *said))
 
-    def _least(self, find: Callable[[Planner, list[Trajectory]], Result], stopped: Callable[[], bool]) -> _Answer:
+    def _least(
+        self, find: Callable[[Planner, list[Trajectory]], Result], stopped: Callable[[], bool], move: Move | None = None
+    ) -> _Answer:
         weights, members = np.ones(len(self.rivals)) / len(self.rivals), list(self._mixture.members)
         best: _Answer | None = None
+        answers: list[_Answer] = []
         bounds: list[float] = []
         for number in range(ROUNDS[self.kind]):
             planner = self._planner.under(Mixture.of(members, weights))
             answer = self._answer(find(planner, [] if best is None else [best.result.trajectory]))
+            answers.append(answer)
             if best is None or self._rank(answer) < self._rank(best):
                 best = answer
             bound = answer.result.optimality.lower_bound
             if bound is not None and (number == 0 or self.kind == "worst"):  # the largest is no less than any mean
                 bounds.append(bound)
             dearer = answer.dearer()
-            if stopped() or (self.kind == "mean" and not dearer.any()):
+            held = (
+                move is not None and number > 0 and (answers[-2].dearer() & ~dearer).any()
+            )  # one more is, so that a mean of both holds
+            if stopped() or (self.kind == "mean" and (held or not dearer.any())):
                 break
             weights, members = self._moved(weights, answer, dearer)
         assert best is not None
+        if move is not None and self.kind == "mean" and answers[0].dearer().any():
+            blend = self._blend(move, answers)
+            if blend is not None and self._rank(blend) < self._rank(best):
+                best = blend
+            if not best.result.interrupted and any(a.result.status == "solved" for a in answers):
+                best = replace(best, result=replace(best.result, status="solved"))
         return replace(best, bound=max(bounds, default=None))
+
+    def _blend(self, move: Move, answers: Sequence[_Answer]) -> _Answer | None:
+        """The weighted mean of answers of one duration, and of the evenly slowed move, that costs least and holds."""
+        result, slowed = answers[0].result, answers[0].slowed
+        duration, baseline = result.trajectory.duration, result.baseline("scaled")
+        same = [a for a in answers if abs(a.result.trajectory.duration - duration) <= 1e-9]
+        if slowed is None or baseline is None:
+            return None
+        even = np.array([energy.total for energy in slowed])
+        totals = np.stack([even, *(a.totals for a in same)])
+        shares = least_weights(totals[:, : len(self.rivals)].mean(axis=1), totals - even)
+        if shares is None or shares[0] > 1 - SAME:  # nothing, or the evenly slowed move alone
+            return None
+        mean = blended([baseline.trajectory, *(a.result.trajectory for a in same)], shares).on_nanoseconds()
+        found = self._planner.instead(result, move, mean)
+        return self._answer(found) if found.certificate.valid else None
 
     def _answer(self, result: Result) -> _Answer:
         slowed = next((b for b in result.baselines if b.name == "scaled" and b.valid), None)
         return _Answer(
             result,
-            len(self.rivals),
             [scorer.energy(result.trajectory) for scorer in self._scorers],
             None if slowed is None else [scorer.energy(slowed.trajectory) for scorer in self._scorers],
         )
 
     def _rank(self, answer: _Answer) -> tuple[bool, float]:
-        return bool(answer.dearer().any()), answer.value(self.kind)
+        return bool(answer.dearer().any()), self._value(answer.totals)
+
+    def _value(self, totals: np.ndarray) -> float:
+        """What is minimised, J, of energies (K,) by every judge."""
+        return float(totals[: len(self.rivals)].mean() if self.kind == "mean" else totals.max())
 
     def _moved(self, weights: np.ndarray, answer: _Answer, dearer: np.ndarray) -> tuple[np.ndarray, list[PowerModel]]:
         """Weights and members of the next solve: of each model the values under which the move does worst."""
@@ -210,7 +256,7 @@ class RobustPlanner:
             assert answer.slowed is not None
             excess = np.where(dearer, totals - np.array([energy.total for energy in answer.slowed]), 0.0)
             worst = self._worst(excess)
-            weights = weights * np.where(excess[worst] > 0, 3.0, 1.0)
+            weights = weights * np.where(excess[worst] > 0, GROWTH, 1.0)
         else:
             worst = self._worst(totals)
             spread = totals[worst].std()
@@ -260,7 +306,7 @@ class RobustPlanner:
 
     def _minimised(self, answer: _Answer) -> dict[str, Any]:
         """What is minimised, how low it may be, and by how much it is off that: the energy itself has no bound then."""
-        value = answer.value(self.kind)
+        value = self._value(answer.totals)
         bound = None if answer.bound is None else min(answer.bound, value)
         gap = None if bound is None else 100 * (value - bound) / max(abs(value), 1e-12)
         kind = "global" if gap is not None and gap <= GLOBAL_GAP else "local"
@@ -286,16 +332,3 @@ def row_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, object
         "saving_loss_percent": share,
         "saving_joules": joules,
     }
-
-
-def _slowed(result: Result) -> Result:
-    """The evenly slowed move in the result's place: no other is cheaper under every model."""
-    slowed = result.baseline("scaled")
-    assert slowed is not None  # it is what the move was found dearer than
-    return replace(
-        result,
-        trajectory=slowed.trajectory,
-        energy=slowed.energy,
-        chosen="scaled",
-        message="no other move that was found is cheaper than the evenly slowed one under every model",
-    )

@@ -121,8 +121,9 @@ def _arm(
 ) -> tuple[Any, Any]:
     """The arm with its bodies, and the pairs of them that must not touch."""
     folders = [str(folder) for folder in (*packages, *Path(urdf).resolve().parents)]
-    model = named_apart(pin.buildModelFromUrdf(str(urdf)))
+    model = pin.buildModelFromUrdf(str(urdf))
     geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION, package_dirs=folders)
+    named_apart(model)  # the bodies are known by their names until here
     fixed = pin.neutral(model)
     for joint, value in locked:
         held = model.joints[model.getJointId(joint)]

@@ -116,7 +116,7 @@ def one(arm: Arm, seconds: float) -> Row:
         row.status, row.reason = document["status"], shortened(str(document.get("message", "")))
         row.seconds = document["seconds"]
         if (out / "trajectory.csv").is_file():
-            row.saving = (document.get("saving") or {}).get("loss_percent")
+            row.saving = saved(document.get("models") or [])
             row.assumed = dict(Counter(a["what"] for a in document.get("assumptions", []) if a["source"] == "assumed"))
             row.acceleration, row.broken = judged(robot, lock, out / "trajectory.csv")
             row.touching = judge.file(out / "trajectory.csv", 500).touching
@@ -160,6 +160,13 @@ def solved(
         last = (answer.stderr.strip() or "no answer").splitlines()[-1]
         document = {"status": "failed", "message": f"exit {answer.returncode}: {last}"}
     return {**document, "seconds": spent}
+
+
+def saved(models: Sequence[dict[str, Any]]) -> float | None:
+    """Of the loss of the evenly slowed move what is saved, %: the mean over the models that were planned under."""
+    planned = [row for row in models if ", friction " not in row["name"] and row["saving_joules"] is not None]
+    slowed = sum(row["loss"] + row["saving_joules"] for row in planned)
+    return 100 * sum(row["saving_joules"] for row in planned) / slowed if slowed > 0 else None
 
 
 def shortened(text: str) -> str:

@@ -63,7 +63,8 @@ def planned(plans: Sequence[Sequence[Mapping[str, Any]]], where: str) -> Rows:
     if not filled:
         raise BadInput(
             f"{where}: no planned trajectory; expected a message with joint_names and points (JointTrajectory, "
-            "RobotTrajectory, DisplayTrajectory or a goal that holds one)"
+            "RobotTrajectory, DisplayTrajectory or a goal that holds one; of standard moves, the trajectory.csv beside "
+            "them)"
         )
     out = joined([_rows(part, where) for part in filled[-1]])
     if len(filled) > 1:

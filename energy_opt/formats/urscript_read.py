@@ -70,7 +70,10 @@ def read_program(path: Path) -> list[Part]:
             mass, x, y, z = numbers
             payload = (mass, x, y, z)
         else:
-            raise BadInput(f"{path}: {name}({words[:40]}...): not a command of a followed motion")
+            raise BadInput(
+                f"{path}: {name}({words[:40]}...): not a command of a followed motion; expected quintic, servoj, rest "
+                "or set_payload (of standard moves, give the trajectory.csv beside the program)"
+            )
     end()
     if not out:
         raise BadInput(f"{path}: no motion in it")

@@ -69,11 +69,14 @@ def write(
 
 def table(found: Sequence[Evaluation]) -> str:
     """The motions side by side, for the terminal."""
-    names = [Path(evaluation.motion.name).name[-WIDTH + 1 :] for evaluation in found]
-    lines = [f"{'':<28}" + "".join(f"{name:>{WIDTH}}" for name in names)]
+    files = [Path(evaluation.motion.name) for evaluation in found]
+    alike = len({file.name for file in files}) < len(files)
+    names = ["/".join(file.parts[-2:]) if alike else file.name for file in files]
+    width = max(WIDTH, *(len(name) + 2 for name in names))
+    lines = [f"{'':<28}" + "".join(f"{name:>{width}}" for name in names)]
 
     def line(name: str, values: Sequence[float | None], digits: int = 3) -> None:
-        cells = "".join(f"{'-' if x is None else f'{x:.{digits}f}':>{WIDTH}}" for x in values)
+        cells = "".join(f"{'-' if x is None else f'{x:.{digits}f}':>{width}}" for x in values)
         lines.append(f"{name:<28}{cells}")
 
     line("duration [s]", [e.motion.trajectory.duration for e in found], 4)

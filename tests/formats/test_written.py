@@ -13,6 +13,8 @@ from urscript_arm import Controller
 
 import energy_opt as eo
 from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.evaluations.output import table
 from energy_opt.formats import read_trajectory, write
 from energy_opt.formats.cycle import without_jumps
 from energy_opt.formats.judging import CycleJudging, Judging, Window
@@ -222,6 +224,21 @@ def test_evaluate_from_python_under_several_models_side_by_side(panda: Robot) ->
     assert energy.by_effect["copper_loss"] == pytest.approx(np.trapezoid(loss, time), rel=1e-4)
     assert energy.standby == pytest.approx(2 * 88.04)
     assert found.found[1].energies["source-method-2"].standby == pytest.approx(4 * 88.04)
+    two = [
+        replace(e, motion=replace(e.motion, name=f"{folder}/trajectory.csv"))
+        for folder, e in zip(("declared", "diagnosed"), found.found, strict=True)
+    ]
+    assert table(two).splitlines()[0].split() == ["declared/trajectory.csv", "diagnosed/trajectory.csv"]
+
+
+def test_standard_moves_have_their_motion_in_a_file_beside_them(tmp_path: Path) -> None:
+    """Their timing is the controller's own."""
+    joints = ", ".join(f"j{k}" for k in range(6))
+    (tmp_path / "moves.script").write_text(f"# {joints}\n  local start = [0,0,0,0,0,0]\n  movej([1,0,0,0,0,0])\n")
+    (tmp_path / "moves.yaml").write_text("format: energy-opt/moves/1\nmoves:\n- to: [1.0]\n")
+    for name in ("moves.script", "moves.yaml"):
+        with pytest.raises(BadInput, match=r"standard moves.*trajectory\.csv beside"):
+            eo.evaluate(tmp_path / name, "ur5e")
 
 
 def test_a_recording_with_noise_is_smoothed(panda: Robot, tmp_path: Path) -> None:

@@ -42,6 +42,7 @@ OTHER = 1000  # seeds that another way is away from the first
 LONGER = 1.0, 1.05, 1.2  # times a shortest duration that is named, until what is named works
 CONFIRMING = 10.0  # [s] of CPU after which only the longest is tried; after three times that, none
 BEYOND = 1.0, 1.01, 1.05  # times that which have to work too
+AT_REST = 1e-6  # [rad/s^2] an acceleration that is none
 
 Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
@@ -126,6 +127,13 @@ class Planner:
         """A planner of the same moves that uses these shares of the limits' bounds, by their names; builds nothing."""
         out = copy(self)
         out._shares, out._begun = shares, list(self._begun)
+        return out
+
+    def as_ending(self, trajectory: Trajectory) -> Planner:
+        """A planner of the same moves that begin and end with any acceleration where this one does; builds nothing."""
+        out = copy(self)
+        if np.any(np.abs(trajectory.acceleration[[0, -1]]) > AT_REST):
+            out.settings = replace(self.settings, end_acceleration="free")
         return out
 
     def instead(self, result: Result, move: Move, trajectory: Trajectory) -> Result:

@@ -150,8 +150,10 @@ class RobustPlanner:
 
         def find(planner: Planner, known: list[Trajectory]) -> Result:
             # Weights are prices of what a move costs beyond the evenly slowed one, which is of the same duration.
-            held = move if not known or self.kind == "worst" else replace(move, duration=known[-1].duration)
-            return planner.solve(held, [*warm, *known], progress.left)
+            if not known or self.kind == "worst":
+                return planner.solve(move, [*warm, *known], progress.left)
+            held = replace(move, duration=known[-1].duration)
+            return planner.as_ending(known[-1]).solve(held, [*warm, *known], progress.left)
 
         best = self._least(find, progress.ended, move)
         return self._stated(self._or_even(move, best))
@@ -165,7 +167,7 @@ class RobustPlanner:
             if b.name in names and b.valid
         ]
         value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
-        if baseline is None or (not best.dearer().any() and self._value(best.totals) <= value):
+        if baseline is None or not (best.dearer().any() or exceeds(self._value(best.totals), value)):
             return best
         message = "no other move that was found is cheaper than the evenly slowed one under every model"
         found = self._planner.instead(best.result, move, baseline.trajectory)

@@ -66,7 +66,7 @@ class Row:
         if self.status == "refused":
             return bool(self.reason)
         good = self.broken is not None and self.broken <= ALLOWED and self.touching == 0
-        return self.status == "solved" and good and (self.acceleration or np.inf) <= BELIEVABLE
+        return self.status == "solved" and good and (self.acceleration or np.inf) <= BELIEVABLE * (1 + ALLOWED)
 
 
 @dataclass(frozen=True)

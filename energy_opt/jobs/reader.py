@@ -57,6 +57,9 @@ class Reader:
         """A pose of the tool, or positions within the position limits, by name or as they are."""
         if isinstance(value, str) and value in self.poses:
             return self.poses[value]
+        named = self.document.get("poses")
+        if self.faults and isinstance(named, Mapping) and isinstance(value, str) and value in named:
+            return None  # what is wrong with it has been said
         if isinstance(value, str) and not ("," in value or value.endswith(SUFFIXES)):
             self.faults.append(f"{where}: unknown pose {value!r}{near(value, self.poses)}; [poses] names them")
             return None

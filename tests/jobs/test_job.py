@@ -260,3 +260,15 @@ def test_a_pose_in_a_new_scene_is_named_with_its_step(panda: Robot, tmp_path: Pa
     (tmp_path / "scene.yaml").write_text(f"objects:\n  - {POST.replace('0.5, 0.1, 0.25', '0.37, -0.47, 0.5')}\n")
     with pytest.raises(Infeasible, match=r"^over, at its end: .*post"):
         run_job(load_job(_written(tmp_path, AROUND), lambda _: panda), source_method_2())
+
+
+def test_a_pose_at_fault_is_named_once(tmp_path: Path) -> None:
+    """Not again as an unknown pose by each step that goes there."""
+    text = "\n".join([
+        'format = "energy-opt/job/1"', 'robot = "panda"', "cycle_time = 5", 'home = "a"', "[poses]",
+        "a = [9, -0.785, 0, -2.356, 0, 1.571, 0.785]", "[[step]]", 'to = "a"', "[[step]]", 'to = "nowhere"',
+    ])  # fmt: skip
+    with pytest.raises(BadInput) as caught:
+        load_job(_written(tmp_path, text), load_robot)
+    said = str(caught.value)
+    assert "outside its position limits" in said and "unknown pose 'a'" not in said and "unknown pose 'nowhere'" in said

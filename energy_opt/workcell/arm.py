@@ -39,6 +39,7 @@ SOLVED = (1.0, 1.35, 2.0, 3.2)  # and those at which a move is optimized before 
 SAME = 1e-6  # relative: durations nearer than this are one
 BLEND, ROOM = 4e-3, 1.05  # [s] over which the acceleration rises at a move's ends, and that in jerk-limited ramps
 WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and limits are kept by all files
+USED = dict.fromkeys(("velocity", "acceleration", "jerk", "effort"), 0.9999)  # of limits: programs round numbers, too
 AT_ENDS = 1e-6  # [rad/s^2] of acceleration at a move's ends that counts as none
 MOTORS = "motors"  # the mode in which the motors hold the arm
 AT_REST = np.linspace(0, 1, 3)  # samples of a wait
@@ -99,7 +100,7 @@ class Arm:
             self.job = self.job.at(chosen)
         if cell.supply is not None:  # what brakes is lost in a resistor, unless another arm takes it
             model = model.replaced(Regeneration(efficiency=0.0))
-        self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped)
+        self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped, USED)
         self.worker.check_poses()
         self._known: dict[tuple[object, ...], ArmMove] = {}
         limits = self.job.robot.limits

@@ -12,7 +12,13 @@ import pytest
 import tomli_w
 from cell_checker import faults_of_schedule
 
+from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
+from energy_opt.front.given import source_model
+from energy_opt.motion import Settings
+from energy_opt.robot import load_robot
+from energy_opt.workcell.arm import Arm
+from energy_opt.workcell.file import load_workcell
 
 
 def run(folder: Path, document: dict, *options: str) -> tuple[int, dict]:
@@ -117,3 +123,22 @@ def test_an_arm_takes_its_steps_in_the_shortest_order_and_waits_where_it_pays(tm
     assert levers["order"] < levers["modes"] * 0.999
     waits = {s["name"]: s["duration"] for s in found["robots"][0]["steps"] if s["mode"]}
     assert "to wait at up" in names and waits["wait after to wait at up"] == max(waits.values())
+
+
+def test_moves_leave_room_for_the_rounding_of_programs(tmp_path: Path) -> None:
+    file = tmp_path / "cell.toml"
+    there, back = [1.2, -1.0, 1.3, -1.9, -1.5, 0.5], [0, -1.5, 1.6, -1.7, -1.5, 0]
+    steps = [{"name": "there", "to": there}, {"name": "back", "to": back}]
+    robot = {"name": "a", "robot": "ur5e", "step": steps}
+    file.write_bytes(tomli_w.dumps({"format": "energy-opt/job/2", "cycle_time": 6.0, "robot": [robot]}).encode())
+    cell = load_workcell(file)
+    arm = Arm(cell, cell.robot[0], file, load_robot, lambda name, robot: source_model(robot), Settings(starts=1),
+              CellRequest(self_collision=False), lambda: False)  # fmt: skip
+    move = arm.moves[0]
+    assert arm.optimize(move, 1.02 * move.shortest)
+    limits = arm.job.robot.limits
+    for answer in move.answers.values():
+        t = answer.trajectory
+        _, v, a, _ = t.sample(np.linspace(t.time[0], t.time[-1], 4001))
+        used = max(np.abs(v / limits.velocity).max(), np.abs(a / limits.acceleration).max())
+        assert 0.9 < used < 0.99999

@@ -194,7 +194,7 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
     # one supply may take less than the robots' own: the bound is of one that loses nothing
     assert 0.5 * found["energy_total"] < found["bound"] <= found["energy_total"] - found["supply"]["lost"] + 1.0
     assert found["optimality"]["lower_bound"] == found["bound"]
-    assert found["energy_total"] <= found["supply"]["energy_own"]
+    assert found["energy_total"] <= found["supply"]["energy_own"] * (1 + 1e-14)  # sums in another order
     from cell_circuit import cycle_of
 
     measured = cycle_of(document, tmp_path / "out", 0.0036, 88.04)  # at a meter, by a circuit of its own

@@ -78,7 +78,7 @@ def test_masses_written_otherwise_are_the_same(tmp_path: Path) -> None:
         (ball().replace('<sphere radius="0.15"/>', '<box size="-0.3 0.1 0.1"/>'), "size='-0.3 0.1 0.1'"),
         (ball().replace('<sphere radius="0.15"/>', ""), "holds nothing"),
         (ball().replace("collision>", "colision>"), "<colision> is not read"),
-        (ball().replace("<origin", "<orgin"), "<orgin> is not read"),
+        (ball(xyz="0 0 0.1").replace("<origin", "<orgin"), "<orgin> is not read"),
         (ball().replace("xyz=", "quat_xyzw="), "'quat_xyzw' is not known"),
         (ball().replace("</geometry>", '<box size="1 1 1"/></geometry>'), "holds <sphere>, <box>"),
         (ball().replace("<origin", '<origin xyz="0 0 1"/><origin'), "<origin> is given 2 times"),

@@ -36,7 +36,7 @@ from energy_opt.motion.trajectory import Trajectory
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
 PROMISING = 0.01  # of the cost
 ALONE = 1.15  # ratio of durations from which one is solved as a single move is
-BUMP = 0.005  # of the cost: where a front is so little above the line between neighbours, it may be its own curve
+BUMP = 0.001  # of the cost: where a front is so little above the line between neighbours, it may be its own curve
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from energy_opt.effects import Payload
 from energy_opt.errors import Infeasible
 from energy_opt.formats import write
 from energy_opt.motion import Move, Planner, Settings, Trajectory
+from energy_opt.motion.judge.clearance import cell_beside
 from energy_opt.motion.path import JointPath, through
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.result import Result
@@ -163,7 +164,8 @@ def answered(planner: Planner, problem: Problem, given: JointPath | None, plain:
         seconds = time.process_time() - begin
         return {"kind": problem.kind, "status": "infeasible", "seconds": seconds, "message": str(error)}
     row = {"kind": problem.kind, **_stated(result), "seconds": time.process_time() - begin}
-    row["verdict"], _ = judged(problem.cell, result.trajectory)
+    cell = problem.cell if given is None else cell_beside(problem.cell, given)  # what a given path may come near
+    row["verdict"], _ = judged(cell, result.trajectory)
     row["touching"] = seen(problem.robot, problem.scene, result.trajectory)
     scaled = result.baseline("scaled")
     if scaled is not None:

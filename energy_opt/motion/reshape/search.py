@@ -41,7 +41,6 @@ WIDTHS, ROUGHLY = (3.0, 1.7), 20  # and on the way from there to an answer, with
 RUNG = 1.5  # ratio of the durations at which starts are solved
 KEPT, WORTH_KEEPING = 5, 2.0  # so many valleys are compared at the move's own duration, if so near the best
 REFINED, WORTH_REFINING = 2, 1.03  # so many of these are solved in full, if so near the best
-FEW = 8  # starts of which the best optimum is first asked about
 EXACT = 1e-6  # share of a bound that the answer may exceed it by while it is searched
 MENDABLE = 0.05  # more control points may still mend an excess up to this share of a bound
 
@@ -107,16 +106,13 @@ class Reshaper:
         Args:
             lines: first guesses, at least one; the first is bent, the others are solved as they are.
             kept: what was found before for other durations of the same move, and is added to.
-            worth: whether a curve near the best optimum of a few starts is worth more of them, and to be solved in
-                full; else what was found is given as it is. None: always.
+            worth: whether a curve near the best optimum is to be solved in full; else what was found is given as it is.
+                None: always.
         """
         kept = {} if kept is None else kept
-        optima, used, spent = self.optima(task, lines, min(starts, FEW if worth else starts), seed, stopped, kept)
-        if worth:
-            if optima[0].broken <= MENDABLE and not worth(optima[0].curve):
-                return Answer(None, used, spent, tuple(optima), False)
-            optima, more, again = self.optima(task, lines, starts, seed, stopped, kept)
-            used, spent = used + more, spent + again
+        optima, used, spent = self.optima(task, lines, starts, seed, stopped, kept)
+        if worth and optima[0].broken <= MENDABLE and not worth(optima[0].curve):
+            return Answer(None, used, spent, tuple(optima), False)
         best, more = self.refined(task, optima, stopped)
         return Answer(best, used, spent + more, tuple(optima))
 

@@ -177,8 +177,24 @@ class Trajectory:
         time = np.append(marks[keep], last)
         now, then = (self._summed(self.time[0] + t) for t in (time, time - width))
         q, v, a = (np.asarray((x - y) / width, dtype=float) for x, y in zip(now, then, strict=True))
+        still = self._still(time - width, time)  # exactly, not but for rounding
+        q[still], v[still], a[still] = (
+            self.sample(np.clip(self.time[0] + time[still], *self.time[[0, -1]]))[0],
+            0.0,
+            0.0,
+        )
         q[[0, -1]], v[[0, -1]], a[[0, -1]] = self.position[[0, -1]], 0.0, 0.0
         return Trajectory(self.joints, time, q, v, a)
+
+    def _still(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Whether the arm stands still from `begin` to `end`, times [s] (M,) after the first sample: (M,) of bool."""
+        at_rest = ~(self.velocity.any(axis=1) | self.acceleration.any(axis=1))
+        moves = (self.position[:-1] != self.position[1:]).any(axis=1) | ~at_rest[:-1] | ~at_rest[1:]
+        moved = np.concatenate([[0], np.cumsum(moves)])
+        time = self.time - self.time[0]
+        first = np.clip(np.searchsorted(time, begin + CLOSEST, side="right") - 1, 0, len(moves))
+        after = np.clip(np.searchsorted(time, end - CLOSEST, side="left"), 0, len(moves))
+        return moved[after] <= moved[first]
 
     def _summed(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Integral of the position from the first row on, position and velocity (M, n); at rest beyond both ends."""

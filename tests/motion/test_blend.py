@@ -42,9 +42,12 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return load_robot(Path(urdf))
 
 
-def _optimized(arm: Robot) -> Result:
+def _optimized(arm: Robot, max_duration: float | None = None) -> Result:
     """Under the two models of the default."""
-    return optimize(arm, start=MOVE.start, goal=MOVE.goal, starts=1, controls=16, compile="never", self_collision=False)
+    return optimize(
+        arm, start=MOVE.start, goal=MOVE.goal, max_duration=max_duration, starts=1, controls=16, compile="never",
+        self_collision=False,
+    )  # fmt: skip
 
 
 def test_shares_cost_least_among_means_that_hold() -> None:
@@ -91,3 +94,10 @@ def test_the_evenly_slowed_move_is_answered_with_its_own_certificate(
     assert even is not None and np.array_equal(even.trajectory.position, result.trajectory.position)
     other = Planner(arm, source_method_2()).certify(result.trajectory, MOVE)
     assert result.certificate.max_violation == pytest.approx(other.max_violation, rel=1e-9)
+
+
+def test_the_longest_duration_is_kept_where_several_models_share_the_plan(arm: Robot) -> None:
+    free = _optimized(arm)
+    most = 1.5 * free.trajectory.duration
+    held = _optimized(arm, max_duration=most)
+    assert held.status == "solved" and held.trajectory.duration <= most

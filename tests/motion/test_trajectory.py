@@ -195,3 +195,17 @@ def test_a_mean_over_time_is_smoother_and_nowhere_faster() -> None:
     _, v1, a1, j1 = out.sample(out.denser(10))
     assert np.abs(v1).max() <= 1.5 and np.abs(a1).max() <= 6 * (1 + 1e-9)
     assert np.abs(j1).max() == pytest.approx(6 / width, rel=1e-3)
+
+
+def test_a_mean_over_time_stands_exactly_still_where_the_motion_does() -> None:
+    x = np.linspace(0, 1, 41)[:, None]
+    q, v, a = x**2 * (3 - 2 * x) / 3 + 0.1, 2 * x * (1 - x), 2 - 4 * x
+    time = np.concatenate([x[:, 0], 1 + x[1:, 0], 2 + x[1:, 0]])  # there, a wait of a second, and on
+    waits = np.zeros((40, 1))
+    q = np.vstack([q, np.repeat(q[-1:], 40, axis=0), q[1:] + 1 / 3])
+    out = Trajectory(("a",), time, q, np.vstack([v, waits, v[1:]]), np.vstack([a * (x < 1), waits, a[1:]])).averaged(
+        0.02
+    )
+    inside = (out.time >= 1.025) & (out.time <= 1.97)
+    assert inside.sum() > 70 and (out.position[inside] == q[40]).all() and not out.velocity[inside].any()
+    assert out.time[(out.position == q[40]).all(axis=1)].min() > 1 and not out.acceleration[inside].any()

@@ -152,7 +152,7 @@ class RobustPlanner:
             # Weights are prices of what a move costs beyond the evenly slowed one, which is of the same duration.
             if not known or self.kind == "worst":
                 return planner.solve(move, [*warm, *known], progress.left)
-            held = replace(move, duration=known[-1].duration)
+            held = replace(move, duration=known[-1].duration, max_duration=None)
             return planner.as_ending(known[-1]).solve(held, [*warm, *known], progress.left)
 
         best = self._least(find, progress.ended, move)

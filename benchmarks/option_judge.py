@@ -115,9 +115,10 @@ def judge_cycle(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
     at = 0
     for point in asked["passes"]:
         off = np.abs(q[at:] - point).max(axis=1)
-        near = np.flatnonzero(off <= PASSED)  # the way back may come nearer than the way there
+        reach = PASSED + 0.5 * np.abs(np.diff(q[at:], axis=0, append=q[-1:])).max(axis=1)  # it is between two samples
+        near = np.flatnonzero(off <= reach)  # the way back may come nearer than the way there
         at += int(near[0]) if near.size else 0
-        holds("pass", float(off.min()) - PASSED)
+        holds("pass", float((off - reach).min()))
     still = np.abs(np.diff(q, axis=0)).max(axis=1) == 0
     waits = float(np.diff(t)[still].sum())
     if waits < asked["wait"] * 0.9:  # jumps of the acceleration are spread at their cost

@@ -100,6 +100,8 @@ def sampled(trajectory: Trajectory, judge: Judging, form: Format, rate: float | 
         return fitted(trajectory, rate, judge)
     if form.name == "urscript":
         found = lowest(trajectory, judge)
+        if found == urscript.STREAM_RATE:  # at which the program sends positions, and no quintics between them
+            return sampled(trajectory, judge, form, found)
         if found is not None:
             return Sampled(resampled(trajectory, found), found)
     return Sampled(trajectory, None)

@@ -44,10 +44,10 @@ def holding_power(scorer: Scorer, q: np.ndarray) -> np.ndarray:
     return power
 
 
-def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit]) -> Front:
-    """The front of a leg; `timing` is its fastest."""
+def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], most: float) -> Front:
+    """The front of a leg up to a duration of `most` [s]; `timing` is its fastest."""
     robot, model = scorer.robot, scorer.model
-    shortest, longest = max(timing.duration, leg.least), min(leg.most, LONGEST * timing.duration)
+    shortest, longest = max(timing.duration, leg.least), min(leg.most, LONGEST * timing.duration, most)
     holding = float(holding_power(scorer, leg.path(np.linspace(0, 1, SAMPLES))).mean())
     if not leg.path.moves:
         return Front(shortest, shortest, holding, lambda price: Solved(shortest, holding * shortest, None))

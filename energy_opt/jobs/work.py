@@ -96,9 +96,9 @@ class Worker:
         planner = self.planner(leg)
         return fastest_timing(self.job.robot, self.scorers.of(leg.step).model, leg, planner.limits())
 
-    def front(self, leg: Leg, timing: Timing) -> Front:
-        """The leg's front over the timing of its first path."""
-        return front_of(leg, timing, self.scorers.of(leg.step), self.planner(leg).limits())
+    def front(self, leg: Leg, timing: Timing, most: float) -> Front:
+        """The leg's front over the timing of its first path, up to a duration of `most` [s]."""
+        return front_of(leg, timing, self.scorers.of(leg.step), self.planner(leg).limits(), most)
 
     def slowed(self, leg: Leg, timing: Timing, duration: float, name: str = "scaled") -> Answer:
         """The leg's fastest timing, slowed evenly; not solved where it is beyond a limit."""

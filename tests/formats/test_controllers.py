@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -101,6 +102,26 @@ def test_a_rate_that_does_not_hold_is_slowed_or_replaced(bend: tuple[Trajectory,
     for rate in (0, -1, np.inf, 1e9):
         with pytest.raises(BadInput, match="expected samples per second"):
             resampled(curve, rate)
+
+
+def test_a_program_at_the_controllers_own_rate_is_judged_as_positions(ur5: Robot, model: PowerModel) -> None:
+    """Quintics between samples hold from 500 Hz on; positions at 500 Hz hold where the motion is slowed a little."""
+    curve = swing(ur5.joints, UR_START, UR_GOAL, 1.2347)
+
+    class Judge:
+        scorer = Scorer(ur5, model)
+
+        def __call__(self, trajectory: Trajectory) -> Any:
+            return SimpleNamespace(valid=len(trajectory.time) > 500 * trajectory.duration)
+
+        def at_steps(self, trajectory: Trajectory, rate: float) -> Any:
+            assert rate == 500
+            held = trajectory.duration > 1.01 * curve.duration
+            return SimpleNamespace(valid=held, within_limits=held, violation=0.01)
+
+    (form,) = output.wanted(["urscript"])
+    got = output.sampled(curve, Judge(), form, None)  # type: ignore[arg-type]
+    assert got.rate == 500 and 1.01 < got.trajectory.duration / curve.duration < 1.03
 
 
 def test_all_formats_at_a_rate(tmp_path: Path, bend: tuple[Trajectory, Scorer], panda: Robot) -> None:

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import energy_opt as eo
-from energy_opt.batches.rows import read_parquet
+from energy_opt.batches.records import read_parquet
 from energy_opt.cli.main import main
 from energy_opt.files import read_table
 

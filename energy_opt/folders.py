@@ -49,7 +49,7 @@ def take_folder(out: Path) -> None:
 def _locked(out: Path) -> tuple[int, list[Path]]:
     """A descriptor that locks a folder, and the folders that were made for it, innermost first."""
     while True:
-        made = [folder for folder in (out, *out.parents) if not folder.exists()]
+        created = [folder for folder in (out, *out.parents) if not folder.exists()]
         out.mkdir(parents=True, exist_ok=True)
         handle = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
         try:
@@ -60,17 +60,17 @@ def _locked(out: Path) -> tuple[int, list[Path]]:
         except OSError:  # not here
             pass
         if out.exists() and os.path.samestat(os.fstat(handle), out.stat()):
-            return handle, made
+            return handle, created
         os.close(handle)  # another run, which wrote nothing, has just removed it
 
 
 def leave_folder(out: Path) -> None:
     """Let others write into a folder that was taken; if it was made for that and is empty, it goes."""
     try:
-        handle, made = _taken.pop(Path(out).resolve())
+        handle, created = _taken.pop(Path(out).resolve())
     except (KeyError, OSError, ValueError):
         return
-    for folder in made:
+    for folder in created:
         try:
             folder.rmdir()
         except OSError:  # something is in it

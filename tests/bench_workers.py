@@ -6,7 +6,7 @@ import os
 import signal
 import time
 
-from energy_opt.batches.rows import identity
+from energy_opt.batches.records import identity
 
 
 def known(task):

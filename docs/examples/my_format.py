@@ -5,24 +5,24 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.formats import FORMATS, Format, Rows
+from energy_opt.formats import FORMATS, Format, Samples
 from energy_opt.motion.trajectory import Trajectory
 
 
-def read(path: Path) -> Rows:
+def read(path: Path) -> Samples:
     """Waypoints of named joints."""
     names, *lines = path.read_text(encoding="utf-8").splitlines()
     try:
         position = np.array([[float(word) for word in line.split()] for line in lines])
     except ValueError as error:
         raise BadInput(f"{path}: {error}") from None
-    return Rows(str(path), tuple(names.split()), position)
+    return Samples(str(path), tuple(names.split()), position)
 
 
 def write(trajectory: Trajectory, path: Path) -> None:
     """The positions of every row."""
-    rows = [" ".join(f"{x:.9g}" for x in row) for row in trajectory.position]
-    path.write_text("\n".join([" ".join(trajectory.joints), *rows]) + "\n", encoding="utf-8")
+    lines = [" ".join(f"{x:.9g}" for x in row) for row in trajectory.position]
+    path.write_text("\n".join([" ".join(trajectory.joints), *lines]) + "\n", encoding="utf-8")
 
 
 FORMATS["text"] = Format("text", ".joints", "positions as plain text", read, write)

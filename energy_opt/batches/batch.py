@@ -12,7 +12,7 @@ from typing import Any
 from energy_opt.batches.executors import cluster, local
 from energy_opt.batches.journal import Journal, read_journal
 from energy_opt.batches.progress import Progress
-from energy_opt.batches.rows import Record, Row, write_parquet
+from energy_opt.batches.records import Record, Row, write_parquet
 from energy_opt.batches.runner import Solver, run_tasks
 from energy_opt.batches.suite import Suite
 from energy_opt.batches.summary import summarize
@@ -31,13 +31,13 @@ class Batch(Found):
     """A batch as far as it came.
 
     Attributes:
-        rows: a record of every move, in the order of the suite. summary: summary.json.
+        records: a record of every move, in the order of the suite. summary: summary.json.
         interrupted: stopped early; resuming does what is left.
         left_out: earlier records that belong to another version of the suite.
         out: the folder of its results. request: what was asked, where that is known.
     """
 
-    rows: list[Row]
+    records: list[Row]
     summary: dict[str, Any]
     interrupted: bool
     left_out: int
@@ -128,7 +128,7 @@ def run_batch(
                 if record["key"] in wanted:
                     records.setdefault(record["key"], record)
         progress.show(last=True)
-        rows = [records[key]["row"] for key in wanted if key in records]
+        found = [records[key]["row"] for key in wanted if key in records]
         run = {
             "jobs": None if scheduler else jobs,
             "scheduler": scheduler,
@@ -138,11 +138,11 @@ def run_batch(
             "command": command,
         }
         log.info("writing results.parquet, report.html and summary.json")
-        summary = summarize(rows, len(wanted), run, worth)
-        write_parquet(Path(out) / "results.parquet", rows)
-        write_report(Path(out) / "report.html", rows, summary)
+        summary = summarize(found, len(wanted), run, worth)
+        write_parquet(Path(out) / "results.parquet", found)
+        write_report(Path(out) / "report.html", found, summary)
         write_json(Path(out) / "summary.json", summary)
-    return Batch(rows, summary, interrupted, left_out, Path(out))
+    return Batch(found, summary, interrupted, left_out, Path(out))
 
 
 def _said(row: Row) -> str:

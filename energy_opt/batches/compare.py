@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.batches.rows import IDENTITY, Row, read_parquet
+from energy_opt.batches.records import IDENTITY, Row, read_parquet
 from energy_opt.batches.summary import DEFECT, grouped
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text
@@ -32,7 +32,7 @@ def compare(old: Path, new: Path) -> dict[str, Any]:
     Raises:
         BadInput: a path holds no results, or the two have no move in common.
     """
-    before, after = (_rows(path) for path in (old, new))
+    before, after = (_records(path) for path in (old, new))
     keys = [key for key in before if key in after]
     if not keys:
         raise BadInput(f"{old} and {new} have no move in common: nothing to compare")
@@ -54,7 +54,7 @@ def compare(old: Path, new: Path) -> dict[str, Any]:
     }
 
 
-def _rows(path: Path) -> dict[tuple[Any, ...], Row]:
+def _records(path: Path) -> dict[tuple[Any, ...], Row]:
     file = path / "results.parquet" if path.is_dir() else path
     return {tuple(row[name] for name in IDENTITY): row for row in read_parquet(file)}
 

@@ -33,7 +33,7 @@ _MOVE = ("name", "start", "goal", "via", "path", "durations", *OF_POSES)
 
 @dataclass(frozen=True)
 class Group:
-    """A checked table: what a product of rows is made of.
+    """A checked table: whose product is a list of moves.
 
     moves are (name, table, own durations), random ones (count, seed, range).
     """
@@ -156,12 +156,12 @@ def _model(name: Any, files: Files, faults: Faults) -> tuple[str, PowerModel | N
         return None
 
 
-def _moves(rows: Any, faults: Faults) -> list[tuple[str, Mapping[str, Any], list[Duration]]]:
-    if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
+def _moves(tables: Any, faults: Faults) -> list[tuple[str, Mapping[str, Any], list[Duration]]]:
+    if not isinstance(tables, list) or not all(isinstance(row, Mapping) for row in tables):
         faults.add("moves", "is not a list of [[moves]] tables")
         return []
     out = []
-    for number, row in enumerate(rows, start=1):
+    for number, row in enumerate(tables, start=1):
         name = row.get("name", f"move{number:02d}")
         where = f"moves {number}"
         before = len(faults.lines)

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
-from energy_opt.batches.rows import Record
+from energy_opt.batches.records import Record
 from energy_opt.errors import BadInput
 from energy_opt.files import plain
 from energy_opt.results import earlier, no_folder_in_the_way, no_other_verb

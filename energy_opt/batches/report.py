@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.batches.rows import IDENTITY, Row
+from energy_opt.batches.records import IDENTITY, Row
 from energy_opt.batches.summary import grouped
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.charts import Chart
@@ -29,12 +29,12 @@ HEADS = {
 LISTED = 200  # failures that the page lists; all are in results.parquet
 
 
-def write_report(path: Path, rows: Sequence[Row], summary: dict[str, Any]) -> None:
+def write_report(path: Path, records: Sequence[Row], summary: dict[str, Any]) -> None:
     """Write the page."""
     report = Report(f"Batch {summary['suite']}")
     counts = ", ".join(f"{count} {status}" for status, count in sorted(summary["status"].items()))
-    report.headline(f"{len(rows)} of {summary['moves']} moves done: {counts or 'none'}.")
-    _numbers(report, rows)
+    report.headline(f"{len(records)} of {summary['moves']} moves done: {counts or 'none'}.")
+    _numbers(report, records)
     if "per_year" in summary:
         report.text(
             f"The batch {per_year_words(summary['per_year'], summary['per_year']['cycles_per_year'])}, each move once."
@@ -42,7 +42,7 @@ def write_report(path: Path, rows: Sequence[Row], summary: dict[str, Any]) -> No
     if not summary["complete"]:
         report.warning("The batch is not complete; --resume does what is left.")
     _failures(report, summary["failures"])
-    _savings(report, summary["savings"], rows)
+    _savings(report, summary["savings"], records)
     if summary["proxies"]:
         report.section("Other objectives against energy")
         report.text("How much more loss is left where another quantity is minimised, on the same move and duration.")
@@ -81,9 +81,9 @@ def _heads(names: Iterable[str]) -> list[str]:
     return [HEADS.get(name, name) for name in names]
 
 
-def _numbers(report: Report, rows: Sequence[Row]) -> None:
+def _numbers(report: Report, records: Sequence[Row]) -> None:
     """Mean and worst saving over all moves."""
-    saved = [row["saving_loss_percent"] for row in rows if row["saving_loss_percent"] is not None]
+    saved = [row["saving_loss_percent"] for row in records if row["saving_loss_percent"] is not None]
     if saved:
         report.numbers(
             {"of the loss saved, mean": f"{np.mean(saved):.3g} %", "at worst": f"{min(saved):.3g} %",
@@ -103,7 +103,7 @@ def _failures(report: Report, failures: Sequence[dict[str, Any]]) -> None:
         report.text(f"... and {len(failures) - LISTED} more.")
 
 
-def _savings(report: Report, savings: Sequence[dict[str, Any]], rows: Sequence[Row]) -> None:
+def _savings(report: Report, savings: Sequence[dict[str, Any]], records: Sequence[Row]) -> None:
     report.section("Savings at equal duration")
     if not savings:
         report.text("None: no move was solved.")
@@ -122,7 +122,7 @@ def _savings(report: Report, savings: Sequence[dict[str, Any]], rows: Sequence[R
     charts = []
     for label, column in (("loss saved [%]", "saving_loss_percent"), ("solve time [s]", "solve_seconds")):
         spread = {}
-        for key, group in grouped(rows, ("robot", "mode", "objective")).items():
+        for key, group in grouped(records, ("robot", "mode", "objective")).items():
             data = np.array([row[column] for row in group if row[column] is not None])
             if data.size:
                 spread[" ".join(key)] = data

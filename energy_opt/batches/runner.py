@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED as FIRST
 from concurrent.futures import BrokenExecutor, CancelledError, Future, wait
 
 from energy_opt.batches.executors import Opener, local
-from energy_opt.batches.rows import Record, failed
+from energy_opt.batches.records import Record, failed
 from energy_opt.batches.task import Task
 from energy_opt.batches.work import solve_task
 from energy_opt.errors import EnergyOptError

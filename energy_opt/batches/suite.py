@@ -57,7 +57,7 @@ COMPILE_FROM = 20  # tasks on one built problem from which a compiler pays for i
 
 @dataclass(frozen=True)
 class Suite:
-    """A suite with everything resolved; `tasks` are the rows of its results, in order."""
+    """A suite with everything resolved; `tasks` in the order of its results."""
 
     name: str
     path: Path
@@ -163,7 +163,7 @@ def _unknown(table: Mapping[str, Any], where: str, faults: Faults) -> None:
 
 
 def _product(suite: str, group: Group, at: int, files: Files, faults: Faults) -> Iterator[Task]:
-    """All rows of a group, in the order robot, move, mode, duration, payload, model, objective."""
+    """All records of a group, in the order robot, move, mode, duration, payload, model, objective."""
     for source, robot in group.robots:
         models = []
         for name, given in group.models:

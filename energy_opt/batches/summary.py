@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.batches.rows import IDENTITY, Row
+from energy_opt.batches.records import IDENTITY, Row
 from energy_opt.motion.result import ROUNDING
 from energy_opt.power.per_year import PerYear
 
 PACKAGES = ("energy-opt", "casadi", "pin", "toppra", "numpy", "scipy")
-WORST = 5  # rows that a list of the worst holds
+WORST = 5  # records that a list of the worst holds
 DEFECT = 1e-6  # a violation beyond this share of a bound counts as one
 
 
@@ -30,38 +30,40 @@ def distribution(values: Iterable[float | None]) -> dict[str, float | int | None
     return {"count": data.size, "mean": float(data.mean()), **dict(zip(names, quantiles.tolist(), strict=True))}
 
 
-def grouped(rows: Iterable[Row], names: Sequence[str]) -> dict[tuple[Any, ...], list[Row]]:
-    """Rows by the values of some columns, in the order of first appearance."""
+def grouped(records: Iterable[Row], names: Sequence[str]) -> dict[tuple[Any, ...], list[Row]]:
+    """Records by the values of some columns, in the order of first appearance."""
     out: dict[tuple[Any, ...], list[Row]] = defaultdict(list)
-    for row in rows:
+    for row in records:
         out[tuple(row[name] for name in names)].append(row)
     return dict(out)
 
 
-def summarize(rows: Sequence[Row], expected: int, run: dict[str, Any], worth: PerYear | None = None) -> dict[str, Any]:
+def summarize(
+    records: Sequence[Row], expected: int, run: dict[str, Any], worth: PerYear | None = None
+) -> dict[str, Any]:
     """The summary of a batch.
 
     Args:
-        rows: in the order of the suite.
-        expected: how many the suite has; fewer rows mean an interrupted batch.
+        records: in the order of the suite.
+        expected: how many the suite has; fewer records mean an interrupted batch.
         run: what is to be said of this run itself (jobs, wall seconds, moves per second).
         worth: how often in a year all moves of the batch are made, each once.
     """
-    solved = [row for row in rows if row["status"] == "solved"]
+    solved = [row for row in records if row["status"] == "solved"]
     known = [row for row in solved if row["saving_total_percent"] is not None]
     saved = sum(row["energy_scaled"] - row["energy_total"] for row in known) if known else None
     return {
-        "suite": rows[0]["suite"] if rows else None,
-        "complete": len(rows) == expected,
+        "suite": records[0]["suite"] if records else None,
+        "complete": len(records) == expected,
         "moves": expected,
-        "status": dict(Counter(row["status"] for row in rows)),
+        "status": dict(Counter(row["status"] for row in records)),
         "failures": [
-            {name: row[name] for name in (*IDENTITY, "status", "error")} for row in rows if row["status"] != "solved"
+            {name: row[name] for name in (*IDENTITY, "status", "error")} for row in records if row["status"] != "solved"
         ],
         "savings": _savings(solved),
         "proxies": _proxies(solved),
-        "times": _times(rows),
-        "certificates": _certificates(rows),
+        "times": _times(records),
+        "certificates": _certificates(records),
         **({} if worth is None else {"per_year": {**worth.of(saved), "cycles_per_year": worth.cycles_per_year}}),
         "run": run,
         "machine": machine(),
@@ -112,9 +114,9 @@ def _proxies(solved: Sequence[Row]) -> list[dict[str, Any]]:
     return out
 
 
-def _times(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def _times(records: Sequence[Row]) -> list[dict[str, Any]]:
     out = []
-    for (robot, mode), group in grouped(rows, ("robot", "mode")).items():
+    for (robot, mode), group in grouped(records, ("robot", "mode")).items():
         solve = [row["solve_seconds"] for row in group if row["solve_seconds"] is not None]
         build = [row["build_seconds"] for row in group if row["build_seconds"] is not None]
         if not solve:
@@ -135,8 +137,8 @@ def _times(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return out
 
 
-def _certificates(rows: Sequence[Row]) -> dict[str, Any]:
-    judged = [row for row in rows if row["max_violation"] is not None]
+def _certificates(records: Sequence[Row]) -> dict[str, Any]:
+    judged = [row for row in records if row["max_violation"] is not None]
     worst = sorted(judged, key=lambda row: -row["max_violation"])[:WORST]
     return {
         "judged": len(judged),

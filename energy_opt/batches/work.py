@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from energy_opt.batches.rows import Record, failed, filled, identity
+from energy_opt.batches.records import Record, failed, filled, identity
 from energy_opt.batches.task import Task
 from energy_opt.errors import EnergyOptError, Infeasible
 

@@ -47,10 +47,10 @@ class Bodies:
         self.moves = np.stack([a & ~b, b & ~a])
         self._rulers: dict[int, Ruler] = {}
         self._corners: dict[int, tuple[np.ndarray, float]] = {}
-        # pairs that a plane can be held between: convex bodies of which one stands still while joints move the other
+        # pairs that a plane can be held between: convex bodies of which one is fixed while joints move the other
         convex = np.array([body.solid.convex for body in bodies], dtype=bool)
-        sides = self.pairs.T
-        self.planar = convex[sides[0]] & convex[sides[1]] & ~self.moves[1].any(axis=1) & ~self.flat[sides[0]]
+        first, second = self.pairs.T
+        self.planar = convex[first] & convex[second] & ~self.moves[1].any(axis=1) & ~self.flat[first]
 
     def poses(self, q: np.ndarray, u: np.ndarray) -> Poses:
         """Frames of the links at q (K, n); u (K,) in [0, 1] along a move matters where other arms move (`moving`)."""
@@ -114,13 +114,13 @@ class Scenery:
                 self._placed[one] = placement(rotation[i], origin[i])
 
     def apart(self, k: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lower bounds (M,) [m] of pairs' distances from boxes around them (0: none), and the corners of both sides."""
+        """Lower bounds (M,) [m] of pairs' distances from boxes around them (0: none), and both boxes' corners."""
         b = self.bodies
-        sides = b.pairs[pair]
+        bodies = b.pairs[pair]
         boxes, low, high = [], [], []
         for side in (0, 1):
-            at = np.where(b.still[sides[:, side]], 0, k)  # what stays has one box for all configurations
-            key, back = np.unique(at * len(b.all) + sides[:, side], return_inverse=True)
+            at = np.where(b.still[bodies[:, side]], 0, k)  # what stays has one box for all configurations
+            key, back = np.unique(at * len(b.all) + bodies[:, side], return_inverse=True)
             box = self.corners(key // len(b.all), key % len(b.all))
             boxes.append(box[back])
             low.append(box.min(axis=1)[back])
@@ -128,9 +128,9 @@ class Scenery:
         gap = np.maximum(low[0] - high[1], low[1] - high[0]).clip(0)
         out = np.sqrt(np.sum(gap**2, axis=1))
         for side in (0, 1):
-            flat = np.flatnonzero(b.flat[sides[:, side]])
+            flat = np.flatnonzero(b.flat[bodies[:, side]])
             if len(flat):
-                plane = sides[flat, side]
+                plane = bodies[flat, side]
                 joint = b.joint[plane]
                 r = self.poses.rotation[k[flat], joint]
                 normal = np.matmul(r, b.rotation[plane, :, 2][:, :, None])[..., 0]

@@ -141,9 +141,9 @@ class Cell:
             whole = replace(whole, floor=request.floor)
         tool = tool_of(robot.body, request.tool)
         frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
-        made: dict[int, Solid] = {}
+        known: dict[int, Solid] = {}
         for placed in whole.placed(request.base_pose):
-            solid = made.setdefault(id(placed.shape), _shape(placed.shape))
+            solid = known.setdefault(id(placed.shape), _shape(placed.shape))
             things.append(_kept(placed, solid, frames))
         if request.payload_size is not None:
             at = pose_of(request.payload_at)
@@ -208,7 +208,7 @@ class Cell:
         return not self.distances(q, self.asked)
 
     def beside(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cell:
-        """The cell for a motion that is given, by its rows (N,) and (N, n).
+        """The cell for a motion that is given, by its samples (N,) and (N, n).
 
         Where no clearance was asked for and the given motion comes nearer than the default without touching anything,
         each such pair keeps half of the motion's own distance. Else it is this cell.
@@ -255,7 +255,7 @@ class Cell:
         acceleration: np.ndarray,
         wanted: np.ndarray | None = None,
     ) -> Clearance:
-        """Does the motion of these rows, (N,) and (N, n), touch anything, between rows too?"""
+        """Does the motion of these samples, (N,) and (N, n), touch anything, between samples too?"""
         curve = MotionCurve(time, position, velocity, acceleration)
         if wanted is None:
             wanted = self.wanted(position[[0, -1]])

@@ -1,8 +1,8 @@
-"""The curve that a trajectory's rows stand for, and bounds of how far it goes within any interval of time.
+"""The curve that a trajectory's samples describe, and bounds of how far it goes within any interval of time.
 
-Between rows it is the quintic through positions, velocities and accelerations. A polynomial lies within the hull of its
-Bernstein coefficients; their least and greatest over any range of rows come from tables of powers of two, so that an
-interval costs the same whether it spans one row or thousands. Only below one row a piece is cut itself.
+Between samples it is the quintic through positions, velocities and accelerations. A polynomial lies within the hull
+of its Bernstein coefficients; their least and greatest over any range of samples come from tables of powers of two, so
+that an interval costs the same whether it spans one sample or thousands. Only below one sample a piece is cut itself.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Spans:
 
 
 class MotionCurve:
-    """Time (N,) [s], position, velocity, acceleration (N, n) of a motion's rows."""
+    """Time (N,) [s], position, velocity, acceleration (N, n) of a motion's samples."""
 
     def __init__(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> None:
         h = np.diff(time)[:, None]
@@ -74,14 +74,14 @@ class MotionCurve:
         return out
 
     def _hold(self, time: np.ndarray, position: np.ndarray, bernstein: np.ndarray) -> None:
-        self.time, self.rows = time, len(time)
+        self.time, self.samples = time, len(time)
         self._position, self._bernstein = position, bernstein  # (6, pieces, n)
         self._low = _tables(self._bernstein.min(axis=0), np.minimum)
         self._high = _tables(self._bernstein.max(axis=0), np.maximum)
 
     def whole(self, pieces: int) -> Spans:
         """The whole curve as about `pieces` intervals."""
-        cuts = np.unique(np.linspace(0, self.rows - 1, min(pieces, self.rows - 1) + 1).astype(int))
+        cuts = np.unique(np.linspace(0, self.samples - 1, min(pieces, self.samples - 1) + 1).astype(int))
         return Spans(cuts[:-1], cuts[1:], np.zeros(len(cuts) - 1), np.ones(len(cuts) - 1))
 
     def middles(self, spans: Spans) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -110,7 +110,7 @@ class MotionCurve:
 
     def sample(self, time: float) -> np.ndarray:
         """Position (n,) at a time [s]."""
-        k = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.rows - 2))
+        k = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.samples - 2))
         x = (time - self.time[k]) / (self.time[k + 1] - self.time[k])
         return _part(self._bernstein[:, [k]], np.full((1, 1), x), np.ones((1, 1)))[0, 0]
 

@@ -64,10 +64,10 @@ def least_heights(
     up_a, up_b = into(turn, normal), into(poses.rotation[k, jb], normal)
     out = np.sum(normal * (at - poses.origin[k, jb]), axis=1) - rest - ROUNDING
     order = np.argsort(pair, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1) if len(order) else []:
-        points, radius = bodies.corners_of(int(a[rows[0]]))
-        support, more = bodies.corners_of(int(b[rows[0]]))
-        slope = np.abs(lever[rows] @ points.T + level[rows, :, None])  # (M, n, V)
-        low = (up_a[rows] @ points.T - np.matmul(share[rows], slope)[:, 0]).min(axis=1)
-        out[rows] += low - (up_b[rows] @ support.T).max(axis=1) - radius - more
+    for some in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1) if len(order) else []:
+        points, radius = bodies.corners_of(int(a[some[0]]))
+        support, more = bodies.corners_of(int(b[some[0]]))
+        slope = np.abs(lever[some] @ points.T + level[some, :, None])  # (M, n, V)
+        low = (up_a[some] @ points.T - np.matmul(share[some], slope)[:, 0]).min(axis=1)
+        out[some] += low - (up_b[some] @ support.T).max(axis=1) - radius - more
     return np.asarray(out)

@@ -1,4 +1,4 @@
-"""Rows that keep bodies apart: at places along a curve, frozen planes between convex pieces that are near there.
+"""Constraints that keep bodies apart: at places along a curve, frozen planes between convex pieces that are near there.
 
 A plane is held by the body that fewer joints move (`b`), touches it, and has the other one (`a`) beyond it:
 
@@ -11,7 +11,7 @@ velocity that it gives p,
 
     df/dq_j = n·w_j        d²f/dq_i dq_j = n·(z_i × w_j) = (n × z_i)·w_j    for i above or at j
 
-which needs nothing but the axes: closed forms, for all rows at once. Joints that slide have w_j = z_j and turn nothing.
+which needs nothing but the axes: closed forms, for all at once. Joints that slide have w_j = z_j and turn nothing.
 Derivatives by joints that follow others go to those that lead (see `robot.coupling`).
 """
 
@@ -25,7 +25,7 @@ from energy_opt.cell.bodies import Bodies
 from energy_opt.cell.solids import Piece, Plane, placement
 from energy_opt.robot.kinematics import Poses, into
 
-LENGTH = 0.1  # [m] that rows are divided by, so that they are of order one
+LENGTH = 0.1  # [m] that constraints are divided by, so that they are of order one
 MOST = 2  # pieces of a pair of bodies that are looked at, at a place, the nearest: more make steps slow
 KEPT = 0.06  # [m] where the last plane shows a pair to be farther apart, that plane is taken again
 VERTICES = 3  # of a near pair get a row, at most
@@ -37,8 +37,8 @@ KEYS, POINTS = 100_000, 100_000  # names of places within a pair of pieces, and 
 class Near:
     """What is near along a curve: pairs of convex pieces, their distances and planes between them.
 
-    The last planes are kept by place: where one still shows a pair to be farther apart than rows are wanted, nothing is
-    measured anew. Distances are therefore lower bounds.
+    The last planes are kept by place: where one still shows a pair to be farther apart than constraints are
+    wanted, nothing is measured anew. Distances are therefore lower bounds.
 
     Pairs of pieces that are nearer than `wanted` (P,) [m] at poses `free` (K, n), which are known to be free, are
     passed over: a body that is not convex lies within its pieces, and no plane shows that it is apart. The proof does.
@@ -62,8 +62,8 @@ class Near:
         # a plane needs a body that holds it still while the other moves: not one that joints of its own branch move
         of = [np.flatnonzero(self.body == i) for i in range(len(bodies.all))]
         usable = np.flatnonzero(~bodies.moves[1].any(axis=1) & ~bodies.flat[bodies.pairs[:, 0]])
-        made = [(p, i, j) for p in usable.tolist() for i in of[bodies.pairs[p, 0]] for j in of[bodies.pairs[p, 1]]]
-        self.pair, self.a, self.b = np.array(made, dtype=int).reshape(-1, 3).T
+        triples = [(p, i, j) for p in usable.tolist() for i in of[bodies.pairs[p, 0]] for j in of[bodies.pairs[p, 1]]]
+        self.pair, self.a, self.b = np.array(triples, dtype=int).reshape(-1, 3).T
         self._measures: dict[int, Plane] = {}
         self._kept = b"", np.zeros((0, 0, 3))
         self._seen = np.ones(len(self.pair), dtype=bool)
@@ -139,10 +139,10 @@ class Near:
     def lowest(self, piece: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of pieces (M,) the vertex that goes least along directions (M, 3) in their joints' frames, and how far."""
         vertex, height = np.zeros(len(piece), dtype=int), np.zeros(len(piece))
-        for which, rows in _groups(piece):
-            all_ = direction[rows] @ self.points[which].T
-            vertex[rows] = np.argmin(all_, axis=1)
-            height[rows] = all_[np.arange(len(rows)), vertex[rows]]
+        for which, some in _groups(piece):
+            all_ = direction[some] @ self.points[which].T
+            vertex[some] = np.argmin(all_, axis=1)
+            height[some] = all_[np.arange(len(some)), vertex[some]]
         return vertex, height
 
     def _placements(
@@ -159,7 +159,7 @@ class Near:
         return {name: placement(rotation[i], origin[i]) for i, name in enumerate(names)}
 
     def rows(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneRows:
-        """Rows at places u (K,), positions q (K, n), for what is nearer than `reach` [m] there.
+        """Constraints at places u (K,), positions q (K, n), for what is nearer than `reach` [m] there.
 
         Args:
             margin: (K, P) what each pair keeps at each place [m].
@@ -168,13 +168,13 @@ class Near:
         return PlaneRows(self, u, poses, (k, number, distance, normal), margin)
 
     def spread(self, piece: np.ndarray, direction: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and their vertices: of each of pieces (M,) the lowest, and others that lie apart and hardly higher."""
-        rows, vertices = [], []
+        """Constraints and vertices: of each of pieces (M,) the lowest, and others apart that are hardly higher."""
+        constraints, vertices = [], []
         for which, members in _groups(piece):
             points = self.points[which]
             height = direction[members] @ points.T
             first = np.argmin(height, axis=1)
-            rows.append(members)
+            constraints.append(members)
             vertices.append(first)
             near = np.flatnonzero(distance[members] < TURNING)
             if len(points) == 1 or not len(near):
@@ -188,17 +188,17 @@ class Near:
                 good = gap[np.arange(len(gap)), best] > BESIDE**2
                 if not good.any():
                     break
-                rows.append(members[good])
+                constraints.append(members[good])
                 vertices.append(best[good])
                 members, usable, best = members[good], usable[good], best[good]
                 gap = np.minimum(gap[good], np.sum((points[None] - points[best][:, None]) ** 2, axis=2))
-        if not rows:
+        if not constraints:
             return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-        return np.concatenate(rows), np.concatenate(vertices)
+        return np.concatenate(constraints), np.concatenate(vertices)
 
 
 class PlaneRows:
-    """The rows of one linearisation (see `motion.limits.base.PlaceRows`): heights over planes, in units of `LENGTH`.
+    """One linearisation (see `motion.limits.base.PlaceRows`): heights over planes, in units of `LENGTH`.
 
     Args:
         poses: at the places u (K,), where the planes were found.
@@ -276,8 +276,8 @@ def _groups(piece: np.ndarray) -> Iterable[tuple[int, np.ndarray]]:
     if not len(piece):
         return
     order = np.argsort(piece, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(piece[order])) + 1):
-        yield int(piece[rows[0]]), rows
+    for some in np.split(order, np.flatnonzero(np.diff(piece[order])) + 1):
+        yield int(piece[some[0]]), some
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

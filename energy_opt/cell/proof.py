@@ -75,12 +75,12 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
         if not open_.all():
             out.lower_bound = min(out.lower_bound, float(rest[~open_].min()))
         planes = _Planes(scene, far, reach)
-        again, doubt = _measured(out, scene, span, pair, travel, wanted, np.flatnonzero(open_), time, entered, planes)
+        again, unsure = _measured(out, scene, span, pair, travel, wanted, np.flatnonzero(open_), time, entered, planes)
         if out.touches:
             haste -= 1
             # too near already: what is left to find out is where else, and whether anything touches
             touch = min(found.distance for found in out.touches) <= 0
-            again = np.union1d(again, doubt) if haste >= 0 else doubt[: 0 if touch else None]
+            again = np.union1d(again, unsure) if haste >= 0 else unsure[: 0 if touch else None]
         short = curve.seconds(spans)[span[again]] < SHORTEST
         if short.any() or len(again) > MOST:
             if not out.touches:
@@ -119,7 +119,7 @@ def _measured(
 
     Returns what is still open, and what may touch within its interval.
     """
-    bodies, again, doubt = scene.bodies, [], []
+    bodies, again, unsure = scene.bodies, [], []
     least = np.inf if out.least is None else out.least.distance
     for side in (0, 1):
         scene.place(span[which], bodies.pairs[pair[which], side])
@@ -145,16 +145,16 @@ def _measured(
             touch = distance <= GJK_ERROR
             out.touches.append(Touch(float(time[k]), p, min(distance, 0.0) if touch else distance))
             if not touch and kept <= 0:
-                doubt.append(i)
+                unsure.append(i)
         else:
             if distance - bend > asked:
                 planes.add(i, k, p, bend, asked, ruler.normal)
             again.append(i)
             if kept <= 0:
-                doubt.append(i)
+                unsure.append(i)
     closed, least_height = planes.closed()
     out.lower_bound = min(out.lower_bound, least_height)
-    return np.setdiff1d(np.array(again, dtype=int), closed), np.setdiff1d(np.array(doubt, dtype=int), closed)
+    return np.setdiff1d(np.array(again, dtype=int), closed), np.setdiff1d(np.array(unsure, dtype=int), closed)
 
 
 class _Planes:
@@ -162,7 +162,7 @@ class _Planes:
 
     def __init__(self, scene: Scenery, far: np.ndarray, reach: np.ndarray) -> None:
         self._scene, self._far, self._reach = scene, far, reach
-        self._rows: list[tuple[int, int, int, float, float]] = []
+        self._open: list[tuple[int, int, int, float, float]] = []
         self._normals: list[np.ndarray] = []
 
     def rest(self, k: np.ndarray, pair: np.ndarray, travel: np.ndarray) -> np.ndarray:
@@ -172,14 +172,14 @@ class _Planes:
 
     def add(self, which: int, k: int, pair: int, rest: float, asked: float, normal: np.ndarray) -> None:
         """An open interval of a pair."""
-        self._rows.append((which, k, pair, rest, asked))
+        self._open.append((which, k, pair, rest, asked))
         self._normals.append(normal)
 
     def closed(self) -> tuple[np.ndarray, float]:
         """Which of them are closed, and the least height over the planes of these."""
-        if not self._rows:
+        if not self._open:
             return np.zeros(0, dtype=int), np.inf
-        which, k, pair, rest, asked = (np.array(column) for column in zip(*self._rows, strict=True))
+        which, k, pair, rest, asked = (np.array(column) for column in zip(*self._open, strict=True))
         height = least_heights(self._scene, k, pair, np.array(self._normals), self._far[k], rest)
         good = height > asked
         return which[good], float(height[good].min(initial=np.inf))

@@ -201,7 +201,7 @@ def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
     The hull of a part of the surface between two planes is that of its vertices and of where edges cross the planes.
     """
     ends = np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), 1).astype(np.int64)
-    one = np.unique(ends[:, 0] * len(vertices) + ends[:, 1])  # rows as numbers: sorted ten times as fast
+    one = np.unique(ends[:, 0] * len(vertices) + ends[:, 1])  # edges as numbers: sorted ten times as fast
     edges = np.column_stack([one // len(vertices), one % len(vertices)])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     along = int(np.argmax(high - low))

@@ -80,8 +80,8 @@ def inspect_robot(request: RobotInspection) -> Inspected:
             f"{robot.urdf}: the arm touches itself in all of {len(held)} postures: {contact}; {contact.remedy}"
         )
     posture, holding = candidates[free], torque[free]
-    rows = grouped(row for row in rests_on(robot) if row.source == "assumed")
-    assumed = (f"assumed: {what} {value} ({note})" for what, value, _, note in rows)
+    grounds = grouped(row for row in rests_on(robot) if row.source == "assumed")
+    assumed = (f"assumed: {what} {value} ({note})" for what, value, _, note in grounds)
     said = (*robot.warnings, *(cell.warnings if cell else ()), *assumed)
     return Inspected(robot, posture, holding, (_bodies(robot, cell), _held(robot, posture, holding), *said))
 

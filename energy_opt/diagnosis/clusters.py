@@ -129,8 +129,8 @@ def _first(run: Run, share: float) -> Run:
     end = run.time[0] + share * (run.time[-1] - run.time[0])
     rows, read = run.time <= end, run.power_time <= end
     signals = {name: values[rows] for name, values in run.joint_signals()}
-    index = run.rows[rows] if len(run.rows) == len(run.time) else run.rows
+    index = run.lines[rows] if len(run.lines) == len(run.time) else run.lines
     return replace(
-        run, time=run.time[rows], rows=index, power_time=run.power_time[read], power=run.power[read],
+        run, time=run.time[rows], lines=index, power_time=run.power_time[read], power=run.power[read],
         window=run.window[read], logged=run.logged_at(rows), **signals,
     )  # fmt: skip

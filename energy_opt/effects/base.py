@@ -226,8 +226,8 @@ class Effect:
     @classmethod
     def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of x."""
-        rows = [p.bounds for p in cls.parameters for _ in range(p.count(joints, cls.extents_by_default))]
-        return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+        bounds = [p.bounds for p in cls.parameters for _ in range(p.count(joints, cls.extents_by_default))]
+        return np.array([low for low, _ in bounds]), np.array([high for _, high in bounds])
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Effect) or type(other) is not type(self) or other.choices != self.choices:

@@ -105,7 +105,7 @@ def evaluate(
 
 
 def part_of(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """The rows of a trajectory between two times [s] from its first row on, both included; times from 0 on."""
+    """The samples of a trajectory between two times [s] from its first row on, both included; times from 0 on."""
     time = trajectory.time - trajectory.time[0]
     inner = time[(time > start + SHORT) & (time < end - SHORT)]
     at = np.concatenate([[start], inner, [end]])

@@ -13,14 +13,14 @@ from energy_opt import formats
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json
 from energy_opt.formats.program import Load
-from energy_opt.formats.rows import Rows
+from energy_opt.formats.waypoints import Samples
 from energy_opt.measured.differentiate import smooth
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 
 CUTOFF = 10.0  # [Hz] of recorded positions
 NOISY = 3.0  # times the accelerations of the smoothed positions: those of a recording with noise
-COARSE = 0.02  # [s] between rows, from which positions are not smoothed
+COARSE = 0.02  # [s] between samples, from which positions are not smoothed
 ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
 
 
@@ -40,7 +40,7 @@ class Recorded:
 
     Attributes:
         name: of its file.
-        trajectory: its rows, from time 0 on.
+        trajectory: its samples, from time 0 on.
         stretches: what is carried when; they follow one another from its start to its end.
         waits: (W, 2) s, where the arm is at rest for a while.
         notes: what a reader must know, a line each.
@@ -132,11 +132,11 @@ def _load(mass: float, centre: Sequence[float]) -> Load:
     return float(mass), x, y, z
 
 
-def _motion(rows: Rows) -> tuple[Trajectory, tuple[str, ...]]:
-    """Rows as a trajectory; noisy positions of a recording are smoothed before they are differentiated twice."""
-    t = rows.trajectory()
+def _motion(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
+    """Samples as a trajectory; noisy positions of a recording are smoothed before they are differentiated twice."""
+    t = samples.trajectory()
     step = float(np.median(np.diff(t.time)))
-    if rows.planned or rows.acceleration is not None or step > COARSE or len(t.time) < 20:
+    if samples.planned or samples.acceleration is not None or step > COARSE or len(t.time) < 20:
         return t, ()
     from scipy.interpolate import CubicSpline
 
@@ -148,5 +148,5 @@ def _motion(rows: Rows) -> tuple[Trajectory, tuple[str, ...]]:
     rough = np.sqrt(np.mean(t.acceleration**2, axis=0)) > NOISY * np.sqrt(np.mean(a**2, axis=0))
     if not rough.any():
         return t, ()
-    note = f"{rows.where}: a recording with noise: positions are smoothed at {CUTOFF:g} Hz"
+    note = f"{samples.where}: a recording with noise: positions are smoothed at {CUTOFF:g} Hz"
     return Trajectory(t.joints, time, q, v, a), (note,)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from energy_opt.errors import BadInput
 from energy_opt.formats import bags, franka, messages, table, urscript, urscript_read
-from energy_opt.formats.rows import Rows
+from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
 
@@ -24,13 +24,13 @@ class Format:
         name: as `--write` takes it.
         suffix: of a file that is written; files with it or with `others` are read.
         text: what it is, in a line.
-        read: the rows of a file; write: a trajectory to a file.
+        read: the samples of a file; write: a trajectory to a file.
     """
 
     name: str
     suffix: str
     text: str
-    read: Callable[[Path], Rows]
+    read: Callable[[Path], Samples]
     write: Callable[[Trajectory, Path], None]
     others: tuple[str, ...] = ()
 
@@ -58,8 +58,8 @@ FORMATS: dict[str, Format] = {
 }  # fmt: skip
 
 
-def read(path: str | Path) -> Rows:
-    """The rows of a file, by its suffix: a trajectory where they have times, else waypoints.
+def read(path: str | Path) -> Samples:
+    """The samples of a file, by its suffix: a trajectory where they have times, else waypoints.
 
     Raises:
         BadInput: the file is of no known kind, or faulty; names the place.
@@ -71,7 +71,7 @@ def read(path: str | Path) -> Rows:
 
 
 def write(trajectory: Trajectory, path: Path) -> None:
-    """Write the rows of a trajectory to a file, in the format that its name ends with.
+    """Write the samples of a trajectory to a file, in the format that its name ends with.
 
     Raises:
         BadInput: no format has that ending.

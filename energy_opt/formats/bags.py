@@ -18,8 +18,8 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_yaml, replacing
 from energy_opt.formats.messages import FIELDS, message, planned, trajectories
-from energy_opt.formats.rows import Rows
 from energy_opt.formats.unpacking import bounded
+from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.trajectory import Trajectory
 
 LARGEST = 4 * 10**9  # bytes of a bag
@@ -71,7 +71,7 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES or (path / METADATA).is_file()
 
 
-def read(path: Path) -> Rows:
+def read(path: Path) -> Samples:
     """The last planned trajectory of a bag, whichever message holds it.
 
     Raises:

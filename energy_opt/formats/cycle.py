@@ -35,7 +35,7 @@ def write_cycle(
     """Write a cycle in several formats into a folder; each file is read back and judged.
 
     Args:
-        rate: samples per second; None for the judged rows. A cycle keeps its time: where samples at a rate break a
+        rate: samples per second; None for the judged samples. A cycle keeps its time: where samples at a rate break a
             limit, the lowest of the usual rates that holds is taken.
         prefix: what is before the joints' names in the files.
         stem: of the files' names.
@@ -94,7 +94,7 @@ def _written(
 def certificates(
     parts: Sequence[Part], judge: CycleJudging, formats: Sequence[Format], rate: float | None
 ) -> list[Certificate]:
-    """Of the samples that formats get of a cycle; none where they hold the judged rows."""
+    """Of the samples that formats get of a cycle; none where they hold the judged samples."""
     limits, out = judge.scorer.robot.limits, []
     names = {form.name for form in formats}
     if "franka" in names:

@@ -12,8 +12,8 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_table, write_table
-from energy_opt.formats.rows import Rows
 from energy_opt.formats.steps import of_steps
+from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.trajectory import Trajectory
 
 RATE = 1000.0  # [Hz]
@@ -31,8 +31,8 @@ def write(trajectory: Trajectory, path: Path) -> None:
     write_table(path, ["time", *trajectory.joints], [trajectory.time, *trajectory.position.T])
 
 
-def read(path: Path) -> Rows:
-    """The rows of such a file; velocity and acceleration as differences over two steps.
+def read(path: Path) -> Samples:
+    """The samples of such a file; velocity and acceleration as differences over two steps.
 
     Raises:
         BadInput: it is no table of time and positions at 1 kHz.
@@ -42,4 +42,4 @@ def read(path: Path) -> Rows:
     if time is None or len(time) < 2 or np.abs(np.diff(time) * RATE - 1).max() > 1e-6:
         raise BadInput(f"{path}: expected a column time in steps of 1 ms")
     t = of_steps(tuple(table), np.column_stack(list(table.values())), RATE)
-    return Rows(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration)
+    return Samples(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration)

@@ -25,7 +25,7 @@ class Judging:
     samples: int | None = None
 
     def __call__(self, trajectory: Trajectory) -> Certificate:
-        """Of quintics between rows."""
+        """Of quintics between samples."""
         return self._clear(certify(trajectory, self.scorer, self.limits, self.samples), trajectory)
 
     def at_steps(self, trajectory: Trajectory, rate: float | None) -> Certificate:
@@ -109,7 +109,7 @@ def _worst(looks: Sequence[tuple[Certificate, float]]) -> Certificate:
 
 
 def _part(trajectory: Trajectory, window: Window) -> Trajectory:
-    """The rows of a stretch, with those just outside of it."""
+    """The samples of a stretch, with those just outside of it."""
     time = trajectory.time - trajectory.time[0]
     first = max(int(time.searchsorted(window.start + 1e-9, side="right")) - 1, 0)
     last = int(time.searchsorted(window.end - 1e-9))

@@ -17,7 +17,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json, read_yaml_documents, to_json, write_text
-from energy_opt.formats.rows import Rows
+from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.trajectory import Trajectory
 
 FIELDS = {
@@ -27,12 +27,12 @@ SAME = 1e-9  # [rad or m] parts of a plan that are this near to each other are o
 CUT = "..."  # what `ros2 topic echo` writes in place of the rest of a long array
 
 
-def read_yaml(path: Path) -> Rows:
+def read_yaml(path: Path) -> Samples:
     """The planned trajectory of a YAML file, as `ros2 topic echo` prints it or as a library dumps it."""
     return planned([found for document in read_yaml_documents(path) for found in trajectories(document)], str(path))
 
 
-def read_json_file(path: Path) -> Rows:
+def read_json_file(path: Path) -> Samples:
     """The planned trajectory of a JSON file with the messages' fields."""
     return planned(list(trajectories(read_json(path))), str(path))
 
@@ -52,8 +52,8 @@ def trajectories(document: Any) -> Iterator[list[Mapping[str, Any]]]:
             yield from trajectories(value)
 
 
-def planned(plans: Sequence[Sequence[Mapping[str, Any]]], where: str) -> Rows:
-    """The last plan that is not empty, as rows.
+def planned(plans: Sequence[Sequence[Mapping[str, Any]]], where: str) -> Samples:
+    """The last plan that is not empty, as samples.
 
     Raises:
         BadInput: there is none, or a field of it is missing, not a number, or does not fit the others.
@@ -66,13 +66,13 @@ def planned(plans: Sequence[Sequence[Mapping[str, Any]]], where: str) -> Rows:
             "RobotTrajectory, DisplayTrajectory or a goal that holds one; of standard moves, the trajectory.csv beside "
             "them)"
         )
-    out = joined([_rows(part, where) for part in filled[-1]])
+    out = joined([_samples(part, where) for part in filled[-1]])
     if len(filled) > 1:
         out = replace(out, notes=(*out.notes, f"{where}: {len(filled)} planned trajectories; the last is taken"))
     return out
 
 
-def joined(parts: Sequence[Rows]) -> Rows:
+def joined(parts: Sequence[Samples]) -> Samples:
     """Parts of one plan that follow each other as one, times running on.
 
     Raises:
@@ -94,8 +94,8 @@ def joined(parts: Sequence[Rows]) -> Rows:
     return out
 
 
-def _rows(message: Mapping[str, Any], where: str) -> Rows:
-    """One JointTrajectory message as rows; times that are all the same mean waypoints."""
+def _samples(message: Mapping[str, Any], where: str) -> Samples:
+    """One JointTrajectory message as samples; times that are all the same mean waypoints."""
     names, points = message["joint_names"], message["points"]
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or not names:
         raise BadInput(f"{where}: joint_names is not a list of names")
@@ -119,12 +119,12 @@ def _rows(message: Mapping[str, Any], where: str) -> Rows:
     stamps = [point.get("time_from_start", 0) for point in points]
     time = np.array([seconds(stamp, f"{where}: points[{k}].time_from_start") for k, stamp in enumerate(stamps)])
     if (time == time[0]).all():
-        return Rows(where, tuple(names), position=blocks["position"], planned=True)
+        return Samples(where, tuple(names), position=blocks["position"], planned=True)
     late = np.flatnonzero(np.diff(time) <= 0)
     if late.size:
         k = int(late[0])
         raise BadInput(f"{where}: points[{k + 1}].time_from_start: {time[k + 1]:g} s does not come after {time[k]:g} s")
-    return Rows(where, tuple(names), time=time, planned=True, **blocks)
+    return Samples(where, tuple(names), time=time, planned=True, **blocks)
 
 
 def _vector(values: Any, count: int, where: str) -> list[float]:

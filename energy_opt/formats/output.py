@@ -26,7 +26,7 @@ class Written:
     """A file that was read back and judged.
 
     Attributes:
-        rate: samples per second, None for rows of their own.
+        rate: samples per second, None for samples of their own.
         valid: what it holds stays within all limits and touches nothing; worst: the limit that it uses most.
         text: what it is and how it was sampled, for the console.
     """
@@ -80,7 +80,7 @@ def file_of(form: Format, rate: float | None, stem: str = "trajectory") -> str:
 def sample(trajectory: Trajectory, judge: Judging, form: Format, rate: float | None) -> tuple[Trajectory, float | None]:
     """What a format gets of a trajectory, and its samples per second [Hz]: at `rate`, or at its controller's own.
 
-    None: the judged rows, or for `urscript` a rate that is chosen so that it holds.
+    None: the judged samples, or for `urscript` a rate that is chosen so that it holds.
     """
     if form.name == "franka" or (form.name == "urscript" and rate == urscript.STREAM_RATE):
         pace = STEPS[form.name]
@@ -119,12 +119,12 @@ def write(
     """Write a judged trajectory in several formats into a folder; each file is read back and judged.
 
     Args:
-        rate: samples per second, None for the judged rows themselves. The 1 kHz of `franka` is its own; `urscript`
+        rate: samples per second, None for the judged samples themselves. The 1 kHz of `franka` is its own; `urscript`
             takes the lowest of the usual rates that holds all limits where none is given.
         prefix: what is before the joints' names in the files.
         payload: what a program sets: mass [kg] and its centre [m] in the tool's frame; None: nothing.
     """
-    out_rows = []
+    files = []
     for form in formats:
         got = sampled(trajectory, judge, form, rate)
         if form.name == "csv" and got.rate is None:
@@ -137,8 +137,8 @@ def write(
             urscript.write_program([Part(named, payload=payload)], path)
         else:
             form.write(named, path)
-        out_rows.append(read_back(path, form, got, judge, prefix, trajectory))
-    return out_rows
+        files.append(read_back(path, form, got, judge, prefix, trajectory))
+    return files
 
 
 def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: str, trajectory: Trajectory) -> Written:
@@ -155,7 +155,7 @@ def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: st
 
 
 def unchanged(path: Path, form: Format, judged: Trajectory, certificate: Certificate) -> Written:
-    """A file of the very rows that `certificate` is of: what it holds is valid where it is these, to the last bit."""
+    """A file of the samples that `certificate` is of: valid where it holds these to the last bit."""
     again = form.read(path).of(judged.joints).trajectory()
     same = all(
         np.array_equal(getattr(again, name), getattr(judged, name))

@@ -12,7 +12,7 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
 Load = tuple[float, float, float, float]  # mass [kg] and its centre [m]
-STANDING = 3  # rows of a wait
+STANDING = 3  # samples of a wait
 NANOSECOND = 1e-9  # [s]
 SAME = 1e-9  # [rad/s^2] accelerations that differ by less are one
 
@@ -22,7 +22,7 @@ class Part:
     """A motion from rest to rest, or a wait.
 
     Attributes:
-        trajectory: its rows, from any time on; of a wait, standing ones.
+        trajectory: its samples, from any time on; of a wait, standing ones.
         waits: it is a wait; mode: what the arm waits in, where that is not held by its motors.
         payload: mass [kg] and its centre [m] in the last joint's frame, from its beginning on; None: not known.
     """
@@ -35,17 +35,17 @@ class Part:
 
 
 def standing(joints: Sequence[str], q: np.ndarray, seconds: float) -> Trajectory:
-    """Rows of standing at q (n,) for so many seconds."""
+    """Samples of standing at q (n,) for so many seconds."""
     samples = np.repeat(q[None], STANDING, axis=0)
     still = np.zeros_like(samples)
     return Trajectory(tuple(joints), np.linspace(0, seconds, STANDING), samples, still, still)
 
 
 def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
-    """Motions that follow one another as one, rows on whole nanoseconds.
+    """Motions that follow one another as one, samples on whole nanoseconds.
 
-    Where one ends with another acceleration than the next begins with, both rows are there, a nanosecond apart: with a
-    jerk limit that breaks it, as the motions themselves do. The longest wait is so much shorter.
+    Where one ends with another acceleration than the next begins with, both samples are there, a nanosecond apart: with
+    a    jerk limit that breaks it, as the motions themselves do. The longest wait is so much shorter.
     """
     jumps = [
         k > 0 and np.abs(t.acceleration[0] - trajectories[k - 1].acceleration[-1]).max() > SAME

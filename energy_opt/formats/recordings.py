@@ -136,8 +136,8 @@ def _time(found: Any, recorded: int) -> float:
     return recorded / 1e9
 
 
-def _rising(rows: Sequence[tuple[float, Any]]) -> tuple[np.ndarray, list[Any]]:
-    """Rows in the order of time, one for each time."""
-    ordered = sorted(rows, key=lambda row: row[0])
+def _rising(samples: Sequence[tuple[float, Any]]) -> tuple[np.ndarray, list[Any]]:
+    """Samples in the order of time, one for each time."""
+    ordered = sorted(samples, key=lambda row: row[0])
     kept = [row for k, row in enumerate(ordered) if k == 0 or row[0] > ordered[k - 1][0]]
     return np.array([time for time, _ in kept]), [value for _, value in kept]

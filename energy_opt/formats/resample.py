@@ -2,7 +2,7 @@
 
 A controller that is given positions, velocities and accelerations runs the quintic between two points, as ROS 2's
 joint_trajectory_controller does; given positions and velocities, the cubic. The files here give all three, so a
-resampled trajectory is the rows that it writes and the quintics between them, and is judged as such.
+resampled trajectory is the samples that it writes and the quintics between them, and is judged as such.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Judge = Callable[[Trajectory], Certificate]
 
 @dataclass(frozen=True)
 class Sampled:
-    """A trajectory as it is written: at `rate` Hz (None: the judged rows), slowed where that was needed.
+    """A trajectory as it is written: at `rate` Hz (None: the judged samples), slowed where that was needed.
 
     `why`: what the rate that was asked for would have broken; empty where it holds as it is.
     """
@@ -62,7 +62,7 @@ def fitted(trajectory: Trajectory, rate: float, judge: Judge) -> Sampled:
     """The trajectory at a rate at which what a controller makes of it stays within all limits.
 
     Where the samples break a limit, the motion is slowed evenly, by 5 % at most; where that does not help, the lowest
-    of the usual rates that does is taken, else the judged rows themselves.
+    of the usual rates that does is taken, else the judged samples themselves.
     """
     certificate = judge(resampled(trajectory, rate))
     if certificate.valid:

@@ -30,13 +30,13 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Files:
-    """What is going to be written: formats, and samples per second (None: the judged rows)."""
+    """What is going to be written: formats, and samples per second (None: the judged samples)."""
 
     formats: Sequence[Format] = ()
     rate: float | None = None
 
     def certificates(self, trajectory: Trajectory, judge: Judging) -> list[Certificate]:
-        """Of what every format gets, before anything is slowed; none where all files hold the judged rows."""
+        """Of what every format gets, before anything is slowed; none where all files hold the judged samples."""
         known: dict[tuple[float, bool], Certificate] = {}
         for form in self.formats:
             got, pace = sample(trajectory, judge, form, self.rate)

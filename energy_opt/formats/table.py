@@ -1,4 +1,4 @@
-"""CSV: the rows of trajectory.csv (`time`, `<joint>.position`, ...), and plain ones (`time,joint1,...`)."""
+"""CSV: the samples of trajectory.csv (`time`, `<joint>.position`, ...), and plain ones (`time,joint1,...`)."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_table, write_table
-from energy_opt.formats.rows import KINDS, Rows
+from energy_opt.formats.waypoints import KINDS, Samples
 from energy_opt.motion.trajectory import Trajectory
 
 LIKE_TIME = ("t", "t [s]", "stamp", "seconds", "secs")  # beside all that begins with "time"
 
 
-def read(path: Path) -> Rows:
+def read(path: Path) -> Samples:
     """Columns `<joint>.position` (or plainly `<joint>`), `.velocity`, `.acceleration`, `.effort` and `time` of a file.
 
     Raises:
@@ -51,7 +51,7 @@ def read(path: Path) -> Rows:
         if time is not None or not like
         else (f"{path}: waypoints: no column is called time, {like[0]!r} is not read",)
     )
-    return Rows(str(path), tuple(joints), time=time, notes=notes, **blocks)
+    return Samples(str(path), tuple(joints), time=time, notes=notes, **blocks)
 
 
 def write(trajectory: Trajectory, path: Path) -> None:

@@ -59,13 +59,13 @@ def check_arm(joints: int) -> None:
 
 
 def streams(trajectory: Trajectory) -> bool:
-    """Are the rows those of a controller's steps at 500 Hz, to be sent one by one?"""
+    """Are the samples those of a controller's steps at 500 Hz, to be sent one by one?"""
     steps = np.diff(trajectory.time)
     return len(steps) > 1 and bool(np.allclose(steps, 1 / STREAM_RATE, rtol=1e-6))
 
 
 def write(trajectory: Trajectory, path: Path) -> None:
-    """Write a program that follows the rows of a trajectory; evenly spaced ones at 500 Hz are streamed.
+    """Write a program that follows the samples of a trajectory; evenly spaced ones at 500 Hz are streamed.
 
     Raises:
         BadInput: the arm does not have six joints.
@@ -167,7 +167,7 @@ _REST = [
 
 
 def _followed(trajectory: Trajectory) -> list[str]:
-    """A call for every two rows."""
+    """A call for every two samples."""
     samples = [(vector(q), vector(v), vector(a)) for q, v, a in zip(
         trajectory.position, trajectory.velocity, trajectory.acceleration, strict=True
     )]  # fmt: skip

@@ -10,9 +10,9 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text
 from energy_opt.formats.program import Part, joined, standing
-from energy_opt.formats.rows import Rows
 from energy_opt.formats.steps import of_steps
 from energy_opt.formats.urscript import JOINTS, STREAM_RATE
+from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.trajectory import Trajectory, whole
 
 _CALL = re.compile(r"^  (?:t = )?(quintic|rest|servoj|set_payload|movej)\((.*)\)$", re.M)
@@ -34,29 +34,29 @@ def read_program(path: Path) -> list[Part]:
         raise BadInput(f"{path}: not a program of this package: no line with six joints, or no start")
     out: list[Part] = []
     at, payload = np.array(_numbers(start[1])), None
-    rows: list[np.ndarray] = []
+    samples: list[np.ndarray] = []
     times: list[float] = []
     stream: list[np.ndarray] = []
 
     def end() -> None:
         """What was collected becomes a part."""
-        nonlocal rows, times, stream
-        if rows:
-            block = np.array(rows)  # (N, 3, n)
+        nonlocal samples, times, stream
+        if samples:
+            block = np.array(samples)  # (N, 3, n)
             out.append(Part(Trajectory(joints, whole(np.array(times)), *block.transpose(1, 0, 2)), payload=payload))
         elif stream:
             out.append(Part(of_steps(joints, np.array(stream), STREAM_RATE), payload=payload))
-        rows, times, stream = [], [], []
+        samples, times, stream = [], [], []
 
     for name, words in _CALL.findall(text):
         numbers = _numbers(words)
         if name == "quintic" and len(numbers) == 1 + 6 * JOINTS:
             step, (first, last) = numbers[0], np.reshape(numbers[1:], (2, 3, JOINTS))
-            if rows and np.abs(first - rows[-1]).max() > 0:
+            if samples and np.abs(first - samples[-1]).max() > 0:
                 end()
-            if not rows:
-                rows, times = [first], [0.0]
-            rows.append(last)
+            if not samples:
+                samples, times = [first], [0.0]
+            samples.append(last)
             times.append(times[-1] + step)
             at = last[0]
         elif name == "servoj":
@@ -80,10 +80,10 @@ def read_program(path: Path) -> list[Part]:
     return out
 
 
-def read(path: Path) -> Rows:
+def read(path: Path) -> Samples:
     """All motions and waits of a program as one."""
     t = joined([part.trajectory for part in read_program(path)])
-    return Rows(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration)
+    return Samples(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration)
 
 
 def _numbers(words: str) -> list[float]:

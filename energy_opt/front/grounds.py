@@ -18,7 +18,7 @@ from energy_opt.power.break_even import break_even, until
 from energy_opt.power.known import has_friction
 from energy_opt.robot import Robot
 
-COARSER = 2  # places between two rows: what friction adds is smooth but for the joints' turning points
+COARSER = 2  # places between two samples: what friction adds is smooth but for the joints' turning points
 FAST = 50.0  # [rad/s^2, m/s^2] accelerations beyond are those of no arm of a robot's size
 
 

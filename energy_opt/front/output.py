@@ -78,7 +78,7 @@ def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str
 
 
 def _energies(result: Result) -> tuple[list[str], list[list[object]]]:
-    """Header and rows of the table of energies."""
+    """Header and records of the table of energies."""
     columns = [("result", result.trajectory.duration, result.energy)]
     columns += [(b.name, b.duration, b.energy) for b in result.baselines]
     header = ["", *(name for name, _, _ in columns)]

@@ -22,7 +22,7 @@ from energy_opt.robot import Robot
 
 CAREFUL = "careful"
 PLANNED, JUDGED = 6, 40  # draws of a model's values that a plan is made for, and that its saving is judged under
-COARSER = 2  # places between two rows: what differs between draws is smooth
+COARSER = 2  # places between two samples: what differs between draws is smooth
 KINDS = ("mean", "worst")
 DRAW = "draw "  # before the number of one
 
@@ -123,16 +123,16 @@ def with_careful(rivals: Sequence[Rival], robot: Robot) -> list[Rival]:
     return [*rivals, Rival(CAREFUL, careful)]
 
 
-def said(rows: Sequence[Mapping[str, Any]], what: str) -> list[str]:
+def said(records: Sequence[Mapping[str, Any]], what: str) -> list[str]:
     """What models that a plan was not made under make of it, in words; `what` names it.
 
     Args:
-        rows: name, total [J] and saving_joules beside the same slowed evenly; of the model it was made under first.
+        records: name, total [J] and saving_joules beside the same slowed evenly; of the model it was made under first.
     """
     out = []
-    for row in rows[1:]:
+    for row in records[1:]:
         joules = row["saving_joules"]
-        text = f"planned under {rows[0]['name']} alone, without friction; under {row['name']} {what} takes "
+        text = f"planned under {records[0]['name']} alone, without friction; under {row['name']} {what} takes "
         text += f"{row['total']:.5g} J"
         if joules is not None:
             text += f", {abs(joules):.3g} J {'less' if joules >= 0 else 'more'} than the same slowed evenly"

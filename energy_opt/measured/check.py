@@ -25,7 +25,7 @@ def check_set(folder: str | Path, allow_outside: bool = False) -> list[str]:
 def inspect_set(
     folder: Path, allow_outside: bool = False, lock: Mapping[str, float] | None = None
 ) -> tuple[list[str], list[str]]:
-    """All faults of a measured set, and remarks on what reading took: rows dropped, recordings cut, clocks found.
+    """All faults of a measured set, and remarks on what reading took: samples dropped, recordings cut, clocks found.
 
     `lock`: joints of the log's robot that stay, and where.
     """
@@ -55,7 +55,7 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
         low, high = robot.limits.lower[j] - margin, robot.limits.upper[j] + margin
         out = np.flatnonzero((run.position[:, j] < low) | (run.position[:, j] > high))
         if out.size:
-            row, value = int(run.rows[out[0]]), run.position[out[0], j]
+            row, value = int(run.lines[out[0]]), run.position[out[0], j]
             faults.append(
                 f"{where}: row {row}, column {joint}.position: {value:.4g} {robot.units[j]} is outside the joint's "
                 f"limits [{low + margin:.4g}, {high - margin:.4g}]; is the unit right?"

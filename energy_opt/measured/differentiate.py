@@ -15,7 +15,7 @@ from energy_opt.measured.run import Run
 
 CUTOFFS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0)  # [Hz]
 MOVED = 0.01  # [rad] a joint that moves less in a run tells nothing of noise in motion
-COARSE = 0.15  # [s] between rows, from which positions hold no accelerations
+COARSE = 0.15  # [s] between samples, from which positions hold no accelerations
 EXCESS = 1.15  # residual variance over that of noise alone, above which a cut-off takes away signal
 
 
@@ -49,7 +49,7 @@ def _uniform(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def smooth(values: np.ndarray, step: float, cutoff: float) -> np.ndarray:
-    """The smoother on evenly spaced rows; values (N, n), step [s], cutoff [Hz]."""
+    """The smoother on evenly spaced samples; values (N, n), step [s], cutoff [Hz]."""
     from scipy.linalg import solveh_banded
 
     if cutoff >= 0.45 / step or len(values) < 8:
@@ -59,7 +59,7 @@ def smooth(values: np.ndarray, step: float, cutoff: float) -> np.ndarray:
     third = np.array([-1.0, 3.0, -3.0, 1.0])
     band = np.zeros((4, n))
     for lag in range(4):
-        for k in range(4 - lag):  # D^T D summed over the rows of D
+        for k in range(4 - lag):  # D^T D summed over the samples of D
             band[lag, k : n - 3 + k] += third[k] * third[k + lag]
     band *= weight
     band[0] += 1.0
@@ -147,12 +147,12 @@ def kinematics(run: Run, at: np.ndarray, noise: Smoothing) -> Kinematics:
 
 
 def coarse(run: Run) -> bool:
-    """Are rows so far apart that a motion between them is not known?"""
+    """Are samples so far apart that a motion between them is not known?"""
     return len(run.time) > 1 and float(np.median(np.diff(run.time))) > COARSE
 
 
 def _between(run: Run, at: np.ndarray) -> Kinematics:
-    """Straight between rows too far apart to differentiate twice; accelerations count where they are logged."""
+    """Straight between samples too far apart to differentiate twice; accelerations count where they are logged."""
     n = run.position.shape[1]
     v = np.gradient(run.position, run.time, axis=0) if run.velocity is None else run.velocity
     a = np.zeros_like(v) if run.acceleration is None else run.acceleration

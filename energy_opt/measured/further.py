@@ -13,8 +13,8 @@ from energy_opt.measured.table import Table
 DIGIT = re.compile(r"[01]([.,]0*)?")
 
 
-def further_signals(table: Table, rules: Mapping[str, Rule], rows: np.ndarray) -> dict[str, np.ndarray]:
-    """By name the values (N,) of further signals at some rows of a table.
+def further_signals(table: Table, rules: Mapping[str, Rule], samples: np.ndarray) -> dict[str, np.ndarray]:
+    """By name the values (N,) of further signals at some samples of a table.
 
     These are columns that rules or headers call `signal.<name>`, and other columns that hold nothing but 0 and 1. An
     empty cell has the value before it, as recorders write what changes.
@@ -24,12 +24,12 @@ def further_signals(table: Table, rules: Mapping[str, Rule], rows: np.ndarray) -
     used = {*named.values(), *(column for rule in rules.values() for column in rule.columns)}
     digital = [name for k, name in enumerate(table.header) if name and name not in used and _binary(table, k)]
     table.load(named.values(), sparse=True)
-    out = {name: _filled(table.column(column))[rows] for name, column in named.items()}
+    out = {name: _filled(table.column(column))[samples] for name, column in named.items()}
     faults = list(table.faults)
     table.load(digital, sparse=True)
     table.faults[:] = faults  # a column that nobody asked for may be damaged
     for header in digital:
-        values = _filled(table.column(header))[rows]
+        values = _filled(table.column(header))[samples]
         if header not in out and set(np.unique(values)) <= {0.0, 1.0}:
             out[header] = values
     return {name: values for name, values in out.items() if np.isfinite(values).all()}

@@ -27,7 +27,7 @@ from energy_opt.measured.table import Table
 from energy_opt.measured.units import BY_SIGNAL, UNITS, known_unit
 from energy_opt.robot import Robot, known_robots, load_robot
 
-LOOKED_AT = 20_000  # rows that guesses are made from
+LOOKED_AT = 20_000  # lines that guesses are made from
 ALIKE = 0.25  # relative deviation within which a measured ratio means a unit
 ARM_POWER = (5.0, 20_000.0)  # [W] between which the mean power of an arm with its controller lies
 TIME_UNITS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
@@ -208,7 +208,7 @@ def _named_unit(kind: str, column: str, table: Table) -> str | None:
 
 
 def _position_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str | None, out: Guess) -> str:
-    """Degrees where positions, or the speed between rows, are far outside the limits as radians."""
+    """Degrees where positions, or the speed between samples, are far outside the limits as radians."""
     values, time = _whole(values, time)
     far = degrees_fault(values, robot) is not None
     if named in (None, "rad") and far:

@@ -9,13 +9,13 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import Rule, factor_of
-from energy_opt.measured.rows import Rows, backward, clean
 from energy_opt.measured.run import JOINT_SIGNALS
+from energy_opt.measured.stamps import Stamped, backward, clean
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 from energy_opt.robot.limits import look_like_degrees
 
-FEWEST = 8  # rows of a run
+FEWEST = 8  # samples of a run
 # Beyond these a value is no measurement of an arm's: SI units, absolute values.
 LARGEST = {
     "time": 1e11, "position": 1e4, "velocity": 1e4, "acceleration": 1e6, "effort": 1e6, "current": 1e5,
@@ -23,18 +23,18 @@ LARGEST = {
 }  # fmt: skip
 FAR = 1.5  # [rad] outside a limit, from which positions are taken for degrees
 TOO_FAST = 20.0  # velocity limits, from which the stamps' unit is doubted
-COARSEST = 1.0  # [s] between rows of a motion; what is coarser is no motion, or its stamps are in another unit
+COARSEST = 1.0  # [s] between samples of a motion; what is coarser is no motion, or its stamps are in another unit
 FINEST = 1e-5  # [s]
 EPOCH = 1e8  # [s] later stamps count from 1970 and hold for every file alike
 
 
 @dataclass(frozen=True)
 class Joints:
-    """Rows of the joints: `index` in the table of those kept, `dropped` of repeats; `time` counts as stamps do."""
+    """Samples of the joints: `index` in the table of those kept, `dropped` of repeats; `time` counts as stamps do."""
 
     time: np.ndarray
     signals: Mapping[str, np.ndarray]
-    rows: Rows
+    stamps: Stamped
     index: np.ndarray
     dropped: np.ndarray
     dated: bool
@@ -60,7 +60,7 @@ def quantity(table: Table, name: str, rule: Rule) -> np.ndarray:
 def stamp_factor(stamps: np.ndarray, name: str = "time", span: float | None = None) -> float:
     """Seconds per unit of stamps whose unit nobody says: by their size where they count from 1970, else by their step.
 
-    Recorders of arms write 5 to 2000 rows a second, so a step of 0.5 or more is no second's; meters write 0.1 to 100.
+    Recorders of arms write 5 to 2000 samples/s, so a step of 0.5 or more is no second's; meters write 0.1 to 100.
     A `span` [s] that the file should have about decides before that.
     """
     stamps = stamps[np.isfinite(stamps)]
@@ -89,7 +89,7 @@ def wanted(rules: Mapping[str, Rule], table: Table) -> list[str]:
 
 
 def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str) -> Joints | None:
-    """The joints' rows of a table; None where it has faults, which then stand in `table.faults`."""
+    """The joints' samples of a table; None where it has faults, which then stand in `table.faults`."""
     table.load(wanted(rules, table))
     time = quantity(table, "time", rules["time"])
     signals = {}

@@ -17,7 +17,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured.dates import date_form, is_number
 
 HEAD = 1 << 18  # [bytes] read to find the layout
-SAMPLE = 40  # data rows looked at
+SAMPLE = 40  # data lines looked at
 DELIMITERS = (",", ";", "\t", "|", " ")
 MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -50,7 +50,7 @@ class Layout:
         names: the header's words. units: the words of a row of units below it, empty where there is none.
         first: where data begin in `content`; first_row: the row (from 1) that is there.
         content: the file's bytes in UTF-8 or another code that has ASCII's delimiters.
-        sample: cells of the first data rows.
+        sample: cells of the first data lines.
     """
 
     names: tuple[str, ...]
@@ -72,14 +72,14 @@ def layout_of(path: Path, given: Csv | None = None) -> Layout:
     given = given or Csv()
     content, skip = _content(path)
     head = bytes(content[skip : skip + HEAD])
-    text_lines, starts = _rows(head, len(content) > skip + HEAD)
+    text_lines, starts = _lines(head, len(content) > skip + HEAD)
     if not any(row.strip() for row in text_lines):
         raise BadInput(f"{path}: row 1: no header; expected column names such as time, <joint>.position")
     hint = re.match(r"sep=(.)$", text_lines[0].strip())
     delimiter = given.delimiter or (hint.group(1) if hint else _delimiter(text_lines))
     if delimiter == " " and any("  " in row.strip() for row in text_lines):
         content, skip = re.sub(rb"(?m)^[ ]+|[ ]+(?=\r?$)", b"", re.sub(rb"[ ]{2,}", b" ", bytes(content[skip:]))), 0
-        text_lines, starts = _rows(content[:HEAD], len(content) > HEAD)
+        text_lines, starts = _lines(content[:HEAD], len(content) > HEAD)
     cells = [split(row, delimiter) for row in text_lines]
     at = _header(path, cells)
     names = tuple(re.sub(r"^[#%]\s*(?=\w)", "", name.strip()) for name in cells[at])
@@ -143,7 +143,7 @@ def text(raw: bytes) -> str:
         return raw.decode("cp1252", errors="replace")
 
 
-def _rows(head: bytes, cut: bool) -> tuple[list[str], list[int]]:
+def _lines(head: bytes, cut: bool) -> tuple[list[str], list[int]]:
     """Lines of the head and where each begins; an incomplete last one is left out."""
     text_lines, starts = [], []
     for match in re.finditer(rb"([^\r\n]*)(\r\n|\r|\n|$)", head):
@@ -173,9 +173,9 @@ def _is_value(cell: str) -> bool:
     return is_number(cell) or date_form(cell) is not None
 
 
-def _delimiter(rows: Sequence[str]) -> str:
-    """The delimiter under which the rows have most numbers, counted by the share of cells that are numbers."""
-    body = [row for row in rows if row.strip()]
+def _delimiter(lines: Sequence[str]) -> str:
+    """The delimiter under which the lines have most numbers, counted by the share of cells that are numbers."""
+    body = [row for row in lines if row.strip()]
     body = body[1:][-SAMPLE:] or body
     best, score = ",", -1.0
     for delimiter in DELIMITERS:

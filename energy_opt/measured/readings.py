@@ -9,7 +9,7 @@ import numpy as np
 
 from energy_opt.measured.columns import Rule
 from energy_opt.measured.joints import Joints, quantity
-from energy_opt.measured.rows import backward, held
+from energy_opt.measured.stamps import backward, held
 from energy_opt.measured.table import Table
 
 TICKS = 0.3  # share of samples in which a counter stays the same, from which only its steps are readings
@@ -46,7 +46,7 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
     time, values = quantity(table, "power.time" if own else "time", stamps), quantity(table, name, rules[name])
     if table.faults:
         return None
-    if joints is not None:  # rows go as those of the joints do
+    if joints is not None:  # samples go as those of the joints do
         time[joints.index] = joints.time
         time[joints.dropped] = np.nan
     there = np.flatnonzero(np.isfinite(time) & np.isfinite(values))

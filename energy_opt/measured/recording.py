@@ -55,7 +55,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) ->
     if joints is None:
         out.faults = list(dict.fromkeys(table.faults))
         return out
-    out.remarks += [f"{entry.file}: {word}" for word in joints.rows.remarks]
+    out.remarks += [f"{entry.file}: {word}" for word in joints.stamps.remarks]
     readings = _readings(log, entry, table, rules, joints, out)
     if readings is None:
         return out
@@ -69,13 +69,13 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) ->
     signals: dict[str, Any] = {name: joints.signals.get(name) for name in SIGNALS}
     run = Run(
         entry.file, entry.kind, start, time, power_time=moved.time, power=moved.power, window=moved.window,
-        meter=moved.kind, clock=status, rows=joints.index + table.layout.first_row,
+        meter=moved.kind, clock=status, lines=joints.index + table.layout.first_row,
         logged=further_signals(table, rules, joints.index), **signals,
     )  # fmt: skip
     if table.faults:
         out.faults += list(dict.fromkeys(table.faults))
         return out
-    _cut(log, run, joints.rows.gaps, out)
+    _cut(log, run, joints.stamps.gaps, out)
     return out
 
 
@@ -196,7 +196,7 @@ def _cut(log: LogFile, run: Run, gaps: tuple[int, ...], out: Recording) -> None:
 
 
 def split_at_gaps(run: Run, gaps: tuple[int, ...]) -> list[Run]:
-    """The pieces of a run between gaps after rows `gaps`; readings whose window reaches into a gap are left out."""
+    """The pieces of a run between gaps after samples `gaps`; readings whose window reaches into a gap are left out."""
     edges = [-1, *gaps, len(run.time) - 1]
     spans = [(a + 1, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= FEWEST]
     return pieces(run, spans, strict=True)

@@ -15,7 +15,7 @@ JOINT_SIGNALS = ("position", "velocity", "acceleration", "effort", "current", "t
 
 @dataclass(frozen=True)
 class Run:
-    """One run; time counts from the run's own zero. Joint rows (N) and meter readings (M) have stamps of their own.
+    """One run; time counts from the run's own zero. Joint samples (N) and meter readings (M) have stamps of their own.
 
     A reading is the mean of the power over the `window` that ends at its stamp, and the power at the stamp where that
     is 0. A counter's reading is the mean power since its reading before; a total is one reading over the whole run.
@@ -34,7 +34,7 @@ class Run:
         clock: "shared" with the joints, "stated" in log.toml, or "estimated" by correlation; an estimated clock is
             known to a fraction of a reading, so a delay found on it says nothing of the meter.
         logged: by name what else was recorded at the joints' stamps, (N,): 0 and 1 of digital signals, or numbers.
-        rows: (N,) rows of the file (its first is 1), where the run comes from one.
+        lines: (N,) lines of the file (its first is 1), where the run comes from one.
     """
 
     file: str
@@ -52,16 +52,16 @@ class Run:
     window: np.ndarray = field(default_factory=lambda: np.zeros(0))
     meter: str = "power"
     clock: str = "shared"
-    rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    lines: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     logged: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.window) != len(self.power):
             object.__setattr__(self, "window", np.zeros(len(self.power)))
 
-    def logged_at(self, rows: slice | np.ndarray) -> dict[str, np.ndarray]:
-        """`logged` at some joint rows."""
-        return {name: values[rows] for name, values in self.logged.items()}
+    def logged_at(self, samples: slice | np.ndarray) -> dict[str, np.ndarray]:
+        """`logged` at some joint samples."""
+        return {name: values[samples] for name, values in self.logged.items()}
 
     def joint_signals(self) -> Iterator[tuple[str, np.ndarray]]:
         """Name and (N, n) values of every joint signal that is logged."""
@@ -76,7 +76,7 @@ class MeasuredSet:
     """All runs of a set.
 
     `clock` is True where the log states every run's set time; `payload` is what the recorder states, where it does;
-    `remarks` say what reading it took: rows dropped, recordings cut, clocks found.
+    `remarks` say what reading it took: samples dropped, recordings cut, clocks found.
     """
 
     path: Path

@@ -17,11 +17,11 @@ LONG = 1.5  # [s] a standstill this long is a static run of its own
 MARGIN = 0.15  # [s] of it left to the motions on either side
 FEW_READINGS = 4  # of the meter that a piece has at least
 MOVES = 0.005  # [rad] a piece in which no joint moves further is static
-FEWEST_ROWS = 8  # joint rows a piece has beyond its first
+FEWEST_SAMPLES = 8  # joint samples a piece has beyond its first
 
 
 def stands_still(time: np.ndarray, position: np.ndarray) -> bool:
-    """Whether no joint moves further than `MOVES` over rows (N,), (N, n); noise of single rows is no motion."""
+    """Whether no joint moves further than `MOVES` over samples (N,), (N, n); noise of single samples is no motion."""
     wide = max(1, min(len(time), round(0.1 / max(float(np.median(np.diff(time))), 1e-9)))) if len(time) > 1 else 1
     sums = np.cumsum(np.vstack([np.zeros(position.shape[1]), position - position[0]]), axis=0)
     return bool(np.ptp((sums[wide:] - sums[:-wide]) / wide, axis=0).max() <= MOVES)
@@ -67,14 +67,14 @@ def cut_at_standstill(run: Run) -> list[Run]:
         elif enough(cuts[-1], middle) and enough(middle, final):
             cuts.append(middle)
     cuts = sorted({*cuts, final})
-    return pieces(run, [(a, b) for a, b in pairwise(cuts) if b - a >= FEWEST_ROWS])
+    return pieces(run, [(a, b) for a, b in pairwise(cuts) if b - a >= FEWEST_SAMPLES])
 
 
 def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> list[Run]:
-    """Parts of a run between joint rows, first and last included.
+    """Parts of a run between joint samples, first and last included.
 
     Every reading goes to one piece: a still one takes those whose window lies in it; of the rest each goes where most
-    of its window lies, and that piece's joint rows reach back as far as the window does. Where `strict`, readings
+    of its window lies, and that piece's joint samples reach back as far as the window does. Where `strict`, readings
     whose window lies in no piece are left out.
     """
     still = [stands_still(run.time[a : b + 1], run.position[a : b + 1]) for a, b in spans]
@@ -115,7 +115,7 @@ def _piece(run: Run, first: int, last: int, readings: np.ndarray, kind: str, num
         kind=kind,
         start=run.start + zero,
         time=run.time[samples] - zero,
-        rows=run.rows[samples],
+        lines=run.lines[samples],
         logged=run.logged_at(samples),
         power_time=run.power_time[readings] - zero,
         power=run.power[readings],

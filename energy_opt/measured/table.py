@@ -103,7 +103,7 @@ class Table:
         return out
 
     def row_number(self, index: int) -> int:
-        """The row in the file of a data row; empty lines and rows of another width count in the file only."""
+        """The row in the file of a data row; empty lines and lines of another width count in the file only."""
         if self._numbers is None:
             filled = [k for k, row in enumerate(self._lines()) if row]
             kept = np.delete(np.array(filled, dtype=int), self._skipped)
@@ -152,7 +152,7 @@ class Table:
         if self._count is None:
             self._skipped = [number - 1 for number, _ in ragged]
             self._ragged_faults(ragged)
-            self._lost_rows(len(table) + len(ragged))
+            self._lost_lines(len(table) + len(ragged))
         return table
 
     def _ragged_faults(self, ragged: Sequence[tuple[int, int]]) -> None:
@@ -166,8 +166,8 @@ class Table:
         if len(ragged) > MAX_FAULTS:
             self.faults.append(f"{self.path}: {len(ragged) - MAX_FAULTS} more rows of another width than the header")
 
-    def _lost_rows(self, read: int) -> None:
-        """A quote that never closes swallows rows: their number tells."""
+    def _lost_lines(self, read: int) -> None:
+        """A quote that never closes swallows lines: their number tells."""
         content = self.layout.content
         if content.find(b'"', self.layout.first) < 0:
             return
@@ -202,17 +202,17 @@ class Table:
         cells = compute.replace_substring_regex(cells, r"^\+", "")
         return np.asarray(compute.cast(cells, pa.float64()).to_numpy(), dtype=float)
 
-    def _name(self, name: str, rows: np.ndarray) -> None:
+    def _name(self, name: str, bad: np.ndarray) -> None:
         """A fault for the first cells of a column that are no numbers."""
         lines, k = self._lines(), self.header.index(name)
-        for row in rows[:MAX_FAULTS]:
+        for row in bad[:MAX_FAULTS]:
             number = self.row_number(int(row))
             cells = split(text(lines[number - self.layout.first_row]), self.layout.delimiter)
             cell = cells[k] if k < len(cells) else ""
             what = "is not a number" if cell.strip() else "is empty"
             self.faults.append(f"{self.path}: row {number}, column {name}: {shown(cell)} {what}")
-        if len(rows) > MAX_FAULTS:
-            self.faults.append(f"{self.path}: column {name}: {len(rows) - MAX_FAULTS} more cells are not numbers")
+        if len(bad) > MAX_FAULTS:
+            self.faults.append(f"{self.path}: column {name}: {len(bad) - MAX_FAULTS} more cells are not numbers")
 
     def _shown(self, most: int = 12) -> list[str]:
         return self.header[:most] + ([f"... ({len(self.header)} in all)"] if len(self.header) > most else [])

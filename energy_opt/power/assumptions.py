@@ -56,7 +56,7 @@ def assumptions(robot: Robot, models: Sequence[PowerModel]) -> tuple[Assumption,
     for what, found in ((ELECTRICAL, electrical(robot)), (FRICTION, friction(robot))):
         for known in found:
             if any(model.get(known.effect.name) == known.effect for model in models):
-                out += _rows(robot, what, known)
+                out += _records(robot, what, known)
     return tuple(out)
 
 
@@ -65,7 +65,7 @@ def rests_on(robot: Robot) -> tuple[Assumption, ...]:
     return assumptions(robot, [source_method_2(robot), careful(robot)])
 
 
-def _rows(robot: Robot, what: str, known: Known) -> list[Assumption]:
+def _records(robot: Robot, what: str, known: Known) -> list[Assumption]:
     """The first parameter of an effect that has a size; of a table, its first column."""
     effect, n = known.effect, robot.n
     p = next(p for p in effect.parameters if not p.shapes)
@@ -84,9 +84,9 @@ def _rows(robot: Robot, what: str, known: Known) -> list[Assumption]:
     ]
 
 
-def said(rows: Sequence[Assumption]) -> str:
+def said(records: Sequence[Assumption]) -> str:
     """What is assumed, in one line with what to do about it; empty where nothing is."""
-    assumed = [row for row in rows if row.source == "assumed"]
+    assumed = [row for row in records if row.source == "assumed"]
     kinds = list(dict.fromkeys(row.what for row in assumed))
     bounds = [_span(kind, [row for row in assumed if row.what == kind]) for kind in kinds if kind in BOUNDS]
     if bounds:
@@ -99,20 +99,20 @@ def said(rows: Sequence[Assumption]) -> str:
     return f"assumed: {', '.join(bounds + models)}: {'run `diagnose` or ' if models else ''}{remedy}"
 
 
-def _span(kind: str, rows: Sequence[Assumption]) -> str:
+def _span(kind: str, records: Sequence[Assumption]) -> str:
     """A bound with its value, or the least and the largest of its joints'."""
     if kind not in ("acceleration", "velocity"):
         return kind
-    units = {row.unit for row in rows}
+    units = {row.unit for row in records}
     if len(units) > 1:
         return kind
-    ends = [f"{f([row.value for row in rows]):.3g}" for f in (min, max)]
+    ends = [f"{f([row.value for row in records]):.3g}" for f in (min, max)]
     unit = units.pop()
     return f"{kind} {' to '.join(dict.fromkeys(ends))} {SIGNS.get(unit, unit)}"
 
 
 def grouped(given: Iterable[Assumption]) -> list[tuple[str, str, str, str]]:
-    """Rows for a table: what, values with their unit, source and note; joints that share source and note in one."""
+    """Records for a table: what, values with their unit, source and note; joints that share source and note in one."""
     records = tuple(given)
     out: dict[tuple[str, str, str, str], list[Assumption]] = {}
     for row in records:

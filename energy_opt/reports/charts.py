@@ -90,7 +90,7 @@ def _line(line: Line) -> dict[str, Any]:
 
 
 def thinned(count: int, most: int = MOST_POINTS) -> np.ndarray:
-    """Indices of at most `most` of `count` rows, the first and the last among them."""
+    """Indices of at most `most` of `count` points, the first and the last among them."""
     if count <= most:
         return np.arange(count)
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))

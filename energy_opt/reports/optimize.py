@@ -162,9 +162,9 @@ def _cumulative(result: Motion, beside: Mapping[str, Motion], standby: float) ->
     return Chart("Energy used so far, standby left out", "time [s]", "energy [J]", lines, timed=True)
 
 
-def _progress(rows: Sequence[Mapping[str, float]]) -> Chart:
+def _progress(records: Sequence[Mapping[str, float]]) -> Chart:
     """The least loss of a proven answer over the time of the search: it stays until a better one is found."""
-    seconds, loss = (np.array([row[key] for row in rows]) for key in ("seconds", "loss"))
+    seconds, loss = (np.array([row[key] for row in records]) for key in ("seconds", "loss"))
     line = Line("best proven answer", np.repeat(seconds, 2)[1:], np.repeat(loss, 2)[:-1])
     return Chart("Best proven answer while the search ran", "time of the search [s]", "loss [J]", [line])
 

@@ -74,15 +74,16 @@ class Report:
         )
         return self._add(f'<div class="numbers">{cells}</div>')
 
-    def table(self, header: Sequence[str], rows: Sequence[Sequence[Any]], digits: int = 4) -> Report:
-        """Add a table; each cell is written by `shown`; without rows, nothing, and no column without a value."""
-        kept = [k for k in range(len(header)) if any(row[k] is not None and row[k] != "" for row in rows)]
+    def table(self, header: Sequence[str], records: Sequence[Sequence[Any]], digits: int = 4) -> Report:
+        """Add a table; each cell is written by `shown`; a table or a column without a value is left out."""
+        kept = [k for k in range(len(header)) if any(row[k] is not None and row[k] != "" for row in records)]
         if not kept:
             return self
-        header, rows = [header[k] for k in kept], [[row[k] for k in kept] for row in rows]
+        header, records = [header[k] for k in kept], [[row[k] for k in kept] for row in records]
         head = "".join(f"<th>{html.escape(str(cell))}</th>" for cell in header)
         body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(shown(cell, digits))}</td>" for cell in row) + "</tr>\n" for row in rows
+            "<tr>" + "".join(f"<td>{html.escape(shown(cell, digits))}</td>" for cell in row) + "</tr>\n"
+            for row in records
         )
         return self._add(f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}</table></div>')
 

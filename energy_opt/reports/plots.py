@@ -30,12 +30,12 @@ class Curve:
     y: np.ndarray
 
 
-def new_figure(rows: int, columns: int, *, width: float = 10.0, height: float = 3.2) -> tuple[Figure, np.ndarray]:
-    """A figure of rows x columns axes, (rows, columns); `width` in inches, `height` per row.
+def new_figure(down: int, columns: int, *, width: float = 10.0, height: float = 3.2) -> tuple[Figure, np.ndarray]:
+    """A figure of down x columns axes, (down, columns); `width` in inches, `height` of each line.
 
     Margins are fixed lengths: matplotlib's own layout engines draw everything twice.
     """
-    total = height * rows
+    total = height * down
     left, right, bottom, top, gap_x, gap_y = 0.8, 0.2, 0.5, 0.45, 1.3, 0.75  # [inch]
     figure = Figure(figsize=(width, total), dpi=DPI)
     grid = {
@@ -44,9 +44,9 @@ def new_figure(rows: int, columns: int, *, width: float = 10.0, height: float = 
         "bottom": bottom / total,
         "top": 1 - top / total,
         "wspace": gap_x * columns / (width - left - right - gap_x * (columns - 1)),
-        "hspace": gap_y * rows / (total - bottom - top - gap_y * (rows - 1)),
+        "hspace": gap_y * down / (total - bottom - top - gap_y * (down - 1)),
     }
-    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid)
+    return figure, figure.subplots(down, columns, squeeze=False, gridspec_kw=grid)
 
 
 def png(figure: Figure) -> bytes:

@@ -247,8 +247,8 @@ class RigidBody:
         v, a = self.coupling.rates(v), self.coupling.rates(a)
         if len(q) < FEW:
             model, data = self._variant(payload, gravity)
-            rows = [pin.rnea(model, data, row, v[k], a[k]) for k, row in enumerate(self.configuration(q))]
-            return self.coupling.joined(np.array(rows))
+            torques = [pin.rnea(model, data, row, v[k], a[k]) for k, row in enumerate(self.configuration(q))]
+            return self.coupling.joined(np.array(torques))
         pool = pin.ModelPool(self._variant(payload, gravity)[0], 1)
         out = np.empty((self._model.nv, len(q)), order="F")
         pin.rneaInParallel(1, pool, self.configuration(q).T, v.T, a.T, out)

@@ -114,8 +114,8 @@ class _Loose(MotionCurve):
             one = spans.last - spans.first <= 1
             begin = np.where(one, self.time[spans.first] + spans.low * h, self.time[spans.first]) - self._slack
             end = np.where(one, self.time[spans.first] + spans.high * h, self.time[spans.last]) + self._slack
-            low = np.clip(np.searchsorted(self.time, begin, side="right") - 1, 0, self.rows - 2)
-            high = np.clip(np.searchsorted(self.time, end, side="left"), 1, self.rows - 1)
+            low = np.clip(np.searchsorted(self.time, begin, side="right") - 1, 0, self.samples - 2)
+            high = np.clip(np.searchsorted(self.time, end, side="left"), 1, self.samples - 1)
             for k, (a, b) in enumerate(zip(low.tolist(), np.maximum(high, low + 1).tolist(), strict=True)):
                 far[k, self._count :] += self._slack * self._speed[a:b].max(axis=0)
         return time, q, far

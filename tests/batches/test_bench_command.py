@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from energy_opt.batches.rows import COLUMNS, TIMES, read_parquet
+from energy_opt.batches.records import COLUMNS, TIMES, read_parquet
 from energy_opt.cli.main import main
 
 SUITE = """format = "energy-opt/suite/1"

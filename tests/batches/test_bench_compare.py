@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from energy_opt.batches.compare import compare, comparison_text
-from energy_opt.batches.rows import COLUMNS, read_parquet, write_parquet
+from energy_opt.batches.records import COLUMNS, read_parquet, write_parquet
 from energy_opt.batches.summary import distribution, machine
 from energy_opt.errors import BadInput
 

@@ -15,7 +15,7 @@ import pytest
 
 from energy_opt.batches import load_suite, run_batch
 from energy_opt.batches.journal import NAME, read_journal
-from energy_opt.batches.rows import TIMES, read_parquet
+from energy_opt.batches.records import TIMES, read_parquet
 
 HERE = Path(__file__).parents[1]
 COUNT = 12
@@ -67,9 +67,9 @@ def test_order_of_workers_changes_nothing(suite_file, tmp_path):
     suite = load_suite(suite_file)
     one = run_batch(suite, tmp_path / "one", jobs=1, solve=bench_workers.known)
     two = run_batch(suite, tmp_path / "two", jobs=2, solve=bench_workers.slow)
-    assert one.rows == two.rows
-    assert [row["key"] for row in one.rows] == [task.key for task in suite.tasks]
-    assert untimed(read_parquet(tmp_path / "one" / "results.parquet")) == untimed(one.rows)
+    assert one.records == two.records
+    assert [row["key"] for row in one.records] == [task.key for task in suite.tasks]
+    assert untimed(read_parquet(tmp_path / "one" / "results.parquet")) == untimed(one.records)
     assert len({record["worker"]["process"] for record in read_journal(tmp_path / "two" / NAME)[1]}) == 2
 
 
@@ -86,7 +86,7 @@ def test_killed_and_resumed_equals_uninterrupted(suite_file, tmp_path):
     with (out / NAME).open("ab") as stream:
         stream.write(b'{"key": "torn')  # what a death in the middle of a line leaves
     resumed = run_batch(suite, out, jobs=2, resume=True, solve=bench_workers.known)
-    assert resumed.rows == whole.rows
+    assert resumed.records == whole.records
     assert sorted(keys(out)) == sorted(task.key for task in suite.tasks)  # each exactly once
     assert resumed.summary["complete"]
     assert read_parquet(out / "results.parquet") == read_parquet(tmp_path / "whole" / "results.parquet")
@@ -123,29 +123,29 @@ def test_ctrl_c_keeps_what_is_done(suite_file, tmp_path):
     assert 3 <= len(read_parquet(out / "results.parquet")) < COUNT
     done = run_batch(load_suite(suite_file), out, jobs=1, resume=True, solve=bench_workers.known)
     assert done.summary["complete"]
-    assert sorted(keys(out)) == sorted(row["key"] for row in done.rows)
+    assert sorted(keys(out)) == sorted(row["key"] for row in done.records)
 
 
 def test_a_move_that_raises_is_a_row(suite_file, tmp_path):
     batch = run_batch(load_suite(suite_file), tmp_path, jobs=2, solve=bench_workers.faulty)
-    assert [row["status"] for row in batch.rows] == ["solved"] * 2 + ["failed"] + ["solved"] * (COUNT - 3)
-    assert batch.rows[2]["error"] == "ZeroDivisionError: by nought"
+    assert [row["status"] for row in batch.records] == ["solved"] * 2 + ["failed"] + ["solved"] * (COUNT - 3)
+    assert batch.records[2]["error"] == "ZeroDivisionError: by nought"
     assert batch.summary["failures"][0]["error"] == "ZeroDivisionError: by nought"
 
 
 @pytest.mark.slow
 def test_a_move_that_kills_its_worker_is_a_row(suite_file, tmp_path):
     batch = run_batch(load_suite(suite_file), tmp_path, jobs=2, solve=bench_workers.deadly)
-    assert [row["status"] for row in batch.rows] == ["solved"] * 2 + ["failed"] + ["solved"] * (COUNT - 3)
-    assert "worker process died" in batch.rows[2]["error"]
-    assert sorted(keys(tmp_path)) == sorted(row["key"] for row in batch.rows)
+    assert [row["status"] for row in batch.records] == ["solved"] * 2 + ["failed"] + ["solved"] * (COUNT - 3)
+    assert "worker process died" in batch.records[2]["error"]
+    assert sorted(keys(tmp_path)) == sorted(row["key"] for row in batch.records)
 
 
 @pytest.mark.slow
 def test_a_worker_that_dies_once_costs_nothing(suite_file, tmp_path, monkeypatch):
     monkeypatch.setenv("BENCH_TEST_MARKER", str(tmp_path / "marker"))
     batch = run_batch(load_suite(suite_file), tmp_path / "out", jobs=2, solve=bench_workers.failing_once)
-    assert all(row["status"] == "solved" for row in batch.rows)
+    assert all(row["status"] == "solved" for row in batch.records)
 
 
 def test_resume_does_only_what_an_edited_suite_adds(suite_file, tmp_path):
@@ -154,10 +154,10 @@ def test_resume_does_only_what_an_edited_suite_adds(suite_file, tmp_path):
     suite_file.write_text(suite_file.read_text().replace(f"count = {COUNT}", f"count = {COUNT + 2}"))
     again = run_batch(load_suite(suite_file), out, resume=True, solve=bench_workers.known)
     assert again.summary["run"]["moves"] == 2
-    assert len(again.rows) == COUNT + 2
+    assert len(again.records) == COUNT + 2
     suite_file.write_text(suite_file.read_text().replace(f"count = {COUNT + 2}", "count = 1"))
     fewer = run_batch(load_suite(suite_file), out, resume=True, solve=bench_workers.known)
-    assert (len(fewer.rows), fewer.left_out, fewer.summary["run"]["moves"]) == (1, COUNT + 1, 0)
+    assert (len(fewer.records), fewer.left_out, fewer.summary["run"]["moves"]) == (1, COUNT + 1, 0)
 
 
 def test_report_names_failures_first(suite_file, tmp_path):
@@ -179,5 +179,5 @@ def test_a_dask_cluster_of_several_processes_gives_the_same(suite_file, tmp_path
             there = run_batch(suite, tmp_path / "there", scheduler=at.scheduler_address, solve=bench_workers.faulty)
     finally:
         os.environ["PYTHONPATH"] = before
-    assert there.rows == here.rows
+    assert there.records == here.records
     assert len({r["worker"].get("process") for r in read_journal(tmp_path / "there" / NAME)[1]} - {None}) == 2

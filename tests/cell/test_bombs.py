@@ -19,7 +19,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.rosbag2 import reader as reader2
 from rosbags.typesys import Stores, get_typestore
 
-from energy_opt.batches.rows import COLUMNS
+from energy_opt.batches.records import COLUMNS
 
 ZEROS, TIMES = bytes(1 << 24), 250  # 4 GB in all
 KIND = "trajectory_msgs/msg/JointTrajectory"

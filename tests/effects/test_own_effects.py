@@ -79,7 +79,7 @@ def test_planned_with_from_the_command_line_and_in_spawned_workers(tmp_path, own
         f"[[moves]]\nname = 'turn'\nstart = {START.tolist()}\ngoal = {GOAL.tolist()}\n"
     )
     assert main(["bench", str(tmp_path / "suite.toml"), *model, "--jobs", "1", "--out", str(tmp_path / "b")]) == 0
-    from energy_opt.batches.rows import read_parquet
+    from energy_opt.batches.records import read_parquet
 
     (row,) = read_parquet(tmp_path / "b/results.parquet")
     assert row["status"] == "solved" and row["energy_total"] == pytest.approx(one["energy"]["total"], rel=1e-6)

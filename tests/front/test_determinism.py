@@ -121,7 +121,7 @@ def test_jobs_change_no_number(tmp_path: Path) -> None:
         "settings = { starts = 2 }\n"
     )
     suite = load_suite(tmp_path / "s.toml", compile="never")
-    one, two = (run_batch(suite, tmp_path / f"jobs{jobs}", jobs=jobs).rows for jobs in (1, 2))
+    one, two = (run_batch(suite, tmp_path / f"jobs{jobs}", jobs=jobs).records for jobs in (1, 2))
     for a, b in zip(one, two, strict=True):
         assert a["status"] == "solved"
         assert {k: v for k, v in a.items() if k not in CLOCKED} == {k: v for k, v in b.items() if k not in CLOCKED}

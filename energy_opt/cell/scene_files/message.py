@@ -216,11 +216,11 @@ def _triangle(row: Any) -> Sequence[int]:
 def _allowed(matrix: Mapping[str, Any]) -> AllowedPairs:
     """moveit_msgs/AllowedCollisionMatrix: a symmetric matrix over names, and entries for whatever is not in it."""
     names = [name_of(item, "entry_names") for item in sequence(matrix.get("entry_names"), "entry_names")]
-    rows = sequence(matrix.get("entry_values"), "entry_values")
-    if len(rows) != len(names):
-        raise BadInput(f"{len(rows)} entry_values for {len(names)} entry_names")
+    matched = sequence(matrix.get("entry_values"), "entry_values")
+    if len(matched) != len(names):
+        raise BadInput(f"{len(matched)} entry_values for {len(names)} entry_names")
     entries = {}
-    for name, row in zip(names, rows, strict=True):
+    for name, row in zip(names, matched, strict=True):
         row = sequence(row.get("enabled") if isinstance(row, Mapping) else row, "enabled")
         if len(row) != len(names):
             raise BadInput(f"the row of {name} has {len(row)} entries for {len(names)} names")

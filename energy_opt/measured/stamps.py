@@ -1,4 +1,4 @@
-"""Rows as recorders write them to rows as a motion has them: repeated stamps, missing rows, gaps. All is counted."""
+"""Stamps of recorders made into those of a motion: repeated stamps, missing samples, gaps; all are counted."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-COARSE = 0.3  # share of rows with the stamp of the row before, from which stamps are coarser than the rows
+COARSE = 0.3  # share of samples with the stamp of the sample before, from which stamps are coarser than the samples
 GAP = 0.25  # [s] without a row, or `GAP_STEPS` steps: nothing is known of the motion in between
 GAP_STEPS = 10
-BUNCHED = 5.0  # times the usual step is the mean one, where rows arrive in bunches
-SKIPPED = 1.6  # steps between rows from which one is missing
+BUNCHED = 5.0  # times the usual step is the mean one, where samples arrive in bunches
+SKIPPED = 1.6  # steps between samples from which one is missing
 
 
 @dataclass(frozen=True)
-class Rows:
-    """Which rows are kept (K,), their stamps (K,) [s], and after which of the kept ones there is a gap."""
+class Stamped:
+    """Which samples are kept (K,), their stamps (K,) [s], and after which of the kept ones there is a gap."""
 
     kept: np.ndarray
     time: np.ndarray
@@ -29,12 +29,12 @@ def backward(time: np.ndarray) -> int | None:
     return int(back[0]) + 1 if back.size else None
 
 
-def clean(time: np.ndarray, values: np.ndarray) -> Rows:
-    """Rows with increasing stamps out of rows with stamps that do not decrease.
+def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
+    """Samples with increasing stamps out of samples with stamps that do not decrease.
 
-    A row that repeats the one above it, stamp and values, is dropped. Rows that share a stamp but differ are spread
-    evenly where stamps are coarser than the rows, moved to the place that is free behind them where there is one, and
-    dropped otherwise.
+    A sample that repeats the one before it, stamp and values, is dropped. Samples that share a stamp but differ are
+    spread evenly where stamps are coarser than the samples, moved to the free place behind them where there is one,
+    and dropped otherwise.
 
     Args:
         time: (N,) s, not decreasing. values: (N, m) of all that is logged.
@@ -66,7 +66,7 @@ def clean(time: np.ndarray, values: np.ndarray) -> Rows:
         row = 1e3 * float(np.median(np.diff(stamps)))
         remarks.append(f"stamps come in bunches: rows spread evenly, {row:.3g} ms apart, as on the controller's clock")
     if len(stamps) < 3:
-        return Rows(kept, stamps, (), tuple(remarks))
+        return Stamped(kept, stamps, (), tuple(remarks))
     step = np.diff(stamps)
     usual = float(np.median(step))
     limit = max(GAP, GAP_STEPS * usual)
@@ -80,11 +80,11 @@ def clean(time: np.ndarray, values: np.ndarray) -> Rows:
         lengths = ", ".join(f"{x:.3g} s after {t:.4g} s" for x, t in zip(step[wide][:3], begins, strict=False))
         more = f" and {int(wide.sum()) - 3} more" if wide.sum() > 3 else ""
         remarks.append(f"cut at {int(wide.sum())} gap(s) without rows ({lengths}{more})")
-    return Rows(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
+    return Stamped(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
 
 
 def _unbunched(stamps: np.ndarray) -> np.ndarray | None:
-    """Rows that arrived in bunches, spread evenly up to the last row of each bunch; None where they do not bunch."""
+    """Samples that arrived in bunches, spread evenly up to the last of each bunch; None where they do not bunch."""
     step = np.diff(stamps)
     near = step[step < GAP]
     if len(near) < 3 or BUNCHED * float(np.median(near)) >= float(near.mean()):
@@ -99,7 +99,7 @@ def _unbunched(stamps: np.ndarray) -> np.ndarray | None:
 
 
 def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
-    """Rows of one stamp spread evenly up to the next stamp; those of the last as far apart as those before."""
+    """Samples of one stamp spread evenly up to the next stamp; those of the last as far apart as those before."""
     group = np.cumsum(~same) - 1
     first = np.flatnonzero(~same)
     size = np.diff(np.append(first, len(stamps)))
@@ -107,7 +107,7 @@ def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
     usual = float(np.median(length)) if len(length) else 1.0
     length = np.append(np.minimum(length, 2 * usual), usual)
     apart = length / size
-    if len(apart) > 2:  # the first and the last stamp may be those of a part of the rows
+    if len(apart) > 2:  # the first and the last stamp may be those of a part of the samples
         row = float(np.median(apart[1:-1]))
         apart[0], apart[-1] = min(apart[0], row), min(apart[-1], row)
     begin = stamps[first]
@@ -117,7 +117,7 @@ def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
 
 
 def _moved(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Rows with the stamp of the one before: half way to the next row where a row is missing there, else dropped."""
+    """Samples with the stamp of the one before: half way to the next where one is missing, else dropped."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
     room = np.append(step, 0.0) > SKIPPED * usual
@@ -128,9 +128,9 @@ def _moved(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tuple[np.n
 
 
 def held(values: np.ndarray) -> np.ndarray | None:
-    """The rows (M,) at which a slower source's reading was new, where each is held over several rows; None where not.
+    """The samples (M,) at which a slower source's reading was new, where each is held over several; None where not.
 
-    Readings come at a beat: all distances between changes are multiples of one number of rows. A coarse instrument's
+    Readings come at a beat: all distances between changes are multiples of one number of samples. A coarse instrument's
     values stay for a while too, but keep no beat.
     """
     change = np.flatnonzero(np.diff(values) != 0) + 1

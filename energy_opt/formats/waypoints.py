@@ -1,4 +1,4 @@
-"""What a file of the field says of joints: rows of named joints' positions, with times where it has them."""
+"""What a file of the field says of joints: positions of named joints, with times where it has them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from energy_opt.motion.standing import check_moves_on
 from energy_opt.motion.trajectory import Trajectory
 
 LARGEST = 1e9  # rad or m, and per second, ...: what no joint does
-SHORTEST = 1e-10  # [s] between two rows: messages count nanoseconds
+SHORTEST = 1e-10  # [s] between two samples: messages count nanoseconds
 LONGEST = 1e5  # [s] a motion of more than a day has its times in another unit
-FEWEST = 8  # rows from which rates are compared with each other
+FEWEST = 8  # samples from which rates are compared with each other
 SLIP, UNLIKE = (
     5.0,
     0.1,
@@ -25,13 +25,13 @@ KINDS = ("position", "velocity", "acceleration", "effort")
 
 
 @dataclass(frozen=True)
-class Rows:
+class Samples:
     """Positions (N, n) of joints by name [rad or m], and what else a file gives of them.
 
     Attributes:
         where: the file, and the place in it where that is not plain, for messages.
         joints: (n,) names, as the file has them.
-        time: (N,) s; None where the rows are waypoints, to be passed at any time.
+        time: (N,) s; None where the samples are waypoints, to be passed at any time.
         velocity, acceleration, effort: (N, n), None where the file has none.
         planned: a plan for a controller, which begins and ends at rest where nothing else is said; a recording may be
             in motion at both ends.
@@ -66,8 +66,8 @@ class Rows:
                     "times in ms, us or ns? expected seconds)"
                 )
 
-    def of(self, joints: Sequence[str], prefix: str = "") -> Rows:
-        """The same rows for the robot's `joints`, in their order; in the file their names begin with `prefix`.
+    def of(self, joints: Sequence[str], prefix: str = "") -> Samples:
+        """The same samples for the robot's `joints`, in their order; in the file their names begin with `prefix`.
 
         Joints of the file that the robot does not have are left out.
 
@@ -87,10 +87,10 @@ class Rows:
         return replace(self, joints=tuple(joints), **chosen)
 
     def trajectory(self) -> Trajectory:
-        """The rows as a trajectory; velocity and acceleration by cubic splines where they are missing.
+        """The samples as a trajectory; velocity and acceleration by cubic splines where they are missing.
 
         Raises:
-            BadInput: there are no times, or fewer than two rows.
+            BadInput: there are no times, or fewer than two samples.
         """
         from scipy.interpolate import CubicSpline
 
@@ -133,7 +133,7 @@ class Rows:
             )
 
     def path(self) -> JointPath:
-        """The rows as a path: that of the trajectory, which it keeps, or the spline through waypoints.
+        """The samples as a path: that of the trajectory, which it keeps, or the spline through waypoints.
 
         Raises:
             BadInput: the trajectory rests on its way, of which a path keeps nothing.

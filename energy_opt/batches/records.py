@@ -1,4 +1,4 @@
-"""Rows of a batch's results: their columns, and how they are written as a table."""
+"""Records of a batch's results: their columns, and how they are written as a table."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from energy_opt.files import replacing
 
 # Column: type. Energies in J, durations and seconds in s, savings in percent against "scaled" (the same duration);
 # energy_<baseline> is the total of a baseline, loss_<baseline> its loss; max_violation a fraction of the bound.
-MOST_ROWS, MOST_BYTES = 10**6, 2 * 10**8  # of a results.parquet that is read
+MOST_RECORDS, MOST_BYTES = 10**6, 2 * 10**8  # of a results.parquet that is read
 COLUMNS: dict[str, str] = {
     "suite": "string",
     "robot": "string",
@@ -113,19 +113,19 @@ def filled(row: Row, document: Mapping[str, Any]) -> Row:
     return out
 
 
-def write_parquet(path: Path, rows: Iterable[Row]) -> None:
-    """Write the rows as a Parquet table, whole or not at all."""
+def write_parquet(path: Path, records: Iterable[Row]) -> None:
+    """Write the records as a Parquet table, whole or not at all."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     types = {"string": pa.string(), "double": pa.float64(), "int64": pa.int64()}
     schema = pa.schema([(name, types[kind]) for name, kind in COLUMNS.items()])
     with replacing(path) as aside:
-        pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), aside)
+        pq.write_table(pa.Table.from_pylist(list(records), schema=schema), aside)
 
 
 def read_parquet(path: Path) -> list[Row]:
-    """Rows of a results.parquet.
+    """Records of a results.parquet.
 
     Raises:
         BadInput: no such file, not Parquet, or not a table of results.
@@ -136,8 +136,8 @@ def read_parquet(path: Path) -> list[Row]:
     try:
         about = pq.read_metadata(path)
         groups = range(about.num_row_groups)
-        if about.num_rows > MOST_ROWS or sum(about.row_group(k).total_byte_size for k in groups) > MOST_BYTES:
-            raise BadInput(f"{path}: unpacks to more than {MOST_ROWS:,} rows or {MOST_BYTES / 1e6:g} MB")
+        if about.num_rows > MOST_RECORDS or sum(about.row_group(k).total_byte_size for k in groups) > MOST_BYTES:
+            raise BadInput(f"{path}: unpacks to more than {MOST_RECORDS:,} rows or {MOST_BYTES / 1e6:g} MB")
         table = pq.read_table(path, columns=[name for name in about.schema.to_arrow_schema().names if name in COLUMNS])
     except (OSError, pa.ArrowException) as error:
         raise BadInput(f"{path}: cannot be read as Parquet: {str(error).splitlines()[0]}") from None

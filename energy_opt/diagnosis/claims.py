@@ -122,8 +122,8 @@ def trifling(found: Search, named: Fit, best: Fit) -> bool:
 def other_drives(found: Search, f: Fit) -> list[Fit]:
     """Every other law of what becomes of negative power, for the one that there is and alone in place of all.
 
-    Stores are no straight step away, and what stands beside the wrong law may only make up for it. A store's size is
-    begun at each value tried, as readings bend in it.
+    Stores are no straight step away, and what is beside the wrong law may only make up for it. A store's size starts at
+    each value tried, as readings bend in it.
     """
     at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
     if at is None or f.charts[at].term.declared:

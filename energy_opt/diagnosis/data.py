@@ -35,7 +35,7 @@ class Samples:
         logged: by name (K,) of further signals that every run has, and that change somewhere.
         group: how many neighbouring readings were averaged to one, 1 in all but long sets.
         blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
-        lag: s, how far rows and steps of the positions leave the motion's time open.
+        lag: s, how far samples and steps of the positions leave the motion's time open.
         allowed: (M,) W^2, variance of single readings by such errors and by clocks, see `weighted`.
     """
 
@@ -185,7 +185,7 @@ class Samples:
     def by_links(self, live: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
         """`regressors` by those inertial parameters that are named: pieces (k, n, live, 4) with where they lie.
 
-        Those of all links are kept where they are not too large (a million rows at 1 kHz have some GB), those of the
+        Those of all links are kept where they are not too large (a million samples at 1 kHz have some GB), those of the
         last link always; others are worked out anew.
         """
         at_once, first = len(self.q) <= PIECE, 10 * self.body.last

@@ -94,7 +94,7 @@ def _bytes(value: tuple[Prediction, np.ndarray]) -> int:
 
 
 class Stopped(Exception):
-    """The work was asked to end; what was fitted so far stands in the search."""
+    """The work was asked to end; what was fitted so far is in the search."""
 
 
 @dataclass(frozen=True)

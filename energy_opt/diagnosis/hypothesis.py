@@ -86,7 +86,7 @@ class Chart:
     """The numbers z of a term and what is known of them before the data.
 
     Attributes:
-        base: (P,) chart values of the effect where z = origin. rows: (Z,) which of them are free.
+        base: (P,) chart values of the effect where z = origin. samples: (Z,) which of them are free.
         origin: (Z,) numbers at which an absent effect changes (next to) nothing, a declared one is as declared.
         mean, precision: (Z,), (Z, Z) of the normal law before the data. lower, upper: (Z,) bounds.
         unknown: (Z,) True for numbers whose usual size follows from what they do to the power, see `sized`.

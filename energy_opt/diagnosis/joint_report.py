@@ -1,4 +1,4 @@
-"""The joints' own readings beside the power: priors for the fit, rows of the document, sets without a meter."""
+"""The joints' own readings beside the power: priors for the fit, samples of the document, sets without a meter."""
 
 from __future__ import annotations
 

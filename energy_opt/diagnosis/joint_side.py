@@ -4,8 +4,8 @@
 
 y is current (then 1 / k is Kt, N m/A at the joint side) or torque (then k should be 1), d the links' deviations from
 their URDF, o an offset. Joints of the same limits have like drives: one that gravity does not load hardly tells its k,
-which is then taken to be near the others', as near as those are to each other. Everything enters linearly once k stands
-before d; rows are weighed down where they lie far off (Huber), and counted by how long their noise remembers.
+which is then taken to be near the others', as near as those are to each other. Everything enters linearly once k is
+before d; samples are weighed down where they lie far off (Huber), and counted by how long their noise remembers.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from energy_opt.power import PowerModel
 from energy_opt.power.rigid import body_of, rigid_torque
 from energy_opt.robot import Limits
 
-STEP = 0.03  # [s] between rows; readings in between are averaged
-MOST = 6000  # rows that take part
+STEP = 0.03  # [s] between samples; readings in between are averaged
+MOST = 6000  # samples that take part
 STILL, SLOWEST = 0.02, 0.004  # [rad/s] slower joints are held by dry friction; width of the sign's edge
-HELD = 0.15  # trust in a joint's row where it stands: dry friction may carry any part of its load
+HELD = 0.15  # trust in a joint's sample at rest: dry friction may carry any part of its load
 HUBER = 1.5  # standard deviations from which a row counts less
 OFFSET = 0.05  # of the effort limit that a reading's offset may be
 TORQUES = 0.3  # standard deviation of k around 1 where torques are logged, until gravity has spoken
 STRANGE = 0.5  # by which k of logged torques may be off 1, before they are taken to be something else
 EXACT = 1e-4  # standard deviation of k where torques are read as they are
 SURE = 5.0  # standard deviations of k from 0, from which torques in N m follow
-FEW = 20  # rows in motion without which a joint's friction is not there
+FEW = 20  # samples in motion without which a joint's friction is not there
 TURNS = 4  # of the fit, before and after drives of the same kind are taken to be alike
 KNOWN = 0.1  # relative deviation within which a joint tells its k itself
 ALIKE = 0.1  # by which k differs among drives of the same kind, at least
-LONGEST = 60  # rows over which noise's memory is followed
+LONGEST = 60  # samples over which noise's memory is followed
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of all runs with joint readings: run (K,), and per joint (K, n) v, a, torque, reading; ways (K, n, c)."""
+    """Samples of all runs with joint readings: run (K,), and per joint (K, n) v, a, torque, reading; ways (K, n, c)."""
 
     run: np.ndarray
     v: np.ndarray
@@ -201,7 +201,7 @@ def _kinds(
 
 
 def _memory(run: np.ndarray, r: np.ndarray) -> float:
-    """How many rows say as much as one that is independent: 1 + 2 times the sum of the noise's correlations."""
+    """How many samples say as much as one that is independent: 1 + 2 times the sum of the noise's correlations."""
     r = r - np.median(r)
     spread = 1.4826 * float(np.median(np.abs(r)))
     r = np.clip(r, -3 * spread, 3 * spread)
@@ -271,7 +271,7 @@ class Push:
 
 
 def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
-    """One for every run that was pushed; none where rows are too far apart to tell inertia from a push."""
+    """One for every run that was pushed; none where samples are too far apart to tell inertia from a push."""
     if any(coarse(run) for run in measured.runs):
         return []
     limits, joints = measured.robot.limits, measured.robot.joints
@@ -314,7 +314,7 @@ def _step(side: JointSide, measured: MeasuredSet) -> float:
 
 
 def _means(x: np.ndarray, width: int) -> np.ndarray:
-    """Means (K', n) over `width` rows, or over all where there are fewer."""
+    """Means (K', n) over `width` samples, or over all where there are fewer."""
     if len(x) <= width:
         return np.asarray(x.mean(axis=0, keepdims=True))
     total = np.vstack([np.zeros(x.shape[1]), np.cumsum(x, axis=0)])

@@ -1,4 +1,4 @@
-"""Levels of power while the arm stands still: motors on, brakes on, drives off."""
+"""Levels of power while the arm is at rest: motors on, brakes on, drives off."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # over white noise
 
 
 def standing_noise(samples: Samples) -> Noise:
-    """The meter's noise while the arm stands still, each stretch's own mean taken out."""
+    """The meter's noise while the arm is at rest, each stretch's own mean taken out."""
     stretches: list[tuple[np.ndarray, np.ndarray]] = []
     for part in samples.parts:
         still = np.concatenate([[False], ~samples.moving[part], [False]]).astype(int)

@@ -51,7 +51,7 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
 
 
 def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray) -> float:
-    """Time between the joints' rows, or in which a joint moves by a step of its positions, s."""
+    """Time between the joints' samples, or in which a joint moves by a step of its positions, s."""
     rows = float(np.median(np.concatenate([np.diff(run.time) for run in measured.runs])))
     speed = np.abs(v[v != 0])
     step = 12**0.5 * smoothing.position_noise
@@ -61,7 +61,7 @@ def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray) -> float:
 def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> np.ndarray:
     """Standard deviations (2 n,) of velocities and accelerations after smoothing of noisy positions or velocities.
 
-    White noise s of rows h apart has the density 2 s^2 h; the smoother's response is 1 / (1 + (f / f_c)^6). Both are
+    White noise s of samples h apart has the density 2 s^2 h; the smoother's response is 1 / (1 + (f / f_c)^6). Both are
     widened by the root of how many bins the error stays alike.
     """
     h, f = float(np.median(np.diff(run.time))), np.where(np.isfinite(cutoffs), cutoffs, 0.0)

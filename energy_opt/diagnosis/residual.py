@@ -100,7 +100,7 @@ SHIFTS = 199
 CHANCE = 0.2  # p-value beyond which chance does as well
 DOUBT = 0.01  # and where neighbouring readings hardly resemble each other, as in noise
 ALIKE = 0.5  # correlation of neighbouring samples of a power that an arm draws
-FEW = 3.0  # readings per column, below which columns fit whatever stands there
+FEW = 3.0  # readings per column, below which columns fit anything
 SHOWN = 0.5  # of the meter's noise: mechanical power that varies less cannot be expected to show
 
 

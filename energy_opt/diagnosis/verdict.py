@@ -50,7 +50,7 @@ log = logging.getLogger(__name__)
 ALIKE = 1.1  # times the error, within which a set foresees as well
 CHANCE = 2.0  # standard deviations
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
-LAGS = 1.5  # times what rows and steps of positions leave open of the time, that a lag of the meter must exceed
+LAGS = 1.5  # times what samples and steps of positions leave open of the time, that a lag of the meter must exceed
 NOISE = 1.2  # times the noise, below which a model's held-out error is noise
 TURNS, EARLY = 5, 2  # of the search for the noise, and rounds of search in each: a misfit read as effects hides it
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
@@ -278,7 +278,7 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
 
 
 def _is_a_step(f: Fit, claim: Claim) -> bool:
-    """Is what is claimed a lag of the meter that rows and steps of the positions explain?"""
+    """Is what is claimed a lag of the meter that samples and steps of the positions explain?"""
     name = next(n for n in f.names if n not in claim.without.names)
     effect = f.model.get(name)
     if effect is None or effect.stage != "meter" or effect.parameters[0].unit != "s":

@@ -122,7 +122,7 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
     scorer = result.scorer(steps[0])
     parts = [_rows(t, a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
     energies = np.array([scorer.energy(part).total for part in parts])
-    energies += (piece.energy - energies.sum()) * energies / energies.sum()  # of kinks between rows
+    energies += (piece.energy - energies.sum()) * energies / energies.sum()  # of kinks between samples
     return [
         Piece(step.name, (k,), part, float(energy), piece.payload, piece.source, piece.status, piece.begins)
         for k, step, part, energy in zip(piece.steps, steps, parts, energies, strict=True)

@@ -13,7 +13,7 @@ from energy_opt.robot import RigidBody, Tool
 
 @dataclass(frozen=True)
 class Dense:
-    """A trajectory on a grid that is `factor` times denser than its rows, by Pinocchio's torque and the exact laws.
+    """A trajectory on a grid that is `factor` times denser than its samples, by Pinocchio's torque and the exact laws.
 
     time (M,) [s] from 0; q, v, a, jerk (M, n); rigid (M, n) [N m] the rigid body's torque, effort (M, n) the motors';
     power (M,) [W] and its parts by effect (M, parts). Every `factor`-th of them is a row.
@@ -48,7 +48,7 @@ class Dense:
     def weight(self) -> np.ndarray:
         """Simpson's weights (M,) [s] of an integral over time; `factor` is even.
 
-        At 4 ms between rows and ten places between them the rule errs by about 1e-10 of a smooth integral, and
+        At 4 ms between samples and ten places between them the rule errs by about 1e-10 of a smooth integral, and
         by a tenth of a row where a law has a kink.
         """
         step = np.diff(self.trajectory.time) / self.factor
@@ -60,5 +60,5 @@ class Dense:
 
     @property
     def filled(self) -> Trajectory:
-        """The trajectory with effort and power at its rows."""
+        """The trajectory with effort and power at its samples."""
         return replace(self.trajectory, effort=self.effort[:: self.factor], power=self.power[:: self.factor])

@@ -118,7 +118,7 @@ class Settings:
         objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
         solver: "ipopt", which goes on where the search without regard to bodies has not converged, or "sqp" alone.
         dynamics: source of the symbolic dynamics (see `dynamics`).
-        verify_samples: samples of the certificate; None for ten between every two rows.
+        verify_samples: samples of the certificate; None for ten between every two samples.
         end_acceleration: of a reshaped move, "zero" or "free". Where the best timing of the first path, whose end
             accelerations are free, takes less energy than a move with "zero", "free" is solved too.
         controls: control points per joint of a reshaped move.

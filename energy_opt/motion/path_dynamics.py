@@ -26,7 +26,7 @@ from energy_opt.power.rigid import rigid_torque
 from energy_opt.robot import Robot, Tool
 
 AFFINE = 1e-9  # relative: torque that deviates less from its tangent is affine
-CRAWL = 1e-9  # [1/s^2] squared path speed that stands for "about to move": friction has its sign, dynamics vanish
+CRAWL = 1e-9  # [1/s^2] squared path speed that represents "about to move": friction has its sign, dynamics vanish
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ class Baseline:
         return self.trajectory.duration
 
     def document(self) -> dict[str, object]:
-        """As it stands in result.json."""
+        """As result.json has it."""
         return {
             "name": self.name,
             "duration": self.duration,
@@ -59,7 +59,7 @@ class Optimality:
     gap_percent: float | None = None
 
     def document(self) -> dict[str, object]:
-        """As it stands in result.json."""
+        """As result.json has it."""
         return {"kind": self.kind, "lower_bound": self.lower_bound, "gap_percent": self.gap_percent}
 
 
@@ -75,7 +75,7 @@ class FirstPath:
     blocked: str = ""
 
     def document(self) -> dict[str, object]:
-        """As it stands in result.json."""
+        """As result.json has it."""
         return {"source": self.source, "seconds": self.seconds}
 
 

@@ -1,4 +1,4 @@
-"""Where a motion stands still on its way."""
+"""Where a motion rests on its way."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 STILL = 1e-3  # of the top speed: slower is no motion
 BRIEF = 0.03  # [s] a shorter standstill is a turning point
-DENSER = 4  # places between two rows that are looked at
+DENSER = 4  # places between two samples that are looked at
 
 
 def standstills(trajectory: Trajectory) -> np.ndarray:
@@ -20,7 +20,7 @@ def standstills(trajectory: Trajectory) -> np.ndarray:
     edges = np.flatnonzero(np.diff(still.astype(int)))
     spans = np.stack([time[edges[::2]], time[edges[1::2] - 1]], axis=1)
     rest = trajectory.time[np.abs(trajectory.velocity).max(axis=1) <= 1e-9]
-    for span in spans:  # from rest to rest, where rows at rest are there
+    for span in spans:  # from rest to rest, where samples at rest are there
         inside = rest[(rest >= span[0]) & (rest <= span[1])]
         if len(inside) > 1:
             span[:] = inside[[0, -1]]
@@ -29,7 +29,7 @@ def standstills(trajectory: Trajectory) -> np.ndarray:
 
 
 def check_moves_on(trajectory: Trajectory, where: str) -> None:
-    """Raise BadInput where a trajectory stands still on its way, which one move cannot keep."""
+    """Raise BadInput where a trajectory rests on its way, which one move cannot keep."""
     for begin, end in standstills(trajectory).tolist():
         if begin > BRIEF and end < trajectory.duration - BRIEF:
             raise BadInput(

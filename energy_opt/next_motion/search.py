@@ -65,7 +65,7 @@ def propose(rivals: Sequence[Rival], robot: Robot, seed: int = 0, cell: Cell | N
     Where some pairs are the same at the meter whatever the motion, the others count.
 
     Args:
-        cell: the arm's body and what stands around it, which the motion is proven to keep clear of.
+        cell: the arm's body and what is around it, which the motion is proven to keep clear of.
 
     Raises:
         Infeasible: no drawn motion holds the robot's limits and keeps clear.

@@ -83,7 +83,7 @@ def _always(source: str, cc: str, key: str, flags: tuple[str, ...] = ()) -> Path
 
 
 def _auto(source: str, cc: str, key: str, batch: bool) -> Path | None:
-    """The library if it is there, or pays at once; else None, and from the second time on a build is begun."""
+    """The library if it is there, or pays at once; else None, and from the second time on a build is started."""
     try:
         cache = library.folder()
         found = library.find(cache, key)

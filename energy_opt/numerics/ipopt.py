@@ -41,7 +41,7 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Answer:
-    """Where IPOPT stopped: point, multipliers of rows and of bounds on x, status and number of iterations."""
+    """Where IPOPT stopped: point, multipliers of constraints and of bounds on x, status and number of iterations."""
 
     x: np.ndarray
     row_multipliers: np.ndarray

@@ -25,7 +25,7 @@ from pathlib import Path
 
 FLAGS = ("-O1", "-march=native", "-fPIC", "-shared")
 OWN, TAG = "compiled", ".energy_opt_cache"  # the cache's folder below the one named, and the file that marks it
-PATIENCE = 600.0  # [s] after so long a build that has left nothing is taken for dead, and begun again
+PATIENCE = 600.0  # [s] after so long a build that has left nothing is taken for dead, and started again
 CPU_LINES = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features", "isa")
 
 

@@ -1,4 +1,4 @@
-"""Where a robot's base stands cheapest for a job whose goals are poses of the tool."""
+"""Where a robot's base is cheapest for a job whose goals are poses of the tool."""
 
 from energy_opt.placement.placement import Placement
 from energy_opt.placement.request import PlaceRequest

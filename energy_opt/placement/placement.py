@@ -26,7 +26,7 @@ class Looked:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the base, or a fixture, stands cheapest.
+    """Where the base, or a fixture, is cheapest.
 
     Attributes:
         place: its x, y, z [m], roll, pitch, yaw [rad] in the scene's frame; result: the job solved there.

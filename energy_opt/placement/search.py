@@ -71,7 +71,7 @@ class Search:
         return x, y, z, self.given[3], self.given[4], yaw
 
     def posed(self, point: np.ndarray, pool: dict[int, np.ndarray] | None = None) -> Posed:
-        """The choice of positions at a placement; with a pool of starts quickly, and blind to what stands around."""
+        """The choice of positions at a placement; with a pool of starts quickly, and blind to what is around."""
         cell = self.at(point)
         return Posed(self.job, self.model, self.settings, cell, starts=pool)
 
@@ -192,7 +192,7 @@ def _in_scene(job: Job, cell: CellRequest) -> Job:
 
 
 def _stands(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]:
-    """Where a fixture stands: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's.
+    """Where a fixture is: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's.
 
     Raises:
         BadInput: no pose of the job is in its frame, or a scene has no such object.
@@ -225,7 +225,7 @@ def place(
 
     Args:
         job: with poses of the tool, in the frame of the given base, of the scene or of its objects.
-        cell: what stands around, and the given base.
+        cell: what is around, and the given base.
 
     Raises:
         BadInput: no step of the job ends at a pose. Infeasible: no placement was found at which the job can be done.

@@ -26,7 +26,7 @@ class Layer:
 
     Attributes:
         positions: (K, n) [rad, m].
-        wait: seconds that the arm stands there; standing: (K,) [W] that this takes.
+        wait: seconds that the arm waits there; standing: (K,) [W] that this takes.
     """
 
     positions: np.ndarray

@@ -117,8 +117,8 @@ class Chain:
     def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
         """The motion itself: a row where each piece begins and ends, and as near as `row_step` says.
 
-        Pieces are of third degree at most, so the quintic between two rows is the profile, but for half a nanosecond
-        beside the ends of pieces: rows lie on whole nanoseconds.
+        Pieces are of third degree at most, so the quintic between two samples is the profile, but for half a nanosecond
+        beside the ends of pieces: samples lie on whole nanoseconds.
         """
         times, step = [np.zeros(1)], row_step(self.duration)
         for piece in self.pieces():

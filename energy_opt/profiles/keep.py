@@ -1,4 +1,4 @@
-"""What keeps standard moves clear of the arm's own body and its cell: rows over planes, more where a proof failed."""
+"""What keeps standard moves clear of the arm's own body and its cell: planes, more where a proof failed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from energy_opt.motion.reshape.clear import REACH, Margins, Places
 
 
 class Keep:
-    """The rows for moves between two poses `ends` (2, n); they learn from proofs that fail."""
+    """The constraints for moves between two poses `ends` (2, n); they learn from proofs that fail."""
 
     def __init__(self, cell: Cell, near: Near, ends: np.ndarray) -> None:
         self._near, self._margins = near, Margins(cell, ends)

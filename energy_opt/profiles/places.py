@@ -1,4 +1,4 @@
-"""Numeric rows of standard moves (see limits.base.PlaceRows): distances between bodies at places of the motion.
+"""Numeric constraints of standard moves (see limits.base.PlaceRows): distances between bodies at places of the motion.
 
 A place stays at its share of its piece while the unknowns change. With J_k = dq_k/dx, a row's gradient g gives g^T J_k,
 and a place's Hessian H gives J_k^T H J_k, beside what the bending of q_k itself adds.
@@ -15,7 +15,7 @@ from energy_opt.profiles.symbols import ChainSymbols
 
 
 class Placed:
-    """One limit's rows on the chain that they were asked for."""
+    """One limit's constraints on the chain that they were asked for."""
 
     def __init__(self, rows: PlaceRows, symbols: ChainSymbols, chain: Chain) -> None:
         self.rows = rows
@@ -40,7 +40,7 @@ class Placed:
         return np.asarray(np.matmul(self._gradient[:, None, :], self._slope[self.rows.place])[:, 0])
 
     def hessian(self, multipliers: np.ndarray) -> np.ndarray:
-        """The rows' share of the Lagrangian's Hessian, (unknowns, unknowns)."""
+        """The constraints' share of the Lagrangian's Hessian, (unknowns, unknowns)."""
         h = self.rows.hessian(self._q, multipliers)
         pull = np.zeros_like(self._q)
         np.add.at(pull, self.rows.place, multipliers[:, None] * self._gradient)

@@ -28,7 +28,7 @@ MOST_VIAS = 5
 MORE = 2  # via points beyond what was asked for, where moves cost more than the evenly slowed move
 TURNS = 5  # solves with what the judge found broken in view
 REACH = 0.3  # [rad] that via points go at most while the planes between bodies stay where they are
-ROUNDS = 6  # solves with numeric rows that are asked for anew where the one before ended
+ROUNDS = 6  # solves with numeric constraints that are asked for anew where the one before ended
 SETTLED = 1e-4  # [rad, s] change of all unknowns from round to round at which nothing new is asked for
 LONGEST = 10.0  # a free duration ends at this multiple of the reference's
 OPTIONS: dict[str, object] = {"max_iter": 150, "tol": 1e-6, "mu_init": 1e-2}
@@ -182,7 +182,8 @@ class MovesPlanner:
     ) -> tuple[Chain, Certificate]:
         """Solved from `chain`, and again with what the judge finds broken in view.
 
-        Limits that are broken by a little become tighter; where something is touched, rows keep the bodies apart.
+        Limits that are broken by a little become tighter; where something is touched, constraints keep the bodies
+        apart.
         """
         limits, keep = self.p.limits(move), None
         for turn in range(TURNS):
@@ -211,7 +212,7 @@ class MovesPlanner:
     def _solved(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str, limits: Sequence[Limit]
     ) -> tuple[Chain, bool]:
-        """Solved from `chain`; where limits have numeric rows, again until these are asked for where it ends."""
+        """Solved from `chain`; where limits have numeric constraints, again until these are asked for where it ends."""
         ends = np.asarray(move.start, dtype=float), np.asarray(move.goal, dtype=float)
         shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
         values = self.p.model.values(self.robot.n)

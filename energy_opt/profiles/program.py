@@ -8,10 +8,10 @@ those of reshaping, at T = 1. With z_k(x), weight h_k(x), time t_k(x), rate e, i
     gradient  sum_k (e_k dh_k + h_k (J_k^T g_k))
     Hessian   sum_k (h_k J_k^T C_k J_k + dh_k (J_k^T g_k)^T + (J_k^T g_k) dh_k^T + e_k d2h_k + h_k g_k d2z_k)
 
-where the last two terms are one second derivative by CasADi, with e and h g held. Rows, as shares of their bound:
-speed on every line, acceleration and jerk of every ramp in closed form, what else limits bound at nodes; pieces that
-do not overlap; and the duration. Positions need no rows: the motion stays within the hull of its corners, which have
-bounds.
+where the last two terms are one second derivative by CasADi, with e and h g held. Constraints, as shares of their
+bound: speed on every line, acceleration and jerk of every ramp in closed form, what else limits bound at nodes; pieces
+that do not overlap; and the duration. Positions need no constraints: the motion stays within the hull of its corners,
+which have bounds.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from energy_opt.profiles.symbols import ChainSymbols
 NODES = (4, 6, 4, 8)  # Gauss-Lobatto nodes of a rise, hold, fall and line, both ends included
 SHARP = 0.002  # [s] rise of a trapezoid's acceleration: one step of a controller at 500 Hz
 SHORTEST = 0.02  # [s] of any ramp
-APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter pieces would have no digits in their rows
+APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter pieces leave their constraints no digits
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ class Program:
 
     Args:
         ends: start and goal (n,); durations: bounds of the whole, s; parameters: the model's values.
-        near: where the limits' numeric rows are asked for; None: without them. `reach` [rad]: how far via points may
-            go from there.
+        near: where the limits' numeric constraints are asked for; None: without them. `reach` [rad]: how far via points
+            may go from there.
 
     Attributes:
         scale: what the cost is multiplied by.

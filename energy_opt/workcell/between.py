@@ -77,12 +77,12 @@ class TwoArms:
 
 
 def _own(cell: Cell) -> list[Body]:
-    """The bodies of the arm and what it carries, without what stands around."""
+    """The bodies of the arm and what it carries, without what is around."""
     return [body for k, body in enumerate(cell.bodies.all) if k < cell.links or body.joint >= 0]
 
 
 def placed_links(cell: Cell, shift: int) -> list[Link]:
-    """The links of an arm that stands at its base's pose, numbered from `shift` on."""
+    """The links of an arm fixed at its base's pose, numbered from `shift` on."""
     out = []
     for link in cell.robot.body.tree():
         follows = link.follows

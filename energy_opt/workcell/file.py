@@ -104,7 +104,7 @@ class StepTable(Table):
 
 
 class RobotTable(Table):
-    """A robot of the cell: its arm and where it stands, or only curves; its own modes; its steps, which form a ring."""
+    """A robot of the cell: its arm and where it is, or only curves; its own modes; its steps, which form a ring."""
 
     name: Name
     robot: Name | None = None

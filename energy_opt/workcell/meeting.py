@@ -17,7 +17,7 @@ Shares = tuple[float, float]
 def meeting(arms: TwoArms, one: Part, two: Part) -> tuple[Shares | None, Shares | None]:
     """The parts of two steps that may not be done at the same time, as shares of the steps' durations.
 
-    None stands for a whole step: one that waits, or where samples find nothing near.
+    None represents a whole step: one that waits, or where samples find nothing near.
     """
     waits = [np.ptp(part.trajectory.position, axis=0).max() == 0 for part in (one, two)]
     shares = [np.array([0.5]) if wait else np.linspace(0, 1, SAMPLES) for wait in waits]

@@ -15,7 +15,7 @@ SAME = 1e-9  # [s] times nearer than this are one
 
 @dataclass(frozen=True)
 class Part:
-    """One step of the cycle: its name, its start [s] from the cycle's begin, and its motion (a wait stands still)."""
+    """One step of the cycle: its name, its start [s] from the cycle's begin, and its motion (a wait is at rest)."""
 
     name: str
     start: float

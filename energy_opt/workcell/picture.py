@@ -49,7 +49,7 @@ def scene_of(result: CellResult) -> dict[str, Any] | None:
 
 
 def _placed(solid: Solid, base: np.ndarray, shift: int) -> Solid:
-    """A body of an arm in the tree of all: one that moves by its joint's number, one that stands by its base's pose."""
+    """A body of an arm in the tree of all: one that moves by its joint's number, one fixed by its base's pose."""
     if solid.joint >= 0:
         return replace(solid, joint=solid.joint + shift)
     return replace(solid, vertices=solid.vertices @ base[:3, :3].T + base[:3, 3])

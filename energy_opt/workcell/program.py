@@ -33,7 +33,7 @@ class RobotFile:
     written: Written
 
     def document(self) -> dict[str, Any]:
-        """As it stands in job.json."""
+        """As job.json has it."""
         return {"robot": self.robot, "starts_at": self.start, **self.written.document()}
 
 

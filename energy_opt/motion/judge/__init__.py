@@ -1,1 +1,1 @@
-"""What is proven of a trajectory: its energy and its limits, from its rows alone."""
+"""What is proven of a trajectory: its energy and its limits, from its samples alone."""

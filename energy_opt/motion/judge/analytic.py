@@ -1,8 +1,8 @@
-"""How far rigid-body torque between two rows may be from the polynomial through its values at even places there.
+"""How far rigid-body torque between two samples may be from the polynomial through its values at even places there.
 
-Between rows q(t) is a polynomial, so torque is analytic in t, complex t too. With M the largest of its magnitude within
-r of the piece (h long), Cauchy gives |f^(k)| <= k! M / r^k, and for the polynomial p of degree d through d + 1 even
-places, h / d apart,
+Between samples q(t) is a polynomial, so torque is analytic in t, complex t too. With M the largest of its magnitude
+within r of the piece (h long), Cauchy gives |f^(k)| <= k! M / r^k, and for the polynomial p of degree d through d + 1
+even places, h / d apart,
 
     |f - p|   <= |f^(d+1)| / (d+1)! max |w|  <= M (h / (d r))^(d+1) d! / 4
     |f' - p'| <= |f^(d+1)| / d! h^d          <= (d + 1) M / r (h / r)^d

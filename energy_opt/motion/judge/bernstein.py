@@ -17,7 +17,7 @@ ROUNDS = 60  # halvings of a piece: a double has 52 bits
 
 
 def quintics(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients (6, N - 1, n) of the curve between rows, less each piece's first position; and the steps [s]."""
+    """Coefficients (6, N - 1, n) of the curve between samples, less each piece's first position; and the steps [s]."""
     h = np.diff(trajectory.time)[:, None]
     q, v, a = trajectory.position, h * trajectory.velocity[:-1] / 5, h**2 * trajectory.acceleration[:-1] / 20
     far, w, c = q[1:] - q[:-1], h * trajectory.velocity[1:] / 5, h**2 * trajectory.acceleration[1:] / 20

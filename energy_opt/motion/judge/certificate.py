@@ -1,4 +1,4 @@
-"""The judge: a trajectory's limits on a dense grid, from its rows, Pinocchio's torque and the exact laws alone."""
+"""The judge: a trajectory's limits on a dense grid, from its samples, Pinocchio's torque and the exact laws alone."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Certificate:
         return max(_size(found) for found in self.found)
 
     def document(self) -> dict[str, object]:
-        """As it stands in result.json."""
+        """As result.json has it."""
         clearance = None if self.clearance is None else self.clearance.document()
         how = "proven" if self.proven else "sampled"
         limits = {"limits": how, "max_violation": self.max_violation, "worst": self.worst}
@@ -108,7 +108,7 @@ def _size(found: Violation) -> float:
 def certify(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit], samples: int | None = None, rows_only: bool = False
 ) -> Certificate:
-    """Check `trajectory` against `limits` on a grid at least ten times denser than its rows, or of `samples` points.
+    """Check `trajectory` against `limits` on a grid at least ten times denser than its samples, or of `samples` points.
 
     Long ones are looked at block by block, in bounded memory; laws with a memory begin anew with each.
     """
@@ -139,7 +139,7 @@ def looked_at(
 def _pieces(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit], factor: int, look: Callable[[Dense], None]
 ) -> Certificate:
-    """The certificate, piece by piece; `look` is shown each. Via points are looked for among all rows at once."""
+    """The certificate, piece by piece; `look` is shown each. Via points are looked for among all samples at once."""
     parts = blocks(trajectory, factor)
     if len(parts) == 1:
         dense = scorer.dense(trajectory, factor)

@@ -10,7 +10,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 
 def clearance_of(cell: Cell, trajectory: Trajectory) -> Clearance:
-    """The proof for a trajectory, between its rows too; its ends say what may be asked of it."""
+    """The proof for a trajectory, between its samples too; its ends say what may be asked of it."""
     t = trajectory
     return cell.prove(t.time, t.position, t.velocity, t.acceleration)
 

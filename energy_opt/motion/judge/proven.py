@@ -1,6 +1,6 @@
 """Limits of the whole continuous motion, between the judge's places too: proven, or the place that breaks one found.
 
-Position, velocity, acceleration and jerk are polynomials between rows: their largest values are exact to rounding.
+Position, velocity, acceleration and jerk are polynomials between samples: their largest values are exact to rounding.
 The rigid body's torque is a polynomial up to an error that is bounded (see `analytic`); where no effect adds to it, so
 is effort. Other effort, and power, lie within half a piece's length times the largest rate of their value in its middle
 (see `enclosure`); pieces that may pass a bound are cut until they do not, or their middle does.
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 TOLERANCE = 5e-7  # share of a bound that a proof may leave open
 EXACT = 1e-10  # of a bound: how exactly the peaks of polynomials are found
 PARTS, MOST = 8, 20_000  # into which a piece is cut, and how many are looked at before a proof is given up
-DEGREE = 10  # of the polynomial that stands for torque: the judge has so many places between two rows
+DEGREE = 10  # of the polynomial that represents torque: the judge has so many places between two samples
 DERIVATIVES = {Velocity: 1, Acceleration: 2, Jerk: 3}
 
 
 class Proof:
-    """The pieces of one motion between rows, and what is proven of them."""
+    """The pieces of one motion between samples, and what is proven of them."""
 
     def __init__(self, dense: Dense, scorer: Scorer) -> None:
         self._dense, self._scorer = dense, scorer

@@ -5,26 +5,27 @@ limit does not override is "nothing". A new limit is one file with one class, an
 
     what asks                  calls                what comes back
     judge (certificate)        worst(dense)         the worst place of a sampled motion, by the exact laws
-    mending                    scaled(share)        the same limit with a smaller bound
+    repair                     scaled(share)        the same limit with a smaller bound
     path check                 fixed(d)             what no timing of a path can change: position, holding still
     retiming, minimum time     linear(d, b)         |ra a + rb b + r0| <= 1, a path acceleration, b squared path speed
                                tangent(d, a, b)     the same to first order, for limits that are not linear
                                functions(path, s)   |f(a, b, w)| <= 1 in NumPy, for limits that need w = da/ds
                                expression(x, p)     else: compiled with the power law at the path's points
     reshaping                  box(n)               bounds of control points: a spline lies in their hull
-                               order, bound         rows on the control points of the derivative of that order
-                               expression(x, p)     symbolic rows at nodes, of (q, v, a, effort, power, t)
-                               places(curve)        numeric rows at places of its own, of position only (`PlaceRows`)
-                               excess_at(q)         how far positions are beyond what such rows allow
+                               order, bound         constraints on the control points of the derivative of that order
+                               expression(x, p)     symbolic constraints at nodes, of (q, v, a, effort, power, t)
+                               places(curve)        numeric constraints at own places, of position only (`PlaceRows`)
+                               excess_at(q)         how far positions are beyond what such constraints allow
                                via                  points that are passed at times of the solver's choice
 
-Symbolic rows are compiled and differentiated with the model's node functions: they may depend on the whole state and
-cost nothing in Python. Their numbers (a bound, a reference pose) are either `scale`, by which the rows are divided
-outside, or `values`, which enter as `p`; neither builds anything anew. `structure` is what does.
+Symbolic constraints are compiled and differentiated with the model's node functions: they may depend on the whole state
+and cost nothing in Python. Their numbers (a bound, a reference pose) are either `scale`, by which the constraints are
+divided outside, or `values`, which enter as `p`; neither builds anything anew. `structure` is what does.
 
-Numeric rows (`PlaceRows`) are for what has no short graph: distances between bodies. They depend on the position at
-their place alone, are evaluated for all rows at once, and enter the banded Hessian through the B-splines that are not
-zero there. `places` is asked at the start of every IPOPT round, so what is frozen in a round is renewed in the next.
+Numeric constraints (`PlaceRows`) are for what has no short graph: distances between bodies. They depend on the position
+at their place alone, are evaluated for all constraints at once, and enter the banded Hessian through the B-splines that
+are not zero there. `places` is asked at the start of every IPOPT round, so what is frozen in a round is renewed in the
+next.
 """
 
 from __future__ import annotations
@@ -127,15 +128,16 @@ class Functions(Protocol):
 
 
 class PlaceRows(Protocol):
-    """R numeric rows lower <= f <= upper on the positions at K places of a curve.
+    """R numeric constraints lower <= f <= upper on the positions at K places of a curve.
 
     The same array q is handed to `value`, `gradient` and `hessian` of one iterate: keep what they share by `q is …`.
 
     Attributes:
         u: (K,) the places, in [0, 1] of the duration, anywhere and in any order.
         place: (R,) which place each row is at.
-        lower, upper: (R,) bounds; rows should be of order one near them (divide distances by a length).
-        keys: (R,) integers that name rows from round to round (body pair and place), so that multipliers are kept.
+        lower, upper: (R,) bounds; constraints should be of order one near them (divide distances by a length).
+        keys: (R,) integers that name constraints from round to round (body pair and place), so that multipliers are
+            kept.
     """
 
     u: np.ndarray
@@ -151,7 +153,7 @@ class PlaceRows(Protocol):
         """(R, n) with respect to the position at each row's place."""
 
     def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """(K, n, n), at each place the sum of its rows' Hessians times multipliers (R,)."""
+        """(K, n, n), at each place the sum of its constraints' Hessians times multipliers (R,)."""
 
 
 class Limit:
@@ -160,12 +162,14 @@ class Limit:
     Attributes:
         name: as in messages and `max_violation`; unit: of value and bound.
         order: of the derivative of position whose control points `bound` (n,) bounds both ways; 0: none.
-        scale: (m,) what symbolic rows are divided by, so that they lie in [-1, 1]; inf: no bound. Empty: no such rows.
-        one_sided: symbolic rows have no lower bound.
+        scale: (m,) what symbolic constraints are divided by, so that they lie in [-1, 1]; inf: no bound. Empty: no such
+            constraints.
+        one_sided: symbolic constraints have no lower bound.
         squared: `linear` and `use` are of the limited value's square.
-        everywhere: a reshaping holds symbolic rows at all nodes from the beginning, not where they were found broken.
+        everywhere: a reshaping holds symbolic constraints at all nodes from the beginning, not where they were found
+            broken.
         local: `tangent` is of use only about a timing that is inside the limit.
-        inner: `tangent` stands for a part of what the limit allows: a fastest timing within it is not the fastest.
+        inner: `tangent` represents a part of what the limit allows: a fastest timing within it is not the fastest.
         values: numbers that `expression` takes as its p.
         via: (vias, n) points to pass, in order.
     """
@@ -198,7 +202,7 @@ class Limit:
 
     @property
     def along(self) -> bool:
-        """Does a retiming see it? What has symbolic rows alone is kept by reshaping."""
+        """Does a retiming see it? What has symbolic constraints alone is kept by reshaping."""
         own = type(self)
         seen = (own.use, own.functions, own.fixed) != (Limit.use, Limit.functions, Limit.fixed)
         return seen or own.expression is Limit.expression
@@ -244,15 +248,15 @@ class Limit:
         return None
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
-        """Symbolic rows (m, 1) at a node, in the unit of `scale`."""
+        """Symbolic constraints (m, 1) at a node, in the unit of `scale`."""
         raise NotImplementedError
 
     def excess_at(self, q: np.ndarray) -> float:
-        """The largest excess at positions (M, n), of a limit whose numeric rows say what it allows; else -inf."""
+        """The largest excess at positions (M, n), of a limit that numeric constraints describe; else -inf."""
         return -np.inf
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceRows | None:
-        """Numeric rows near a curve, which gives positions (K, n) at u (K,); asked before every IPOPT round."""
+        """Numeric constraints near a curve, which gives positions (K, n) at u (K,); asked before every IPOPT round."""
         return None
 
 

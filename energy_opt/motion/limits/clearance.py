@@ -1,4 +1,4 @@
-"""The clearance between bodies as a limit: rows over frozen planes, renewed whenever a round begins."""
+"""The clearance between bodies as a limit: constraints over frozen planes, renewed whenever a round begins."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from energy_opt.motion.limits.base import Limit
 class ClearanceRows(Limit):
     """Pairs of bodies stay apart at places of a curve.
 
-    What proves a motion is the cell's proof, not these rows: they only lead the solver to where it may succeed.
+    What proves a motion is the cell's proof, not these constraints: they only lead the solver to where it may succeed.
 
     Attributes:
         near: finds planes.
@@ -32,6 +32,6 @@ class ClearanceRows(Limit):
     reach: float
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaneRows | None:
-        """Rows over planes between what is near along `curve`."""
+        """Constraints over planes between what is near along `curve`."""
         rows = self.near.rows(self.u, curve(self.u), self.margin, self.reach)
         return rows if len(rows.place) else None

@@ -1,7 +1,8 @@
 """What conditions on a tool's pose have in common: a size that is zero where they hold exactly, and a bound of it.
 
-A size x grows from zero with a kink, its square does not, but runs away where a first path is far outside; so rows are
-of sqrt((x^2 + w^2) / 2) with w the bound: smooth, at most w if and only if x is, and growing like x far outside.
+A size x grows from zero with a kink, its square does not, but runs away where a first path is far outside; so
+constraints are of sqrt((x^2 + w^2) / 2) with w the bound: smooth, at most w if and only if x is, and growing like x far
+outside.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class Keep(Limit):
 
     @staticmethod
     def width(bound: float) -> float:
-        """The size that a bound stands for."""
+        """The size that a bound represents."""
         raise NotImplementedError
 
     @staticmethod

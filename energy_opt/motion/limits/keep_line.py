@@ -1,7 +1,7 @@
 """A tool's origin stays near the segment between where it is at both ends of a move.
 
-A narrow bound on a distance gives a solver no direction: from the middle its gradient is zero. So rows are linear in
-the tool's position: four directions across the segment, an octagon inside the circle, and one along it.
+A narrow bound on a distance gives a solver no direction: from the middle its gradient is zero. So constraints are
+linear in the tool's position: four directions across the segment, an octagon inside the circle, and one along it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from energy_opt.motion.limits.keep import Keep
 from energy_opt.robot import RigidBody, Tool
 
 NO_LENGTH = 1e-9  # [m] a shorter segment is a point
-BEYOND = 0.3  # of the bound: how far rows let the tool go beyond the segment's ends
+BEYOND = 0.3  # of the bound: how far constraints let the tool go beyond the segment's ends
 ACROSS = np.sqrt(1 - BEYOND**2) * np.cos(np.pi / 8)  # and the octagon across it: its corners are within the bound
 
 

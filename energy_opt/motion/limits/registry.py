@@ -44,7 +44,7 @@ def limits_of(
     """All limits in force for a robot's moves, or for one of them.
 
     Args:
-        gravity: (3,) [m/s^2] in the base frame; None for a base that stands upright.
+        gravity: (3,) [m/s^2] in the base frame; None for a base that is upright.
 
     Raises:
         BadInput: a bound or a frame that cannot be.

@@ -1,8 +1,8 @@
-"""Acceleration of the tool's origin, gravity aside: |dv/dt| <= A. What stands open on a tool spills beyond it.
+"""Acceleration of the tool's origin, gravity aside: |dv/dt| <= A. What is open on a tool spills beyond it.
 
 Along a path it is |g a + c b| with g the tool's velocity per path speed and c its acceleration per squared path
 speed: the norm of a linear function, so a limit on it is convex. For what knows linear limits alone, a polygon in the
-plane of g and c stands for the circle that it lies in.
+plane of g and c represents the circle that it lies in.
 """
 
 from __future__ import annotations

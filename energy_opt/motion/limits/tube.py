@@ -1,9 +1,9 @@
 """A motion stays near a path: every joint within a bound of the path's nearest point, or the tool's origin of its own.
 
-Rows are at places of a curve, with the nearest point found anew wherever the solver goes. In joints they are the
+Constraints are at places of a curve, with the nearest point found anew wherever the solver goes. In joints they are the
 deviations themselves, as shares of the bound. The distance d of a tool has a kink on the path, where a row of it would
-be broken; so its rows are sqrt((d^2 + w^2) / (2 w^2)) with w the bound, smooth and at most 1 if and only if d is at
-most w (see `keep`). The tool's path is a cubic spline through where a dense sampling of the path puts the tool.
+be broken; so its constraints are sqrt((d^2 + w^2) / (2 w^2)) with w the bound, smooth and at most 1 if and only if d is
+at most w (see `keep`). The tool's path is a cubic spline through where a dense sampling of the path puts the tool.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.robot import Robot, Tool, tool_of
 from energy_opt.robot.kinematics import Kinematics
 
-PLACES = 80  # along a curve, where rows are: two for each control point of a fine one
+PLACES = 80  # along a curve, where constraints are: two for each control point of a fine one
 SAMPLED = 2001  # places of the path through which the tool's own goes: it errs by less than 1 um on bends of 1 cm
 
 

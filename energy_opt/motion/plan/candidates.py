@@ -76,7 +76,7 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Made:
         )
     duration = min(wanted, longest)
     trajectory = timing.slowed(duration).trajectory(context.robot.joints)
-    if timing.path.moves and not context.judge(trajectory).within.valid:  # in so little time, many rows are rounding
+    if timing.path.moves and not context.judge(trajectory).within.valid:  # in so little time, many samples are rounding
         trajectory = _in_one(context, move, duration)
     return Made(
         trajectory,
@@ -86,7 +86,7 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Made:
 
 
 def _in_one(context: Context, move: Move, duration: float) -> Trajectory:
-    """The straight line from rest to rest as one cubic polynomial, that of least jerk, in three rows."""
+    """The straight line from rest to rest as one cubic polynomial, that of least jerk, in three samples."""
     u, way = np.array([[0.0], [0.5], [1.0]]), move.goal - move.start
     q = move.start + u**2 * (3 - 2 * u) * way
     v = 6 * u * (1 - u) * way / duration
@@ -111,7 +111,7 @@ def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Ma
     """A reshaping that did not converge, as done where a tube is asked for that its path in its best timing keeps to.
 
     In a tube of a tenth of a millimetre the solver's steps are lost in rounding; but the path itself is there, and the
-    answer is no dearer than that.
+    answer is no costlier than that.
     """
     if context.settings.tube is None or line is None or not line.converged:
         return curve

@@ -121,7 +121,7 @@ def least(
 ) -> tuple[tuple[str, Judged] | None, int]:
     """The valid candidate of least energy by name, of the work's and further ones; None where none is valid.
 
-    And the iterations spent on mending the retimed path. A proxy's answer is what it is: the form that was asked for
+    And the iterations spent on repairing the retimed path. A proxy's answer is what it is: the form that was asked for
     comes before a better one.
     """
     energy_counts = context.settings.objective == "energy"

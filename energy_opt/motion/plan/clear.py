@@ -23,14 +23,14 @@ from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-OPTIMA, WORTH = 3, 1.25  # optima without regard to anything that are begun from; those that cost so much more are not
-NEARLY = 0.0015  # [m] an optimum that is too near by less is gone on with first
-TOUCHING, DEEP = 0.8, 0.2  # share of places at which an optimum may touch, and how deep [m], to be begun from
+OPTIMA, WORTH = 3, 1.25  # optima found without bodies from which searches start, up to that many times the least cost
+NEARLY = 0.0015  # [m] an optimum that is too near by less is continued first
+TOUCHING, DEEP = 0.8, 0.2  # share of places at which an optimum may touch, and how deep [m], to start from
 TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum
 CLOSE, LEFT = 0.6, 0.12  # a search from so far on that way ends all, where no more than this share is left to be won
 BOLD = 0.25  # [rad, m] of the first step from such a curve
 TRIAL, ROUGH = 7, 3e-3  # iterations of each of several searches, and the share of the cost at which they end
-ITERATIONS, DONE = 30, 5e-4  # and of those that are gone on with
+ITERATIONS, DONE = 30, 5e-4  # and of those that are continued
 FINISHED, RIVAL = 3, 1.1  # so many, which may cost so many times what the best does
 APART = 0.3  # [rad, m] of control points: curves that are nearer lead to one optimum
 DEEPER, WIDER = 0.15, 0.5  # the same half-way to an optimum
@@ -60,7 +60,7 @@ def kept_clear(
     """The reshaped move of least objective that is proven to keep clear.
 
     Args:
-        free: what reshaping found without regard to what stands around; the answer where its proof holds.
+        free: what reshaping found without regard to what is around; the answer where its proof holds.
     """
     if context.cell is None:
         return free

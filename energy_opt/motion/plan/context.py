@@ -88,7 +88,7 @@ class Judge:
         self._known: dict[int, Judged] = {}
 
     def __call__(self, trajectory: Trajectory) -> Judged:
-        """The trajectory, judged; on a grid ten times denser than its rows, or of the samples asked for."""
+        """The trajectory, judged; on a grid ten times denser than its samples, or of the samples asked for."""
         known = self._known.get(id(trajectory))
         if known is None:  # it holds the trajectory, so that no other one gets the same id
             known = Judged(trajectory, self._scorer, self._limits, self._cell, self._samples)

@@ -54,7 +54,7 @@ class Single:
         """The answer in that time.
 
         Args:
-            progress: of a search that has begun already; by default it begins now, with the settings' deadline.
+            progress: of a search that has started already; by default it begins now, with the settings' deadline.
 
         Raises:
             Infeasible: no timing or no path holds the limits; says which, where and what would work.

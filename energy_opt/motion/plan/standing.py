@@ -1,4 +1,4 @@
-"""Standing still in place of creeping: under dry friction a joint that need not move costs least where it stands.
+"""Standing still in place of creeping: under dry friction a joint that need not move costs least where it is.
 
 A curve of few numbers never leaves a joint quite alone, and friction smoothed for the solver makes creeping nearly
 free. So a move's joints that end where they began, and hardly left it, are judged at rest, too.

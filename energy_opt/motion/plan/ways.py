@@ -1,4 +1,4 @@
-"""Free ends and a free first path: the given one, the straight line, or a way around what stands between."""
+"""Free ends and a free first path: the given one, the straight line, or a way around what is between."""
 
 from __future__ import annotations
 

@@ -7,16 +7,16 @@ node functions' derivatives g_k and C_k
     gradient  sum_k w_k L_k^T g_k            Hessian  sum_k L_k^T C_k L_k
 
 where L_k = (basis values) kron (identity over joints): both sums are small batched products, and the Hessian is banded
-but for the row of T. Nothing is differentiated here. Rows, those of a bound as shares of it:
+but for the row of T. Nothing is differentiated here. Constraints, those of a bound as shares of it:
 
     q^(k)_ij / (bound_j T^k)    control points of joint j's k-th derivative, in [-1, 1]
     g_j(z_k) / scale_j          what limits bound at nodes, in [-1, 1] or below 1
-    f_r(q(u_r))                 numeric rows at places of their own, within their bounds
+    f_r(q(u_r))                 numeric constraints at places of their own, within their bounds
     q(u_i) - Q_i                via points at unknown u_i, 0
 
-q'_ij is the i-th control point of joint j's derivative. A spline lies in the hull of its control points, so these rows
-hold a limit everywhere, not at nodes only; and there is one of them for every degree of freedom, so that a limit which
-is active along an arc gives independent rows.
+q'_ij is the i-th control point of joint j's derivative. A spline lies in the hull of its control points, so these
+constraints hold a limit everywhere, not at nodes only; and there is one of them for every degree of freedom, so that a
+limit which is active along an arc gives independent constraints.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ReshapeProgram:
     Args:
         limits: what `rows` number.
         rows: (R, 3) integers: limit, site of its derivative's control polygon or node, joint or column.
-        places: numeric rows.
+        places: numeric constraints.
         parameters: the model's values and the limits'; scale: what the cost is multiplied by.
         fixed: T is given; the solver then takes it for a constant, and the Hessian's column of T is left empty.
     """
@@ -122,7 +122,7 @@ class ReshapeProgram:
 
     @property
     def count(self) -> int:
-        """Number of rows."""
+        """Number of constraints."""
         return len(self._linear) + len(self._hot) + self._place_count + self.shape.joints * self.shape.vias
 
     @property
@@ -131,7 +131,7 @@ class ReshapeProgram:
 
     @property
     def row_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of all rows, (count,) each."""
+        """Lower and upper bounds of all constraints, (count,) each."""
         one, none = np.ones(len(self._linear)), np.zeros(self.shape.joints * self.shape.vias)
         placed = [placed.rows for placed in self._placed]
         return (
@@ -140,7 +140,7 @@ class ReshapeProgram:
         )
 
     def broken_places(self, x: np.ndarray) -> float:
-        """By how much the numeric rows leave their bounds at most; -inf where there are none."""
+        """By how much the numeric constraints leave their bounds at most; -inf where there are none."""
         self._move(x)
         found = ((placed.value, placed.rows) for placed in self._placed if placed.value.size)
         return max((float(np.max([r.lower - f, f - r.upper])) for f, r in found), default=-np.inf)
@@ -164,7 +164,7 @@ class ReshapeProgram:
         self._points = self.points(x)
         self._z[:, :-1] = (self.shape.stacked @ self._points).reshape(len(self._z), -1)
         self._z[:, -1] = self.duration
-        # derivatives with respect to u that linear rows bound, as shares of their bounds at T = 1
+        # derivatives with respect to u that linear constraints bound, as shares of their bounds at T = 1
         self._moved = np.einsum("rl,rl->r", self._coefficients, self._points[self._touched])
         rate, slope = self._cost(self._z[self._quad], self._u["quad"], self.parameters)
         self._f = self.scale * float(self._weight @ rate[:, 0])
@@ -253,7 +253,7 @@ class ReshapeProgram:
         return np.concatenate([by_point, by_time[:, None]], axis=1)
 
     def _time_column(self, local: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """The Hessian's column of T, (controls n + 1,): that of the nodes (K, 6n + 1) and of the linear rows."""
+        """The Hessian's column of T, (controls n + 1,): that of the nodes (K, 6n + 1) and of the linear constraints."""
         size, t, time = self.shape.unknowns, self.duration, self.pattern.time
         column = np.bincount(self._place, local[:, :-1][self._inside], size)
         column[time] = local[:, -1].sum()
@@ -303,7 +303,7 @@ class ReshapeProgram:
 
 
 def _picked(bounds: Sequence[np.ndarray], rows: np.ndarray) -> np.ndarray:
-    """The bound that belongs to each of the rows (R, 3), of limits' bounds per joint or column."""
+    """The bound that belongs to each of the constraints (R, 3), of limits' bounds per joint or column."""
     out = np.zeros(len(rows))
     for number, bound in enumerate(bounds):
         here = rows[:, 0] == number

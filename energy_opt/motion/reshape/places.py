@@ -1,7 +1,7 @@
-"""Numeric rows of a reshaping problem (see limits.base.PlaceRows), brought to the control points.
+"""Numeric constraints of a reshaping problem (see limits.base.PlaceRows), brought to the control points.
 
 A place u_k has its position q_k = B_k P + ..., with the six B-splines B_k that are not zero there; so a row's gradient
-g gives B_k kron g, and a place's Hessian H gives the block B_k B_k^T kron H. Both are one product for all rows.
+g gives B_k kron g, and a place's Hessian H gives the block B_k B_k^T kron H. Both are one product for all constraints.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from energy_opt.motion.reshape.layout import LOCAL, Pattern
 
 
 class Placed:
-    """One limit's numeric rows.
+    """One limit's numeric constraints.
 
     Args:
         slope: (controls, n) derivative of all control points with respect to T, that of the pinned ones.
@@ -50,7 +50,7 @@ class Placed:
         return np.concatenate([by_point, by_time[:, None]], axis=1)
 
     def hessian(self, multipliers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rows' share of the Hessian's nonzeros, and of its column of T (time + 1,)."""
+        """The constraints' share of the Hessian's nonzeros, and of its column of T (time + 1,)."""
         h = self.rows.hessian(self._q, multipliers)
         block = self._pairs[:, :, None, None, :] * h[:, None, :, :, None]  # (K, 6, n, n, 6)
         moved = np.einsum("kij,kj->ki", h, self._by_time)

@@ -61,7 +61,7 @@ def search(
     """Solve from a line and from bends of it, `starts` in all, or fewer where that will do.
 
     Args:
-        known: what fewer starts led to, which is gone on from.
+        known: what fewer starts led to, which is continued.
     """
     straight = task.curve(level.shape, line)
 
@@ -92,7 +92,7 @@ def _enough(costs: np.ndarray, starts: int) -> bool:
 
 
 def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve:
-    """The cheapest of some randomly bent copies of a curve; a broken limit makes a copy dearer.
+    """The cheapest of some randomly bent copies of a curve; a broken limit makes a copy costlier.
 
     Two starts that follow each other bend to opposite sides.
     """
@@ -104,7 +104,7 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
     u = np.linspace(0, 1, shape.basis.controls)
 
     def copied(amplitude: np.ndarray) -> tuple[float, float, Curve]:
-        """The bent copy, its cost (dearer by its excess) and by how many times it exceeds a limit."""
+        """The bent copy, its cost (costlier by its excess) and by how many times it exceeds a limit."""
         bend = np.sin(np.pi * u)[:, None] ** 2 * amplitude[0] + np.sin(2 * np.pi * u)[:, None] ** 3 * amplitude[1]
         points = np.clip(straight.points + bend, lower, upper)
         points[: shape.pinned] = straight.points[: shape.pinned]

@@ -40,7 +40,7 @@ def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
 
 
 def lower_bound(program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray, allowed: np.ndarray) -> float:
-    """A number that the cost of no feasible timing on the grid is below, for a convex cost and linear rows.
+    """A number that the cost of no feasible timing on the grid is below, for a convex cost and linear constraints.
 
     The Lagrangian at the multipliers found (of the right signs) is convex, hence nowhere below its tangent at x; the
     tangent's least value over 0 <= control <= allowed is taken. Nothing is assumed of x and the multipliers but their
@@ -48,7 +48,7 @@ def lower_bound(program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray, 
 
     Args:
         x: (N,) free control values.
-        multipliers: of T / T_ref and of the rows.
+        multipliers: of T / T_ref and of the constraints.
         allowed: (N,) what the true velocity limits would allow in place of the program's bounds.
     """
     here = program.at(x)

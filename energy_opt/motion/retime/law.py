@@ -202,7 +202,7 @@ class LimitByStructure:
 
 @lru_cache(maxsize=32)
 def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> tuple[ca.Function, ca.Function]:
-    """A limit's rows: (z, at, shared) -> value (m, 1), Jacobian (m, 2); and their Hessian for given multipliers.
+    """A limit's constraints: (z, at, shared) -> value (m, 1), Jacobian (m, 2); and their Hessian for given multipliers.
 
     `shared` is the law's with the limit's values behind it.
     """

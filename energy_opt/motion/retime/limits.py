@@ -18,8 +18,8 @@ MARGIN = 5e-7  # share of every bound that is kept free, for what lies between t
 BROKEN = 1e-7  # of a bound: more than this is a violation
 STUCK, OVER = 1e-6, 1.2  # a violation of what is held already, and how many times it is then taken off the bound
 NEAR = 0.9  # of a bound: places from here on become constraints together with the broken ones
-WIDE = 0.8  # the same for a joint's limit that is broken somewhere: mending it moves what is beside it
-PIECE_NEAR = 0.8  # the same for jerk and its like, which move farther when they are mended
+WIDE = 0.8  # the same for a joint's limit that is broken somewhere: tightening it moves what is beside it
+PIECE_NEAR = 0.8  # the same for jerk and its like, which move farther when they are tightened
 FAR = 1.5  # times its bound: jerk that is so far beyond it is limited all along the path
 BESIDE = 4  # so many points on both sides are taken along
 CLOSE = 1 - 1e-3  # of a bound: from here on the places between the grid's points are looked at
@@ -39,7 +39,8 @@ class Worst:
 class AtPoints:
     """A limit on path acceleration and squared speed, at the grid's points: where it is held, and how much tighter.
 
-    Symbolic rows are tighter by `reserve`, too: their law is smoothed, and may lie below the exact one. `times` counts
+    Symbolic constraints are tighter by `reserve`, too: their law is smoothed, and may lie below the exact one. `times`
+    counts
     how often they were found to: at kinks the exact law follows by a part of what is taken off, so ever more is.
     """
 
@@ -54,7 +55,7 @@ class AtPoints:
         self.bounds_slope = line is not None and not (line.rb.any() or line.r0.any()) and _same(line.ra)
 
     def tightest(self, line: Linear) -> np.ndarray:
-        """Which columns (M, m) to hold: where |ra a| <= 1 is all there is, the steepest stands for the others."""
+        """Which columns (M, m) to hold: where |ra a| <= 1 is all there is, the steepest represents the others."""
         if not self.bounds_slope:
             return self.held
         slope = np.abs(line.ra) / self.tight
@@ -163,7 +164,7 @@ class PathLimits:
         if use.max() <= 1 + BROKEN:
             return False
         near = use > PIECE_NEAR
-        if use.max() > FAR:  # mending it will move the whole course of that joint
+        if use.max() > FAR:  # tightening it will move the whole course of that joint
             near[:, np.argmax(use.max(axis=0))] = True
         third = len(near) // 3  # both ends and the middle of every interval
         piece.held |= np.tile(near[:third] | near[third : 2 * third] | near[2 * third :], (3, 1))

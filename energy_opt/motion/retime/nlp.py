@@ -41,7 +41,7 @@ LOOSE: dict[str, object] = {"tol": 1e-5, "mu_init": 1e-3, "bound_mult_init_metho
 
 @dataclass(frozen=True)
 class Values:
-    """Cost, T / T_ref, their gradients (N,) with respect to the free control values, and the rows (K,)."""
+    """Cost, T / T_ref, their gradients (N,) with respect to the free control values, and the constraints (K,)."""
 
     cost: float
     slope: np.ndarray
@@ -83,7 +83,7 @@ class RetimeProgram:
         return np.concatenate([self._ends[:1], x, self._ends[1:]])
 
     def at(self, x: np.ndarray) -> Values:
-        """Cost, time and rows at the free control values x (N,), worked out once for all that ask."""
+        """Cost, time and constraints at the free control values x (N,), worked out once for all that ask."""
         key = x.tobytes()
         if key != self._at:
             self._at = key
@@ -116,7 +116,7 @@ class RetimeProgram:
         return self.banded_hessian(x, factor, multipliers)[self.band.inside]
 
     def banded_hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        """The Hessian of factor cost + multipliers . rows, in the form of `Band`."""
+        """The Hessian of factor cost + multipliers . constraints, in the form of `Band`."""
         self.at(x)
         at_points = factor * self.points.curvature(self._z)
         at_points[2] += multipliers[0] * 0.75 * self._share / (self._z[1] * self._z[1])

@@ -95,7 +95,7 @@ class AnyLaw:
 
 @dataclass(frozen=True)
 class Symbolic:
-    """A limit's symbolic rows at each point by the model's law, times `scale`; see limits.base.Functions."""
+    """A limit's symbolic constraints at each point by the model's law, times `scale`; see limits.base.Functions."""
 
     batches: tuple[Batch, Batch]
     at: np.ndarray  # (K, 6 n + 1)

@@ -18,7 +18,7 @@ from energy_opt.motion.retime.quadrature import Lift, gathered
 class LinearRows:
     """ra a + rb b + r0 at one place each (K,): speed, acceleration, and torque where it is affine.
 
-    Its bound of 1 is kept a little tighter than the true limit, which stands at `allowed` (K,) >= 1.
+    Its bound of 1 is kept a little tighter than the true limit, which is `allowed` (K,) >= 1.
     """
 
     lift: Lift  # of (a, b)
@@ -34,7 +34,7 @@ class LinearRows:
 
     @cached_property
     def entries(self) -> np.ndarray:
-        """(K, 3) the rows' coefficients of these control values."""
+        """(K, 3) the constraints' coefficients of these control values."""
         return self.ra[:, None] * self.lift.maps[0] + self.rb[:, None] * self.lift.maps[1]
 
     def values(self, control: np.ndarray) -> np.ndarray:
@@ -46,11 +46,11 @@ class LinearRows:
         return self.entries
 
     def hessian(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
-        """Sum of the rows' Hessians times `multipliers` (K,), in the form of `Band`."""
+        """Sum of the constraints' Hessians times `multipliers` (K,), in the form of `Band`."""
         return 0.0
 
     def adjoint(self, multipliers: np.ndarray) -> np.ndarray:
-        """Sum of the rows' gradients times `multipliers` (K,), with respect to the free control values."""
+        """Sum of the constraints' gradients times `multipliers` (K,), with respect to the free control values."""
         return gathered(self.first, self.entries * multipliers[:, None], self.lift.count)
 
 
@@ -115,7 +115,7 @@ class Rows:
         return np.concatenate([np.zeros((0, 3)), *(block.slopes(control) for block in self.blocks)])
 
     def hessian(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
-        """Sum of the rows' Hessians times `multipliers` (count,), in the form of `Band`."""
+        """Sum of the constraints' Hessians times `multipliers` (count,), in the form of `Band`."""
         total: np.ndarray | float = 0.0
         used = 0
         for block in self.blocks:

@@ -3,7 +3,7 @@
 The squared path speed b(s) is a quadratic B-spline (timing_law); the program is convex where the model allows it, and
 is solved by IPOPT from TOPP-RA's timing (retime_program). This module decides what to solve for the duration asked for.
 
-"At most T" is convex as it stands. "Exactly T" is not, since T(b) is convex. It is solved as the equality it is, with
+"At most T" is convex as it is. "Exactly T" is not, since T(b) is convex. It is solved as the equality it is, with
 
     minimise  E(b) - price * T(b)   subject to  T(b) = T
 
@@ -49,7 +49,7 @@ class RetimeSolution:
     """A retimed path.
 
     Attributes:
-        trajectory: rows of it.
+        trajectory: samples of it.
         timing: the path with its squared speed.
         s, b: points along the path and the squared speed there, (M,).
         energy: J, by the exact laws on the grid.

@@ -20,7 +20,7 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import greville, quadratic_basis
 
-CLOSE = 1e-3  # rows nearer to each other than this share of the row step are merged
+CLOSE = 1e-3  # samples nearer to each other than this share of the sample step are merged
 HOLD = 1e-3  # [s] duration of a move of no length that was given none
 
 
@@ -112,11 +112,11 @@ class Timing:
         return replace(self, control=self.control * (self.duration / duration) ** 2)
 
     def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
-        """Rows at most 4 ms apart (beyond 80 s, a 20,000th of the duration), at least 200, one at every knot.
+        """Samples at most 4 ms apart (beyond 80 s, a 20,000th of the duration), at least 200, one at every knot.
 
         Position, velocity and acceleration of a row are exactly those of path(s(t)); the third derivative jumps only at
-        rows (half a nanosecond beside them), so that the quintic polynomials between them follow the curve closely.
-        Rows lie on whole nanoseconds.
+        samples (half a nanosecond beside them), so that the quintic polynomials between them follow the curve closely.
+        Samples lie on whole nanoseconds.
         """
         if not self.path.moves:
             q = np.repeat(self.path.start[None], 3, axis=0)

@@ -12,7 +12,7 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.robot import Robot
 
 TOLERANCE = 1e-7  # of a bound: less than this is no violation
-SLOWEST = 50.0  # times the duration: slowing further mends nothing
+SLOWEST = 50.0  # times the duration: slowing further repairs nothing
 
 
 def uses(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> list[Use]:

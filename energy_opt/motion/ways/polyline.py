@@ -21,7 +21,7 @@ def length(points: np.ndarray, velocity: np.ndarray) -> float:
 def between(a: np.ndarray, b: np.ndarray, step: np.ndarray) -> Iterator[np.ndarray]:
     """Poses on the line from a to b, both left out, no further apart than `step` (n,) [rad]; the middle first.
 
-    Coarse before fine: what stands in the way is found early.
+    Coarse before fine: what is in the way is found early.
     """
     count = int(np.ceil(np.max(np.abs(b - a) / step)))
     stride = 1

@@ -1,11 +1,11 @@
 """Ways that are cheap: the shortest ones in nets of seeded poses, by what it costs to be where they lead.
 
 A move in a given time with a cost per second P(q) and one that grows with the speed squared goes, at its best, along
-geodesics of Jacobi's metric, sqrt(P + E) |dq|, at a speed in proportion to sqrt(P + E): what is dear is passed fast,
+geodesics of Jacobi's metric, sqrt(P + E) |dq|, at a speed in proportion to sqrt(P + E): what is costly is passed fast,
 and a detour is worth its while where it is cheap to be. Inertia is left out: these ways are starts, no answers.
 
 A net's poses lie along a line that is free, along one that is cheap but not free (an optimum found without regard to
-what stands around), and about both. Its sides are looked at when a shortest way first asks for them, as in a lazy
+what is around), and about both. Its sides are looked at when a shortest way first asks for them, as in a lazy
 probabilistic roadmap (R. Bohlin and L. E. Kavraki, Path planning using lazy PRM, ICRA 2000).
 """
 
@@ -94,7 +94,7 @@ class _Net:
         return np.sqrt(self._rate(q) + self._ease)
 
     def shun(self, way: np.ndarray) -> None:
-        """Count sides near a way (M, n) as dearer."""
+        """Count sides near a way (M, n) as costlier."""
         from scipy.spatial import KDTree
 
         middles = self._q[self._sides].mean(axis=1)
@@ -126,7 +126,7 @@ class _Net:
         return bool(self._known[number] > 0)
 
     def passed(self, way: np.ndarray) -> np.ndarray:
-        """Poses (ROWS, n) evenly in time: a way passed from rest to rest, fast where it is dear."""
+        """Poses (ROWS, n) evenly in time: a way passed from rest to rest, fast where it is costly."""
         from scipy.ndimage import gaussian_filter1d
 
         pace, step = self._pace(way), np.linalg.norm(np.diff(way, axis=0) / self._velocity, axis=1)

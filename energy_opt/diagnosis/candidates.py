@@ -171,7 +171,9 @@ def _metered(kind: type[Effect], now: Fit, value: float) -> np.ndarray:
     """What a meter's effect of some value would change in the readings (M,)."""
     s, power = now.world.samples, now.prediction.power
     assert issubclass(kind, MeterEffect)
-    changed = np.concatenate([kind.reading(s.t[rows], power[rows], value) - power[rows] for rows in s.slices])
+    changed = np.concatenate(
+        [kind.reading(s.t[samples], power[samples], value) - power[samples] for samples in s.slices]
+    )
     return s.shown(changed)
 
 
@@ -235,9 +237,9 @@ def _hats(x: np.ndarray, where: np.ndarray, count: int) -> np.ndarray:
 def _in_time(t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
     """Piecewise linear functions of recorded time (pauses between runs left out)."""
     recorded, total = np.empty_like(t), 0.0
-    for rows in slices:
-        recorded[rows] = total + t[rows] - t[rows.start]
-        total = float(recorded[rows.stop - 1])
+    for samples in slices:
+        recorded[samples] = total + t[samples] - t[samples.start]
+        total = float(recorded[samples.stop - 1])
     count = int(np.clip(total / FASTEST_CHANGE, 4, MOST_KNOTS))
     return _hats(recorded, np.ones(len(t), dtype=bool), count)
 
@@ -245,15 +247,15 @@ def _in_time(t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
 def travel(v: np.ndarray, t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
     """Way since each joint last turned back within its run (K, n) rad; large before the first turn."""
     out = np.full_like(v, 1e3)
-    for rows in slices:
-        step = np.gradient(t[rows]) if rows.stop - rows.start > 1 else np.ones(1)
+    for samples in slices:
+        step = np.gradient(t[samples]) if samples.stop - samples.start > 1 else np.ones(1)
         for j in range(v.shape[1]):
-            own = v[rows, j]
+            own = v[samples, j]
             heading = np.sign(own)
             last = np.maximum.accumulate(np.where(heading != 0, np.arange(len(own)), -1))
             heading = np.where(last >= 0, heading[np.maximum(last, 0)], 0.0)
             turned = np.flatnonzero((heading[1:] * heading[:-1]) < 0) + 1
             length = np.cumsum(np.abs(own) * step)
             for a, b in zip(turned, np.append(turned[1:], len(own)) if turned.size else turned, strict=True):
-                out[rows.start + a : rows.start + b, j] = length[a:b] - length[a] + abs(own[a]) * step[a]
+                out[samples.start + a : samples.start + b, j] = length[a:b] - length[a] + abs(own[a]) * step[a]
     return out

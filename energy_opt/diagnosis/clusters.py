@@ -127,10 +127,10 @@ def shortened(measured: MeasuredSet) -> MeasuredSet:
 def _first(run: Run, share: float) -> Run:
     """The first share of a run."""
     end = run.time[0] + share * (run.time[-1] - run.time[0])
-    rows, read = run.time <= end, run.power_time <= end
-    signals = {name: values[rows] for name, values in run.joint_signals()}
-    index = run.lines[rows] if len(run.lines) == len(run.time) else run.lines
+    samples, read = run.time <= end, run.power_time <= end
+    signals = {name: values[samples] for name, values in run.joint_signals()}
+    index = run.lines[samples] if len(run.lines) == len(run.time) else run.lines
     return replace(
-        run, time=run.time[rows], lines=index, power_time=run.power_time[read], power=run.power[read],
-        window=run.window[read], logged=run.logged_at(rows), **signals,
+        run, time=run.time[samples], lines=index, power_time=run.power_time[read], power=run.power[read],
+        window=run.window[read], logged=run.logged_at(samples), **signals,
     )  # fmt: skip

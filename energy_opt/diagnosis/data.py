@@ -71,21 +71,21 @@ class Samples:
 
     def part(self, runs: Sequence[int]) -> Samples:
         """Some runs only, with what was computed of them."""
-        rows = np.concatenate([np.arange(self.slices[r].start, self.slices[r].stop) for r in runs])
+        samples = np.concatenate([np.arange(self.slices[r].start, self.slices[r].stop) for r in runs])
         read = np.concatenate([np.arange(self.parts[r].start, self.parts[r].stop) for r in runs])
         out = replace(
-            self, q=self.q[rows], v=self.v[rows], a=self.a[rows], t=self.t[rows], temperature=self.temperature[rows],
-            torque=self.torque[rows], slices=laid([self.slices[r] for r in runs]), at=self.at[read],
-            power=self.power[read], weight=self.weight[read], parts=laid([self.parts[r] for r in runs]),
+            self, q=self.q[samples], v=self.v[samples], a=self.a[samples], t=self.t[samples],
+            temperature=self.temperature[samples], torque=self.torque[samples],
+            slices=laid([self.slices[r] for r in runs]), at=self.at[read], power=self.power[read], weight=self.weight[read], parts=laid([self.parts[r] for r in runs]),
             operators=tuple(self.operators[r] for r in runs), counts=tuple(self.counts[r] for r in runs),
             files=tuple(self.files[r] for r in runs), kinds=tuple(self.kinds[r] for r in runs),
-            single=tuple(self.single[r] for r in runs), logged={k: x[rows] for k, x in self.logged.items()},
-            blur=self.blur[rows] if len(self.blur) else self.blur,
+            single=tuple(self.single[r] for r in runs), logged={k: x[samples] for k, x in self.logged.items()},
+            blur=self.blur[samples] if len(self.blur) else self.blur,
             allowed=self.allowed[read] if len(self.allowed) else self.allowed,
         )  # fmt: skip
         for name in ("free_torque", "gravity_torque", "last_regressors", "regressors", "warmth", "idle", "dwell"):
             if name in self.__dict__:
-                out.__dict__[name] = self.__dict__[name][rows]
+                out.__dict__[name] = self.__dict__[name][samples]
         return out
 
     def at_nodes(self) -> Samples:
@@ -101,19 +101,19 @@ class Samples:
         if all(op is None for op in self.operators) and all(count == 1 for count in self.counts):
             return x
         out = np.empty((len(self.power), *x.shape[1:]))
-        for rows, part, op, count in zip(self.slices, self.parts, self.operators, self.counts, strict=True):
+        for samples, part, op, count in zip(self.slices, self.parts, self.operators, self.counts, strict=True):
             if op is not None:
-                own = x[rows]
+                own = x[samples]
                 out[part] = (op @ own.reshape(len(own), -1)).reshape(len(out[part]), *x.shape[1:])
             else:
-                out[part] = _bin_mean(x[rows], count)
+                out[part] = _bin_mean(x[samples], count)
         return out
 
     @cached_property
     def step(self) -> float:
         """Usual time between readings of a run, s; how long a run usually takes where each has but one."""
         apart = np.concatenate([np.diff(self.at[part]) for part in self.parts])
-        return float(np.median(apart if apart.size else [np.ptp(self.t[rows]) for rows in self.slices]))
+        return float(np.median(apart if apart.size else [np.ptp(self.t[samples]) for samples in self.slices]))
 
     @cached_property
     def moving(self) -> np.ndarray:
@@ -131,12 +131,12 @@ class Samples:
     @cached_property
     def idle(self) -> np.ndarray:
         """Time since the last motion of the run ended (K,) s; negative while moving and before."""
-        return np.concatenate([idle_time(self.t[rows], self.v[rows]) for rows in self.slices])
+        return np.concatenate([idle_time(self.t[samples], self.v[samples]) for samples in self.slices])
 
     @cached_property
     def dwell(self) -> np.ndarray:
         """How many standstills between motions the run has had (K,); each counts from its middle on."""
-        return np.concatenate([dwells(self.t[rows], self.v[rows]) for rows in self.slices])
+        return np.concatenate([dwells(self.t[samples], self.v[samples]) for samples in self.slices])
 
     @cached_property
     def run(self) -> np.ndarray:
@@ -173,7 +173,7 @@ class Samples:
     def last_regressors(self) -> np.ndarray:
         """The same of the last link alone, which carries the payload: (K, n, 10, 4)."""
         last = slice(10 * self.body.last, 10 * self.body.last + 10)
-        parts = [self._regressors(rows, last) for rows in pieces(len(self.q), PIECE)]
+        parts = [self._regressors(samples, last) for samples in pieces(len(self.q), PIECE)]
         return np.concatenate(parts)
 
     def _regressors(self, rows: slice, columns: slice) -> np.ndarray:
@@ -192,9 +192,9 @@ class Samples:
         if not at_once and live.min() >= first and live.max() < first + 10:
             yield slice(0, len(self.q)), self.last_regressors[:, :, live - first]
             return
-        for rows in pieces(len(self.q), PIECE):
-            whole = self.regressors if at_once else self._regressors(rows, slice(None))
-            yield rows, whole[:, :, live]
+        for samples in pieces(len(self.q), PIECE):
+            whole = self.regressors if at_once else self._regressors(samples, slice(None))
+            yield samples, whole[:, :, live]
 
     def deviating(self, basis: np.ndarray) -> np.ndarray:
         """Torque (K, n, c) by amounts of deviations `basis` (10 L, c) of the links, under the robot's own gravity."""

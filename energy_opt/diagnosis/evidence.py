@@ -131,12 +131,12 @@ class Bank:
         """Evidence of a set under one nuisance, and the best amounts, block after block."""
         chosen = sorted(chosen)
         taken, small, worth = self._under(nuisance)
-        rows = np.concatenate([self._rows[k] for k in chosen] or [np.zeros(0, int)]).astype(int)
+        index = np.concatenate([self._rows[k] for k in chosen] or [np.zeros(0, int)]).astype(int)
         blocks = [self.blocks[k] for k in chosen]
         odds = sum(b.odds for b in blocks)
-        if not len(rows):
+        if not len(index):
             return worth + odds, np.zeros(0)
-        precision = np.zeros((len(rows), len(rows)))
+        precision = np.zeros((len(index), len(index)))
         at = 0
         for b in blocks:
             end = at + len(b.mean)
@@ -144,9 +144,9 @@ class Bank:
             at = end
         mean = np.concatenate([b.mean for b in blocks])
         low, high = np.concatenate([b.low for b in blocks]), np.concatenate([b.high for b in blocks])
-        own = taken[:, rows]
-        h = self._aa[np.ix_(rows, rows)] - own.T @ own + precision
-        g = small[rows] + precision @ mean
+        own = taken[:, index]
+        h = self._aa[np.ix_(index, index)] - own.T @ own + precision
+        g = small[index] + precision @ mean
         lower, x, _ = dposv(h, g, lower=1)
         if (x < low - 1e-9).any() or (x > high + 1e-9).any():
             x = bounded_step(h, g, np.minimum(low, 0.0), np.maximum(high, 0.0))
@@ -171,9 +171,9 @@ class Bank:
     def weigh(self, chosen: Subset) -> Weighed:
         """A set's evidence over all nuisances that are likely at all."""
         if chosen not in self.seen:
-            rows = [(self.nuisances[n] + (found := self.under(chosen, n))[0], n, found[1]) for n in self.likely]
-            best = max(rows, key=lambda row: row[0])
-            total = best[0] + float(np.log(sum(np.exp(row[0] - best[0]) for row in rows)))
+            under = [(self.nuisances[n] + (found := self.under(chosen, n))[0], n, found[1]) for n in self.likely]
+            best = max(under, key=lambda row: row[0])
+            total = best[0] + float(np.log(sum(np.exp(row[0] - best[0]) for row in under)))
             cuts = np.cumsum([self.blocks[k].white.shape[1] for k in sorted(chosen)])[:-1]
             self.seen[chosen] = Weighed(total, best[1], tuple(np.split(best[2], cuts)) if chosen else ())
         return self.seen[chosen]
@@ -200,10 +200,10 @@ def left_out(f: Fit) -> np.ndarray:
     right = jacobian.T @ (white + jacobian @ off)
     out = []
     for group in clusters(s):
-        rows = np.concatenate([np.arange(s.parts[r].start, s.parts[r].stop) for r in group])
-        own = jacobian[rows]
-        found = np.linalg.solve(whole - own.T @ own, right - own.T @ (white[rows] + own @ off))
-        out.append(float(np.sum((white[rows] - own @ (found - off)) ** 2)))
+        samples = np.concatenate([np.arange(s.parts[r].start, s.parts[r].stop) for r in group])
+        own = jacobian[samples]
+        found = np.linalg.solve(whole - own.T @ own, right - own.T @ (white[samples] + own @ off))
+        out.append(float(np.sum((white[samples] - own @ (found - off)) ** 2)))
     return np.array(out)
 
 

@@ -91,7 +91,7 @@ def side_rows(
     if side is None:
         return []
     alone = by_power_alone(chosen) if chosen is not None else None
-    rows = []
+    records = []
     for j, joint in enumerate(joints):
         row: dict[str, Any] = {"joint": joint, "unit": "N m/A" if side.unit == "A" else "1"}
         row["scale"], row["scale_ci95"] = _number(side.scale[j], side.scale_deviation[j])
@@ -108,8 +108,8 @@ def side_rows(
                 row["power"], row["together"] = _word(power), _word(friction_of(chosen, j, speed) or power)
                 apart = np.linalg.norm([WIDER * own[1], power[1], APART * own[0], LEAST * USUAL * limits.effort[j]])
                 row["disagreement"] = float(abs(own[0] - power[0]) / apart)
-        rows.append(row)
-    return rows
+        records.append(row)
+    return records
 
 
 def _number(value: float, deviation: float, least: float = -np.inf) -> tuple[float | None, list[float] | None]:

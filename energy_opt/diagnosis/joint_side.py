@@ -91,8 +91,8 @@ def joint_side(measured: MeasuredSet, declared: PowerModel) -> JointSide | None:
     if not runs or sum(len(r.time) for r in runs) < FEW:
         return None
     unit = "A" if runs[0].current is not None else "N m"
-    rows = _rows(measured, runs, declared)
-    return _fit(rows, measured, unit)
+    samples = _rows(measured, runs, declared)
+    return _fit(samples, measured, unit)
 
 
 def _rows(measured: MeasuredSet, runs: list[Run], declared: PowerModel) -> Rows:

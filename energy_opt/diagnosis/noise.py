@@ -74,17 +74,17 @@ class Whitener:
         self._low_rank: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         if shared is not None and noise.misfit > 0:
             columns = noise.misfit * self._filtered(shared.columns)
-            for rows, count in shared.motions:
-                u, s, _ = np.linalg.svd(columns[rows, :count], full_matrices=False)
-                self._low_rank.append((rows, u, 1 - 1 / np.sqrt(1 + s**2)))
+            for samples, count in shared.motions:
+                u, s, _ = np.linalg.svd(columns[samples, :count], full_matrices=False)
+                self._low_rank.append((samples, u, 1 - 1 / np.sqrt(1 + s**2)))
                 self.log_determinant += float(np.sum(np.log1p(s**2)))
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """White innovations (M, ...) of readings (M, ...)."""
         out = self._filtered(x.reshape(len(x), -1))
-        for rows, u, less in self._low_rank:
-            own = out[rows]
-            out[rows] = own - u @ (less[:, None] * (u.T @ own))
+        for samples, u, less in self._low_rank:
+            own = out[samples]
+            out[samples] = own - u @ (less[:, None] * (u.T @ own))
         return out.reshape(x.shape)
 
     def _filtered(self, flat: np.ndarray) -> np.ndarray:
@@ -146,12 +146,12 @@ def likeliest(
         worth: logarithm of the evidence and the white noise [W] that is likeliest, of wave and memory.
         least: white noise [W] of single readings. count: of the readings, less what is fitted to them.
     """
-    rows = []
+    found = []
     for wave, memory in product(waves, MEMORIES):
         if wave or memory == MEMORIES[0]:
             value, white = no_less(*worth(wave, memory), least, count)
-            rows.append((value, white, wave, memory))
-    _, white, wave, memory = max(rows)
+            found.append((value, white, wave, memory))
+    _, white, wave, memory = max(found)
     return Noise(white, wave * white, memory)
 
 

@@ -136,12 +136,12 @@ def _rigid_torque(rigid: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray
     if live.size:
         if by_gravity.any():
             by_g = by_g.copy()
-        for rows, own in s.by_links(live):
+        for samples, own in s.by_links(live):
             regressor = own[..., 0] + own[..., 1:] @ gravity
-            tau[rows] += regressor @ phi[live]
-            slope[rows] += regressor @ by_phi[live]
+            tau[samples] += regressor @ phi[live]
+            slope[samples] += regressor @ by_phi[live]
             if by_gravity.any():
-                by_g[rows] += np.einsum("njpk,p->njk", own[..., 1:], phi[live])
+                by_g[samples] += np.einsum("njpk,p->njk", own[..., 1:], phi[live])
     slope += by_g @ by_gravity
     for effect, where in zip(rigid.effects, rigid.slices(s.n), strict=True):
         added = _changing(effect.form, s.n)
@@ -230,12 +230,12 @@ def predict(
     for effect in sorted((e for e in model.effects if isinstance(e, MeterEffect)), key=lambda e: e.turn):
         value = float(effect.full(n)[0])
         before, reading = reading, np.empty_like(reading)
-        for rows in s.slices:
-            time = s.t[rows]
-            power_and_slopes = np.column_stack([before[rows], slopes[rows]])
+        for samples in s.slices:
+            time = s.t[samples]
+            power_and_slopes = np.column_stack([before[samples], slopes[samples]])
             both = effect.reading(time, power_and_slopes, value)
-            reading[rows], slopes[rows] = both[:, 0], both[:, 1:]
-            slopes[rows, where[effect.name].start] = effect.sensitivity(time, power_and_slopes, value)[:, 0]
+            reading[samples], slopes[samples] = both[:, 0], both[:, 1:]
+            slopes[samples, where[effect.name].start] = effect.sensitivity(time, power_and_slopes, value)[:, 0]
     metered, reading, slopes = reading, s.shown(reading), s.shown(slopes)
     count = jacobian.shape[1]
     return Prediction(metered, reading, slopes[:, :count], slopes[:, count:], power, tau, tau_m, by_tau)
@@ -277,8 +277,8 @@ def _named(past: dict[str, ca.SX]) -> dict[str, Any]:
 
 
 def _returned(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:
-    steps = [np.gradient(s.t[rows]) for rows in s.slices]
-    return np.concatenate([returned_power(model, h, bus[rows]) for h, rows in zip(steps, s.slices, strict=True)])
+    steps = [np.gradient(s.t[samples]) for samples in s.slices]
+    return np.concatenate([returned_power(model, h, bus[samples]) for h, samples in zip(steps, s.slices, strict=True)])
 
 
 def _returned_slope(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:

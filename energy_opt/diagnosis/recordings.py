@@ -52,10 +52,10 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
 
 def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray) -> float:
     """Time between the joints' samples, or in which a joint moves by a step of its positions, s."""
-    rows = float(np.median(np.concatenate([np.diff(run.time) for run in measured.runs])))
+    spacing = float(np.median(np.concatenate([np.diff(run.time) for run in measured.runs])))
     speed = np.abs(v[v != 0])
     step = 12**0.5 * smoothing.position_noise
-    return max(rows, step / float(np.median(speed)) if speed.size else 0.0)
+    return max(spacing, step / float(np.median(speed)) if speed.size else 0.0)
 
 
 def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ class Judging:
 
     def at_steps(self, trajectory: Trajectory, rate: float | None) -> Certificate:
         """Of positions alone, from step to step; with a rate of None, without what steps differ by."""
-        whole = certify(trajectory, self.scorer, self.limits, rows_only=True)
+        whole = certify(trajectory, self.scorer, self.limits, samples_only=True)
         others = tuple(found for found in whole.found if found.limit not in KINDS)
         steps = () if rate is None else (worst_step(trajectory, rate, self.scorer.robot.limits),)
         return self._clear(replace(whole, found=(*others, *steps)), trajectory)

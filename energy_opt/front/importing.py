@@ -25,27 +25,27 @@ class Set(Found):
     """A measured set that was written: what it was made from and its folder.
 
     Attributes:
-        out: the folder. made: its robot, runs, what was guessed and what to mind. request: what was asked.
+        out: the folder. imported: its robot, runs, what was guessed and what to mind. request: what was asked.
     """
 
     out: Path
-    made: Imported
+    imported: Imported
     request: ImportRequest
 
     def document(self) -> dict[str, Any]:
         """Set, robot, log, guesses, remarks and runs."""
-        made = self.made
+        found = self.imported
         return {
-            "set": str(self.out), "robot": made.robot.name, "log": plain(made.log), "guesses": list(made.words),
-            "remarks": list(made.remarks),
+            "set": str(self.out), "robot": found.robot.name, "log": plain(found.log), "guesses": list(found.words),
+            "remarks": list(found.remarks),
             "runs": [
                 {"file": r.file, "kind": r.kind, "rows": len(r.time), "readings": len(r.power), "meter": r.meter}
-                for r in made.runs
+                for r in found.runs
             ],
         }  # fmt: skip
 
     def __repr__(self) -> str:
-        return f"Set({str(self.out)!r}, {self.made.robot.name!r}, {len(self.made.runs)} runs)"
+        return f"Set({str(self.out)!r}, {self.imported.robot.name!r}, {len(self.imported.runs)} runs)"
 
 
 def run(request: ImportRequest, desk: Desk) -> Set:
@@ -66,12 +66,12 @@ def run(request: ImportRequest, desk: Desk) -> Set:
         files = _unpacked(request, Path(folder), desk)
         with desk.showing() as show:
             show("columns, clocks and robot of each file")
-            made = import_files(files, out, robot, desk.force or request.force, hand)
-    motions = sum(run.kind == "motion" for run in made.runs)
-    readings = sum(len(run.power) for run in made.runs)
-    what = f"{len(made.runs)} run(s), {motions} of them motions, {readings} readings of power"
-    desk.say("\n".join([*made.words, *(f"note: {remark}" for remark in made.remarks), f"written: {out}: {what}"]))
-    return Set(out, made, request)
+            found = import_files(files, out, robot, desk.force or request.force, hand)
+    motions = sum(run.kind == "motion" for run in found.runs)
+    readings = sum(len(run.power) for run in found.runs)
+    what = f"{len(found.runs)} run(s), {motions} of them motions, {readings} readings of power"
+    desk.say("\n".join([*found.words, *(f"note: {remark}" for remark in found.remarks), f"written: {out}: {what}"]))
+    return Set(out, found, request)
 
 
 import_logs = verb(ImportRequest, run)

@@ -11,7 +11,7 @@ from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.trajectory import Trajectory
 
 ABOVE = 1e-4  # of the loss: less is the solver's tolerance
-ROWS = 201  # of a mean curve
+SAMPLES = 201  # of a mean curve
 
 
 def dents(duration: np.ndarray, loss: np.ndarray) -> list[tuple[int, int, int]]:
@@ -46,8 +46,8 @@ def mean_of(before: Optimum, after: Optimum, duration: float, score: Callable[[T
     """The mean of two motions of other durations, at a duration between them [s]: a place to start from."""
     a, b = before.trajectory, after.trajectory
     share = (duration - a.duration) / (b.duration - a.duration)
-    at = np.linspace(0.0, 1.0, ROWS)
-    position = velocity = acceleration = np.zeros((ROWS, len(a.joints)))
+    at = np.linspace(0.0, 1.0, SAMPLES)
+    position = velocity = acceleration = np.zeros((SAMPLES, len(a.joints)))
     for motion, weight in ((a, 1 - share), (b, share)):
         q, v, w, _ = motion.sample(motion.time[0] + at * motion.duration)
         stretch = motion.duration / duration

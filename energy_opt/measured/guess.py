@@ -22,7 +22,7 @@ from energy_opt.measured.names import (
     time_columns,
     unit_in,
 )
-from energy_opt.measured.presets import told_names
+from energy_opt.measured.presets import given_names
 from energy_opt.measured.table import Table
 from energy_opt.measured.units import BY_SIGNAL, UNITS, known_unit
 from energy_opt.robot import Robot, known_robots, load_robot
@@ -47,7 +47,7 @@ class Guess:
 
 def is_motion(table: Table) -> bool:
     """Whether a file has a vector of joint positions, for whatever robot."""
-    return any("position" in joint_columns(table.header, _joints(name), told_names(table)) for name in known_robots())
+    return any("position" in joint_columns(table.header, _joints(name), given_names(table)) for name in known_robots())
 
 
 def _joints(name: str) -> Sequence[str]:
@@ -67,7 +67,7 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     """
     fitting = []
     for name in known_robots():
-        found = joint_columns(table.header, _joints(name), told_names(table))
+        found = joint_columns(table.header, _joints(name), given_names(table))
         if "position" in found:
             whole = all(_flat(joint) in _flat(column) for joint, column in found["position"].items())
             fitting.append((len(_flat("".join(_joints(name)))) if whole else 0, name, found))
@@ -103,7 +103,7 @@ def _torque_error(table: Table, name: str) -> float | None:
     robot = _KNOWN[name]
     plain = {word.replace("target_", "", 1): word for word in table.header if not word.startswith("actual_")}
     effort = joint_columns(list(plain), robot.joints).get("effort")
-    position = joint_columns(table.header, robot.joints, told_names(table)).get("position")
+    position = joint_columns(table.header, robot.joints, given_names(table)).get("position")
     if effort is None or position is None:
         return None
     table.load([*position.values(), *(plain[word] for word in effort.values())])
@@ -127,7 +127,7 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
     """
     out = Guess()
     header = table.header
-    found = joint_columns(header, robot.joints, told_names(table))
+    found = joint_columns(header, robot.joints, given_names(table))
     found["position"] = hand.positions(table, found.get("position", {}))
     missing = [joint for joint in robot.joints if joint not in found["position"]]
     if missing:

@@ -20,7 +20,7 @@ from energy_opt.measured.guess import Guess, guess_joints, guess_meter, guess_ro
 from energy_opt.measured.joints import EPOCH
 from energy_opt.measured.log import FORMAT, NAME, read_log
 from energy_opt.measured.run import Run
-from energy_opt.measured.segment import cut_at_standstill, stands_still
+from energy_opt.measured.segment import cut_at_standstill, is_at_rest
 from energy_opt.measured.sets import collect
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
@@ -111,12 +111,12 @@ def _distinct(files: Sequence[Path]) -> list[Path]:
 def _sorted(tables: Sequence[Table], robot: Robot, hand: ByHand) -> tuple[dict[Table, Guess], dict[Table, Guess]]:
     """Files with the joints of the robot, and meters' files."""
     from energy_opt.measured.names import joint_columns
-    from energy_opt.measured.presets import told_names
+    from energy_opt.measured.presets import given_names
 
     joints: dict[Table, Guess] = {}
     meters: dict[Table, Guess] = {}
     has = {
-        table: "position" in joint_columns(table.header, robot.joints, told_names(table)) or hand.positions(table, {})
+        table: "position" in joint_columns(table.header, robot.joints, given_names(table)) or hand.positions(table, {})
         for table in tables
     }
     for table in sorted(tables, key=lambda t: not has[t]):
@@ -203,7 +203,7 @@ def _kinds(document: dict[str, Any], runs: Sequence[Run], words: list[str]) -> N
     """Which runs are static, and whether long recordings are to be cut; written into the document."""
     still = {run.file.partition("#")[0]: True for run in runs}
     for run in runs:
-        still[run.file.partition("#")[0]] &= stands_still(run.time, run.position)
+        still[run.file.partition("#")[0]] &= is_at_rest(run.time, run.position)
     for row in document["run"]:
         row["kind"] = "static" if still.get(row["file"], False) else "motion"
     motions = [sum(piece.kind == "motion" for piece in cut_at_standstill(run)) for run in runs]

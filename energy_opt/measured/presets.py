@@ -50,7 +50,7 @@ def joint_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
     `/joint_states/position[2]`, `position_2`. Numbers without names mean the robot's own order.
     """
     rules = _stamps(table)
-    found = joint_columns(table.header, joints, told_names(table))
+    found = joint_columns(table.header, joints, given_names(table))
     for signal in ("position", "velocity", "effort"):
         for joint, name in found.get(signal, {}).items():
             rules[f"{joint}.{signal}"] = Rule((name,))
@@ -62,7 +62,7 @@ def joint_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
     return rules
 
 
-def told_names(table: Table) -> dict[int, str]:
+def given_names(table: Table) -> dict[int, str]:
     """Joint names by number where a message's array `name` is exported beside its positions."""
     if not table.layout.sample:
         return {}

@@ -20,7 +20,7 @@ MOVES = 0.005  # [rad] a piece in which no joint moves further is static
 FEWEST_SAMPLES = 8  # joint samples a piece has beyond its first
 
 
-def stands_still(time: np.ndarray, position: np.ndarray) -> bool:
+def is_at_rest(time: np.ndarray, position: np.ndarray) -> bool:
     """Whether no joint moves further than `MOVES` over samples (N,), (N, n); noise of single samples is no motion."""
     wide = max(1, min(len(time), round(0.1 / max(float(np.median(np.diff(time))), 1e-9)))) if len(time) > 1 else 1
     sums = np.cumsum(np.vstack([np.zeros(position.shape[1]), position - position[0]]), axis=0)
@@ -77,7 +77,7 @@ def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> 
     of its window lies, and that piece's joint samples reach back as far as the window does. Where `strict`, readings
     whose window lies in no piece are left out.
     """
-    still = [stands_still(run.time[a : b + 1], run.position[a : b + 1]) for a, b in spans]
+    still = [is_at_rest(run.time[a : b + 1], run.position[a : b + 1]) for a, b in spans]
     end = run.power_time
     begin = np.maximum.accumulate(end - run.window) if len(end) else end
     most, owner = np.full(len(end), -np.inf), np.full(len(end), -1)

@@ -211,10 +211,10 @@ class Result:
     def _repr_html_(self) -> str:
         head = ["", *("this move", *(b.name for b in self.baselines))]
         energies = [self.energy, *(b.energy for b in self.baselines)]
-        rows = [
+        table = [
             [part, *(f"{getattr(e, part):.5g}" for e in energies)] for part in ("total", "standby", "stored", "loss")
         ]
-        cells = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
+        cells = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in table)
         title = "".join(f"<th>{escape(c)}</th>" for c in head)
         lines = "<br>".join(escape(line) for line in str(self).splitlines())
         return f"<p>{lines}</p><table><caption>energy [J]</caption><tr>{title}</tr>{cells}</table>"

@@ -17,7 +17,7 @@ from energy_opt.motion.reshape.task import all_rows
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits, Robot
 
-PAUSE, PAUSE_ROWS = 0.4, 20  # [s]
+PAUSE, PAUSE_SAMPLES = 0.4, 20  # [s]
 SPARE = 0.98  # of every limit is used in reshaping: nodes do not see all of a curve
 BENT = 24  # random bends of which the most telling is reshaped
 BEND = 0.5  # standard deviation of a bend's amplitude, as a share of half of a joint's range
@@ -119,11 +119,11 @@ def joined(legs: Sequence[Curve], joints: tuple[str, ...]) -> Trajectory:
     """One trajectory of legs that begin where the one before ended, with a pause after each."""
     n = len(joints)
     time, q, v, a = [np.zeros(1)], [legs[0].points[:1]], [np.zeros((1, n))], [np.zeros((1, n))]
-    still = np.zeros((PAUSE_ROWS, n))
+    still = np.zeros((PAUSE_SAMPLES, n))
     for leg in legs:
         t = trajectory_of(leg, joints)
         begin, end = time[-1][-1], time[-1][-1] + t.duration
-        time += [begin + t.time[1:], end + PAUSE * np.arange(1, PAUSE_ROWS + 1) / PAUSE_ROWS]
+        time += [begin + t.time[1:], end + PAUSE * np.arange(1, PAUSE_SAMPLES + 1) / PAUSE_SAMPLES]
         q += [t.position[1:], still + t.position[-1]]
         v += [t.velocity[1:], still]
         a += [t.acceleration[1:], still]

@@ -69,9 +69,9 @@ class Basis:
         count = 2 if acceleration is None else 3
         at = np.array([1.0 if last else 0.0])
         columns = slice(self.controls - count, self.controls) if last else slice(0, count)
-        rows = np.vstack([self.matrix(at, order)[:, columns] for order in range(count)])
+        system = np.vstack([self.matrix(at, order)[:, columns] for order in range(count)])
         values = [position, velocity] + ([] if acceleration is None else [acceleration])
-        return np.linalg.solve(rows, np.vstack(values))
+        return np.linalg.solve(system, np.vstack(values))
 
     def fit(self, u: np.ndarray, values: np.ndarray, head: np.ndarray, tail: np.ndarray) -> np.ndarray:
         """Control points (controls, n) closest to `values` (M, n) at u (M,), the first and last ones given."""
@@ -82,8 +82,8 @@ class Basis:
         second = np.diff(np.eye(self.controls), 2, axis=0)
         fixed = second[:, : len(head)] @ head + second[:, self.controls - len(tail) :] @ tail
         weight = 1e-4
-        rows = np.vstack([b[:, inner], weight * second[:, inner]])
-        free = np.linalg.lstsq(rows, np.vstack([rest, -weight * fixed]), rcond=None)[0]
+        system = np.vstack([b[:, inner], weight * second[:, inner]])
+        free = np.linalg.lstsq(system, np.vstack([rest, -weight * fixed]), rcond=None)[0]
         return np.vstack([head, free, tail])
 
 

@@ -38,9 +38,9 @@ def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[s
     for warning in found["warnings"]:
         report.warning(warning)
     report.picture(picture, f"Estimates of the cycle's energy over x and y of the {what}, and the path of the search")
-    rows = [[at.kind, *at.place, at.document("")["energy_total"]] for at in placement.path]
+    records = [[at.kind, *at.place, at.document("")["energy_total"]] for at in placement.path]
     report.section("Placements at which the job was solved").table(
-        ["", "x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]", "energy [J]"], rows
+        ["", "x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]", "energy [J]"], records
     )
     report.section("The job at the answer").text("Its own report is job/report.html.").command(request)
     report.write(Path(out) / "report.html")

@@ -52,7 +52,7 @@ class Search:
         self.model, self.request, self.settings, self.cell = model, request, settings, cell
         self.stopped, self.progress = stopped, progress
         self.job = _in_scene(job, cell)
-        self.given = cell.base if request.fixture is None else _stands(self.job, cell, request.fixture)
+        self.given = cell.base if request.fixture is None else _fixture_pose(self.job, cell, request.fixture)
         self.bounds = request.bounds(self.given)
         self.span = self.bounds[:, 1] - self.bounds[:, 0]
         self.free = np.flatnonzero(self.span > 0)
@@ -191,7 +191,7 @@ def _in_scene(job: Job, cell: CellRequest) -> Job:
     return replace(job, steps=tuple(steps))
 
 
-def _stands(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]:
+def _fixture_pose(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]:
     """Where a fixture is: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's.
 
     Raises:

@@ -109,10 +109,10 @@ def _numbers(value: object, name: str) -> np.ndarray:
     """Numbers alone: text and truth values are no numbers."""
     if isinstance(value, np.ndarray):
         return value
-    rows = list(value) if isinstance(value, (list, tuple)) else [value]
-    if not all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in rows):
+    numbers = list(value) if isinstance(value, (list, tuple)) else [value]
+    if not all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in numbers):
         raise BadInput(f"{name} = {value!r:.60}; expected {FORM}")
-    return np.array(rows, dtype=float)
+    return np.array(numbers, dtype=float)
 
 
 def poses_of_scene(scene: Scene | None) -> dict[str, Pose]:

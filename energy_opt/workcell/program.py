@@ -72,7 +72,7 @@ def write_programs(
         forms: by the robot's name.
         rate, prefix: as in `formats.cycle.write_cycle`.
     """
-    rows: list[RobotFile] = []
+    files: list[RobotFile] = []
     for r, (arm, motion) in enumerate(zip(result.arms, result.planned.motions, strict=True)):
         if arm is None or motion is None:
             continue
@@ -87,8 +87,8 @@ def write_programs(
         for form in forms.get(arm.name, ()):
             if form.name != "csv" or rate is not None:
                 written += write_cycle(parts, judge, [form], out, rate, prefix, stem)
-        rows += [RobotFile(arm.name, motion.begin, one) for one in written]
-    return rows
+        files += [RobotFile(arm.name, motion.begin, one) for one in written]
+    return files
 
 
 def _parts(arm: Arm, motion: PeriodicMotion, modes: dict[str, str]) -> list[Part]:

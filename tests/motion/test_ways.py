@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.ways import Way, find_ways
+from energy_opt.motion.ways import Way, find_paths
 from energy_opt.motion.ways.find import Ends, Looks
 from energy_opt.motion.ways.polyline import Rounding, between
-from energy_opt.motion.ways.roadmap import cheap_ways
+from energy_opt.motion.ways.roadmap import cheap_paths
 
 START, GOAL = np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
 STEP = np.full(3, 0.05)
@@ -56,7 +56,7 @@ class Post(Wall):
 
 def ways(wall: Wall, planner: str = "none", seed: int = 0, count: int = 1, half: float = 2.0) -> list[Way]:
     ends = Ends.of(START, GOAL, np.full(3, -half), np.full(3, half), np.ones(3))
-    return find_ways(wall, ends, STEP, planner=planner, seed=seed, count=count)
+    return find_paths(wall, ends, STEP, planner=planner, seed=seed, count=count)
 
 
 def test_a_free_straight_line_is_the_way() -> None:
@@ -113,7 +113,7 @@ def test_cheap_ways_pass_where_it_is_cheap_and_then_elsewhere(side: int) -> None
     line = np.linspace(START, GOAL, 50)
 
     def found(seed: int) -> list[np.ndarray]:
-        return list(cheap_ways(Looks(post, STEP), ends, post.dear(side), [line], seed, 2))
+        return list(cheap_paths(Looks(post, STEP), ends, post.dear(side), [line], seed, 2))
 
     first, second = found(0)
     for way in (first, second):
@@ -128,7 +128,7 @@ def test_cheap_ways_pass_where_it_is_cheap_and_then_elsewhere(side: int) -> None
 def test_what_is_dear_is_passed_fast() -> None:
     free, ends = Wall(np.zeros(2), 9.0), Ends.of(START, GOAL, np.full(3, -2.0), np.full(3, 2.0), np.ones(3))
     line = np.linspace(START, GOAL, 50)
-    (way,) = cheap_ways(Looks(free, STEP), ends, lambda q: np.where(q[:, 0] > 0, 10.0, 1.0), [line], 0, 1)
+    (way,) = cheap_paths(Looks(free, STEP), ends, lambda q: np.where(q[:, 0] > 0, 10.0, 1.0), [line], 0, 1)
     assert (way[:, 0] > 0).mean() < 0.45
 
 

@@ -106,14 +106,18 @@ def _size(found: Violation) -> float:
 
 
 def certify(
-    trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit], samples: int | None = None, rows_only: bool = False
+    trajectory: Trajectory,
+    scorer: Scorer,
+    limits: Sequence[Limit],
+    samples: int | None = None,
+    samples_only: bool = False,
 ) -> Certificate:
     """Check `trajectory` against `limits` on a grid at least ten times denser than its samples, or of `samples` points.
 
     Long ones are looked at block by block, in bounded memory; laws with a memory begin anew with each.
     """
     factor = DENSER if samples is None else DENSER * max(1, -(-samples // (DENSER * (len(trajectory.time) - 1))))
-    factor = 1 if rows_only else factor
+    factor = 1 if samples_only else factor
     return _pieces(trajectory, scorer, limits, factor, lambda dense: None)
 
 
@@ -151,9 +155,9 @@ def _pieces(
         look(dense)
         found.append(certificate_of(dense, [limit for limit in limits if not limit.via.size], scorer))
     worst = iter([max(places, key=_size) for places in zip(*(c.found for c in found), strict=True)])
-    rows = scorer.dense(trajectory, 1) if any(limit.via.size for limit in limits) else None
-    whole = tuple(limit.worst(rows) if rows is not None and limit.via.size else next(worst) for limit in limits)
-    sure = all(c.proven for c in found) and rows is None
+    samples = scorer.dense(trajectory, 1) if any(limit.via.size for limit in limits) else None
+    whole = tuple(limit.worst(samples) if samples is not None and limit.via.size else next(worst) for limit in limits)
+    sure = all(c.proven for c in found) and samples is None
     return Certificate((len(trajectory.time) - 1) * factor + 1, whole, max(c.peak_power for c in found), proven=sure)
 
 

@@ -205,9 +205,9 @@ def _enclosed(function: ca.Function, inputs: Sequence[Sequence[Range]]) -> list[
     for k in range(function.n_instructions()):
         op, at, to = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
-            rows = out[to[0]]
-            rows += [_constant(*(np.zeros(count),) * 2)] * (to[1] + 1 - len(rows))
-            rows[to[1]] = work[at[0]]
+            needed = out[to[0]]
+            needed += [_constant(*(np.zeros(count),) * 2)] * (to[1] + 1 - len(needed))
+            needed[to[1]] = work[at[0]]
         elif op == ca.OP_INPUT:
             work[to[0]] = inputs[at[0]][at[1]]
         elif op == ca.OP_CONST:

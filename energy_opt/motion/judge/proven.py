@@ -101,8 +101,8 @@ class Proof:
         """Polynomials (d + 1, K, n) near rigid-body torque, and bounds (K, n) of their and their rates' errors."""
         d = self._dense
         rigid = d.rigid[:: d.factor // DEGREE]
-        rows = rigid[:-1].reshape(len(self._begin), DEGREE, -1)
-        values = np.concatenate([rows.transpose(1, 0, 2), rigid[None, DEGREE::DEGREE]])
+        inner = rigid[:-1].reshape(len(self._begin), DEGREE, -1)
+        values = np.concatenate([inner.transpose(1, 0, 2), rigid[None, DEGREE::DEGREE]])
         sizes = [np.abs(c).max(axis=0) for c in self._derivatives[1:]]
         slide = np.abs(self._derivatives[0] + d.trajectory.position[:-1]).max(axis=0)
         return (through(values), *self._scorer.torque_bound.errors(sizes, slide, self._h, DEGREE))

@@ -24,7 +24,7 @@ MENDS = 10  # times that limits are tightened where the judge finds them broken;
 STUCK = 2  # times in a row that limits so tightened cannot be held, after which no tighter ones will be
 LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path
 SHORTEST = 0.2  # and begins at this one
-ROWS = 200  # of a first guess
+SAMPLES = 200  # of a first guess
 RESOLUTION = 2e-5  # [rad, m] below which an encoder of 18 bits a turn does not tell two positions apart
 BRIEFEST = 0.01  # [s] of such a move: in less, the rounding of positions alone is beyond a jerk limit
 SMALL = 1e-2  # [rad, m] so small a move is not searched: inertia and gravity are the same all the way
@@ -46,7 +46,7 @@ class Made:
     optima: tuple[Outcome, ...] = ()
 
 
-def stands_still(move: Move) -> bool:
+def is_at_rest(move: Move) -> bool:
     """Is there nothing to reshape?"""
     return bool(not move.via and np.abs(move.goal - move.start).max() < 1e-12 and not np.any(move.end_velocities))
 
@@ -55,7 +55,7 @@ def unseen(move: Move) -> bool:
     """Is the move, from rest to rest, smaller than any encoder tells? Nothing about it is worth a search."""
     if move.via or np.any(move.end_velocities) or np.abs(move.goal - move.start).max() >= RESOLUTION:
         return False
-    knots = np.linspace(0.0, 1.0, ROWS)
+    knots = np.linspace(0.0, 1.0, SAMPLES)
     return move.path is None or bool(np.abs(move.path(knots) - move.start).max() < RESOLUTION)
 
 
@@ -213,7 +213,7 @@ def task_of(context: Context, move: Move, reference: float, duration: float | No
 
 def first_line(move: Move, duration: float) -> Line:
     """The first path, passed smoothly from rest to rest in `duration` s: what starts are bent from."""
-    u = np.linspace(0, 1, ROWS)
+    u = np.linspace(0, 1, SAMPLES)
     return Line(u, path_of(move)(u**3 * (10 - 15 * u + 6 * u**2)), duration)
 
 

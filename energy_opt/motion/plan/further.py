@@ -20,7 +20,7 @@ from energy_opt.motion.reshape.task import Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.ways.find import Looks
-from energy_opt.motion.ways.roadmap import cheap_ways
+from energy_opt.motion.ways.roadmap import cheap_paths
 
 SAME, LOOKED = 0.15, 40  # [rad] curves that are nearer at all of so many places are one
 WIDER = 3  # further seeds by which the optimum without regard to anything is looked for, where ways are asked for
@@ -50,8 +50,8 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
 
     room, ends, step = room_between(context.robot, cell, context.limits, task.ends.start, task.ends.goal)
     lines, settings = [curve.position(u) for curve in known], context.settings
-    for rows in cheap_ways(Looks(room, step), ends, rate, lines, settings.seed, settings.ways or 0):
-        yield Line(np.linspace(0, 1, len(rows)), rows, duration)
+    for poses in cheap_paths(Looks(room, step), ends, rate, lines, settings.seed, settings.ways or 0):
+        yield Line(np.linspace(0, 1, len(poses)), poses, duration)
 
 
 def wider_optima(

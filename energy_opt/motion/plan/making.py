@@ -16,7 +16,7 @@ from energy_opt.motion.plan.candidates import (
     mended_timing,
     reshaped,
     small_enough,
-    stands_still,
+    is_at_rest,
     unsearched,
     unseen,
 )
@@ -71,7 +71,7 @@ def made(
         possible = wanted is None or timing is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves
         return least_energy_timing(context, move, timing) if timing is not None and possible else None
 
-    if stands_still(move) or (context.stopped() and timing is not None):
+    if is_at_rest(move) or (context.stopped() and timing is not None):
         return Work(timing, None, None, None, warm, retimed)
     curve = _curve(context, move, timing, retimed, warm, kept)
     hurried = wanted is None or timing is None or wanted < HURRIED * timing.duration or curve.trajectory is None

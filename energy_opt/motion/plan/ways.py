@@ -18,7 +18,7 @@ from energy_opt.motion.path import JointPath, through
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.plan.posed import holds, posed
 from energy_opt.motion.result import FirstPath
-from energy_opt.motion.ways import Way, find_ways, ompl
+from energy_opt.motion.ways import Way, find_paths, ompl
 from energy_opt.motion.ways.find import Ends, Source
 from energy_opt.motion.ways.room import Room, steps
 from energy_opt.power import PowerModel
@@ -92,7 +92,7 @@ def _around(robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit
 
     def between(start: np.ndarray, goal: np.ndarray, count: int) -> list[Way]:
         room, ends, step = room_between(robot, cell, limits, start, goal)
-        return find_ways(room, ends, step, planner=cell.request.planner, seed=settings.seed, count=count)
+        return find_paths(room, ends, step, planner=cell.request.planner, seed=settings.seed, count=count)
 
     if move.via and move.path is None:
         return _through(cell, between, [move.start, *move.via, move.goal])

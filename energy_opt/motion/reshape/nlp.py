@@ -135,8 +135,8 @@ class ReshapeProgram:
         one, none = np.ones(len(self._linear)), np.zeros(self.shape.joints * self.shape.vias)
         placed = [placed.rows for placed in self._placed]
         return (
-            np.concatenate([-one, self._hot_lower, *(rows.lower for rows in placed), none]),
-            np.concatenate([one, np.ones(len(self._hot)), *(rows.upper for rows in placed), none]),
+            np.concatenate([-one, self._hot_lower, *(each.lower for each in placed), none]),
+            np.concatenate([one, np.ones(len(self._hot)), *(each.upper for each in placed), none]),
         )
 
     def broken_places(self, x: np.ndarray) -> float:
@@ -207,15 +207,15 @@ class ReshapeProgram:
         s, n, t = self.shape, self.shape.joints, self.pattern.time
         touched = [self._row_index, self.pattern.index[self._hot[:, 1]], *(placed.unknowns for placed in self._placed)]
         columns = [np.hstack([index, np.full((len(index), 1), t)]).ravel() for index in touched]
-        rows, base = [], 0
+        at_row, base = [], 0
         for index in touched:
-            rows.append(np.repeat(base + np.arange(len(index)), index.shape[1] + 1))
+            at_row.append(np.repeat(base + np.arange(len(index)), index.shape[1] + 1))
             base += len(index)
         for i in range(s.vias):
             for j in range(n):
                 columns.append(np.concatenate([np.arange(j, t, n), [t, t + 1 + i]]))
-                rows.append(np.full(len(columns[-1]), base + i * n + j))
-        flat_r, flat_c = np.concatenate(rows), np.concatenate(columns)
+                at_row.append(np.full(len(columns[-1]), base + i * n + j))
+        flat_r, flat_c = np.concatenate(at_row), np.concatenate(columns)
         self._kept = flat_c >= 0
         r, c = flat_r[self._kept], flat_c[self._kept]
         order = np.lexsort((r, c))

@@ -112,12 +112,12 @@ def node_functions(
         "time": lambda: x.duration,
     }[objective]()
     state = State(x.q, v, a, terms.tau_m, terms.power, x.t)
-    rows, values = [], []
+    constraints, values = [], []
     for limit in limits:
         if limit.scale.size:
             values.append(ca.SX.sym(limit.name, len(limit.values)))
-            rows.append(limit.expression(state, values[-1]))
-    return derived(rate, ca.vertcat(*rows), x, ca.vertcat(p, *values), width)
+            constraints.append(limit.expression(state, values[-1]))
+    return derived(rate, ca.vertcat(*constraints), x, ca.vertcat(p, *values), width)
 
 
 def derived(rate: ca.SX, limited: ca.SX, x: NodeSymbols, p: ca.SX, width: ca.SX | None = None) -> NodeFunctions:

@@ -208,11 +208,11 @@ def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> t
     """
     built, limit = law(shared_by, n), by.limit
     values, multiplier = ca.SX.sym("values", len(limit.values)), ca.SX.sym("multiplier", limit.scale.size)
-    rows = ca.densify(limit.expression(built.state, values))
+    constraints = ca.densify(limit.expression(built.state, values))
     given = [built.z, built.at, ca.vertcat(built.shared, values)]
-    held = ca.hessian(ca.dot(multiplier, rows), built.z)[0]
+    held = ca.hessian(ca.dot(multiplier, constraints), built.z)[0]
     return (
-        ca.Function("limited", given, [rows, ca.densify(ca.jacobian(rows, built.z))]),
+        ca.Function("limited", given, [constraints, ca.densify(ca.jacobian(constraints, built.z))]),
         ca.Function("limited_curvature", [*given, multiplier], [_triangle(held)]),
     )
 

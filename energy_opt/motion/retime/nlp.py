@@ -94,8 +94,8 @@ class RetimeProgram:
             self._share = self._pace / np.sqrt(b)
             by_z = np.zeros_like(self._z)
             by_z[1] = -0.5 * self._share / b
-            time, rows = float(self._share.sum()), self.rows_held.values(self._control)
-            self._values = Values(cost, self.lift.adjoint(slope), time, self.lift.adjoint(by_z), rows)
+            time, constraints = float(self._share.sum()), self.rows_held.values(self._control)
+            self._values = Values(cost, self.lift.adjoint(slope), time, self.lift.adjoint(by_z), constraints)
         return self._values
 
     def cost(self, x: np.ndarray) -> float:

@@ -143,7 +143,7 @@ class Lift:
         d, m, _ = self.maps.shape
         n = self.count - 2
         triangle = [(i, j) for j in range(d) for i in range(j + 1)]
-        rows, columns, values = [], [], []
+        at_row, columns, values = [], [], []
         for p, q in PAIRS:
             row, column = self.first + p - 1, self.first + q - 1
             free = np.flatnonzero((row >= 0) & (column < n))
@@ -151,10 +151,10 @@ class Lift:
                 value = self.maps[i, :, p] * self.maps[j, :, q]
                 if i != j:
                     value = value + self.maps[j, :, p] * self.maps[i, :, q]
-                rows.append((3 * column + 2 + row - column)[free])
+                at_row.append((3 * column + 2 + row - column)[free])
                 columns.append(entry * m + free)
                 values.append(value[free])
-        places = np.concatenate(rows), np.concatenate(columns)
+        places = np.concatenate(at_row), np.concatenate(columns)
         return coo_array((np.concatenate(values), places), shape=(3 * n, len(triangle) * m)).tocsr()
 
     def hessian(self, hessians: np.ndarray) -> np.ndarray:

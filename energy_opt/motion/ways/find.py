@@ -99,7 +99,7 @@ class Looks:
         return lambda: self.poses >= last
 
 
-def find_ways(
+def find_paths(
     free: Free, ends: Ends, step: np.ndarray, *, planner: str = "auto", seed: int = 0, count: int = 1
 ) -> list[Way]:
     """Up to `count` proven ways, the shortest first; the straight line alone where it is free.

@@ -21,20 +21,20 @@ ALONG, AROUND = 60, 1500  # poses along each line, and strewn about both
 SPREAD = (0.1, 0.25, 0.5, 0.9)  # [rad] how far from them
 NEIGHBOURS = 12  # of each pose
 EASE = (0.3, 3.0)  # E, as a share of the median of P, in turns: detours that go far for what is cheap, and short ones
-AWAY, DEARER = 0.6, 2.0  # [rad] about a way that was found, sides count so many times as much in the next net
+AWAY, COSTLIER = 0.6, 2.0  # [rad] about a way that was found, sides count so many times as much in the next net
 SEARCHES = 600  # shortest ways looked at before a net is given up
 DENSE = 0.05  # [rad] between poses of a way
 RAMP = 0.25  # share of a way's time in which it comes to speed, and in which it stops
 SMOOTH = 0.02  # and of that over which corners are averaged (standard deviation)
-ROWS = 400  # of a way evenly in time
+SAMPLES = 400  # of a way evenly in time
 
 Rate = Callable[[np.ndarray], np.ndarray]  # (M, n) poses -> (M,) what it costs to be there, by the second
 
 
-def cheap_ways(
+def cheap_paths(
     looks: Looks, ends: Ends, rate: Rate, lines: Sequence[np.ndarray], seed: int, count: int
 ) -> Iterator[np.ndarray]:
-    """Up to `count` ways from start to goal, poses (ROWS, n) evenly in time; none near to those before, if it can.
+    """Up to `count` ways from start to goal, poses (SAMPLES, n) evenly in time; none near to those before, if it can.
 
     They are free as far as poses along their sides tell, corners and what smooths them aside.
 
@@ -98,7 +98,7 @@ class _Net:
         from scipy.spatial import KDTree
 
         middles = self._q[self._sides].mean(axis=1)
-        self._weight[KDTree(way).query(middles)[0] < AWAY] *= DEARER
+        self._weight[KDTree(way).query(middles)[0] < AWAY] *= COSTLIER
 
     def shortest(self) -> np.ndarray | None:
         """The corners (K, n) of the shortest way whose sides are free; None where there is none, or it takes long."""
@@ -126,15 +126,15 @@ class _Net:
         return bool(self._known[number] > 0)
 
     def passed(self, way: np.ndarray) -> np.ndarray:
-        """Poses (ROWS, n) evenly in time: a way passed from rest to rest, fast where it is costly."""
+        """Poses (SAMPLES, n) evenly in time: a way passed from rest to rest, fast where it is costly."""
         from scipy.ndimage import gaussian_filter1d
 
         pace, step = self._pace(way), np.linalg.norm(np.diff(way, axis=0) / self._velocity, axis=1)
         at = np.concatenate([[0.0], np.cumsum(2 * step / (pace[1:] + pace[:-1]))])
-        u = np.linspace(0, 1, ROWS)
+        u = np.linspace(0, 1, SAMPLES)
         s = (np.minimum(u, RAMP) ** 2 - np.maximum(u - 1 + RAMP, 0) ** 2) / 2 + RAMP * np.maximum(u - RAMP, 0)
-        rows = np.column_stack([np.interp(s / (RAMP * (1 - RAMP)) * at[-1], at, x) for x in way.T])
-        return np.asarray(gaussian_filter1d(rows, SMOOTH * ROWS, axis=0, mode="nearest"))
+        poses = np.column_stack([np.interp(s / (RAMP * (1 - RAMP)) * at[-1], at, x) for x in way.T])
+        return np.asarray(gaussian_filter1d(poses, SMOOTH * SAMPLES, axis=0, mode="nearest"))
 
 
 def _dense(corners: np.ndarray) -> np.ndarray:

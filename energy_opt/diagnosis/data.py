@@ -76,7 +76,8 @@ class Samples:
         out = replace(
             self, q=self.q[samples], v=self.v[samples], a=self.a[samples], t=self.t[samples],
             temperature=self.temperature[samples], torque=self.torque[samples],
-            slices=laid([self.slices[r] for r in runs]), at=self.at[read], power=self.power[read], weight=self.weight[read], parts=laid([self.parts[r] for r in runs]),
+            slices=laid([self.slices[r] for r in runs]), at=self.at[read],
+            power=self.power[read], weight=self.weight[read], parts=laid([self.parts[r] for r in runs]),
             operators=tuple(self.operators[r] for r in runs), counts=tuple(self.counts[r] for r in runs),
             files=tuple(self.files[r] for r in runs), kinds=tuple(self.kinds[r] for r in runs),
             single=tuple(self.single[r] for r in runs), logged={k: x[samples] for k, x in self.logged.items()},

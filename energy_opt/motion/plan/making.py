@@ -12,11 +12,11 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import (
     Made,
     in_tube,
+    is_at_rest,
     least_energy_timing,
     mended_timing,
     reshaped,
     small_enough,
-    is_at_rest,
     unsearched,
     unseen,
 )

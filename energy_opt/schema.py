@@ -27,6 +27,15 @@ Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
 Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
+# What is expected, by pydantic's name of a fault, where its own words are long.
+PLAIN = {
+    "string_type": "text", "string_too_short": "text that is not empty", "string_pattern_mismatch": "text in one line",
+    "list_type": "a list", "dict_type": "a table", "model_type": "a table", "bool_type": "true or false",
+    "greater_than": "a number above {gt:g}", "greater_than_equal": "{ge:g} or more", "less_than": "less than {lt:g}",
+    "less_than_equal": "{le:g} or less",
+}  # fmt: skip
+
+
 class Table(BaseModel):
     """A table of a file: unknown keys are faults, values do not change once they are read."""
 
@@ -69,10 +78,10 @@ def _line(model: type[Table], document: Mapping[str, Any], fault: Any) -> str:
     if fault["type"] == "missing":
         return f"{_joined(place[:-1])}{key} is missing"
     text = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
-    if fault["type"] not in ("value_error", "string_pattern_mismatch"):
-        text = f"expected {text}" if not text.startswith("expected") else text
-    if fault["type"] == "string_pattern_mismatch":
-        text = "expected text in one line"
+    if fault["type"] in PLAIN:
+        text = f"expected {PLAIN[fault['type']].format(**fault.get('ctx', {}))}"
+    elif fault["type"] != "value_error" and not text.startswith("expected"):
+        text = f"expected {text}"
     shown = fault.get("input")
     value = "" if isinstance(shown, (Mapping, list)) or not place else f" = {shown!r:.60}"
     head = ": ".join(place)

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, StringConstraints, model_validator
 
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_toml
-from energy_opt.measured.columns import Rule, only, rule_from
-from energy_opt.measured.layout import DELIMITERS, Csv, layout_of
+from energy_opt.measured.columns import Rule, rule_from
+from energy_opt.measured.layout import Csv, layout_of
 from energy_opt.measured.presets import PRESETS
+from energy_opt.schema import Number, Table, parse
 
 FORMAT = "energy-opt/log/1"
-KINDS = ("motion", "static")
 NAME = "log.toml"
+Text = Annotated[str, StringConstraints(strict=True, min_length=1)]  # a file's name or path
 
 
-@dataclass(frozen=True)
-class RunEntry:
+class RunEntry(Table):
     """One [[run]] table.
 
     Attributes:
@@ -30,12 +31,52 @@ class RunEntry:
         energy: all that the run took, J, where only that is known.
     """
 
-    file: str
-    kind: str
-    start: float | None = None
-    power_file: str | None = None
-    power_start: float | None = None
-    energy: float | None = None
+    file: Text
+    kind: Literal["motion", "static"] = "motion"
+    start: Number | None = None
+    power_file: Text | None = None
+    power_start: Number | None = None
+    energy: Number | None = None
+
+    @model_validator(mode="after")
+    def _one_source_of_power(self) -> RunEntry:
+        if self.power_start is not None and self.power_file is None:
+            raise ValueError(f"power_start = {self.power_start:g} without a power_file; it is that file's clock")
+        if self.energy is not None and self.power_file is not None:
+            raise ValueError("energy and power_file; give the run's total or the meter's readings")
+        return self
+
+
+class CsvTable(Table):
+    """How the tables are written."""
+
+    delimiter: Literal[",", ";", "\t", "|", " "] | None = None
+    decimal: Literal[".", ","] | None = None
+
+
+class MeterTable(Table):
+    """The meter: the window [s] that a reading is the mean over."""
+
+    window: Annotated[Number, Field(ge=0, le=3600)] | None = None
+
+
+class SegmentTable(Table):
+    """Where recordings are cut."""
+
+    at: Literal["standstill"]
+
+
+class LogTable(Table):
+    """log.toml as it is written; `columns` are read by `rule_from`."""
+
+    format: Literal["energy-opt/log/1"]
+    robot: Text
+    run: list[RunEntry] = []
+    columns: str | dict[str, Any] = {}
+    segment: SegmentTable | None = None
+    preset: Any = None
+    csv: CsvTable = CsvTable()
+    meter: MeterTable = MeterTable()
 
 
 @dataclass(frozen=True)
@@ -83,94 +124,30 @@ def read_log(folder: str | Path, allow_outside: bool = False) -> LogFile:
         if not (path / NAME).is_file():
             raise BadInput(_missing(path))
         path = path / NAME
-    document = read_toml(path)
-    if document.get("format") != FORMAT:
-        raise BadInput(f"{path}: format = {document.get('format')!r}; expected {FORMAT!r}")
-    only(document, ("format", "robot", "run", "columns", "segment", "preset", "csv", "meter"), str(path))
-    robot = document.get("robot")
-    if not isinstance(robot, str) or not robot:
-        raise BadInput(f"{path}: robot = {robot!r}; expected a robot's name or the path of a URDF file")
-    records = document.get("run", [])
-    if not isinstance(records, list) or not records:
+    found = parse(LogTable, read_toml(path), str(path))
+    if not found.run:
         raise BadInput(f"{path}: no [[run]] table; a set has one for every run")
-    runs = tuple(_entry(row, f"{path}: [[run]] {k}") for k, row in enumerate(records, start=1))
-    files = [run.file for run in runs]
+    files = [run.file for run in found.run]
     twice = next((name for name in files if files.count(name) > 1), None)
     if twice is not None:
         raise BadInput(f"{path}: file {twice!r} is in two [[run]] tables")
-    preset, rules = _columns(document, path)
+    preset, rules = _columns(found, path)
+    csv = Csv(found.csv.delimiter, found.csv.decimal)
     log = LogFile(
-        path, robot, runs, preset, rules, _segment(document.get("segment"), path), _csv(document.get("csv", {}), path),
-        _window(document.get("meter", {}), path), allow_outside,
+        path, found.robot, tuple(found.run), preset, rules, found.segment is not None, csv, found.meter.window,
+        allow_outside,
     )  # fmt: skip
-    for entry in runs:
+    for entry in found.run:
         for name in (entry.file, entry.power_file):
             if name is not None:
                 log.file(name)
     return log
 
 
-def _entry(row: Any, where: str) -> RunEntry:
-    if not isinstance(row, dict):
-        raise BadInput(f"{where}: not a table")
-    only(row, ("file", "kind", "start", "power_file", "power_start", "energy"), where)
-    for key in ("file", "power_file"):
-        if key in row and (not isinstance(row[key], str) or not row[key]):
-            raise BadInput(f"{where}: {key} = {row[key]!r}; expected a file's name")
-    if "file" not in row:
-        raise BadInput(f"{where}: file is missing")
-    kind = row.get("kind", "motion")
-    if kind not in KINDS:
-        raise BadInput(f"{where}: kind = {kind!r}; expected one of {', '.join(KINDS)}")
-    start = _number(row, "start", where, "a time, s")
-    power_start = _number(row, "power_start", where, "a time, s")
-    energy = _number(row, "energy", where, "the run's total, J")
-    if power_start is not None and "power_file" not in row:
-        raise BadInput(f"{where}: power_start = {power_start:g} without a power_file; it is that file's clock")
-    if energy is not None and "power_file" in row:
-        raise BadInput(f"{where}: energy and power_file; give the run's total or the meter's readings")
-    return RunEntry(row["file"], kind, start, row.get("power_file"), power_start, energy)
-
-
-def _number(table: Mapping[str, Any], key: str, where: str, expected: str) -> float | None:
-    """A number of a table, None where it is absent; strings and booleans are none."""
-    value = table.get(key)
-    if key not in table:
-        return None
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise BadInput(f"{where}: {key} = {value!r}; expected {expected}, as a number")
-    return float(value)
-
-
-def _csv(table: Any, path: Path) -> Csv:
-    if not isinstance(table, dict):
-        raise BadInput(f'{path}: csv = {table!r}; expected a table such as [csv] delimiter = ";", decimal = ","')
-    only(table, ("delimiter", "decimal"), f"{path}: [csv]")
-    delimiter, decimal = table.get("delimiter"), table.get("decimal")
-    if delimiter is not None and (not isinstance(delimiter, str) or delimiter not in DELIMITERS):
-        raise BadInput(f"{path}: [csv] delimiter = {delimiter!r}; expected one of {', '.join(map(repr, DELIMITERS))}")
-    if decimal is not None and decimal not in (".", ","):
-        raise BadInput(f"{path}: [csv] decimal = {decimal!r}; expected '.' or ','")
-    return Csv(delimiter, decimal)
-
-
-def _window(table: Any, path: Path) -> float | None:
-    if not isinstance(table, dict):
-        raise BadInput(f"{path}: meter = {table!r}; expected a table such as [meter] window = 0.1")
-    only(table, ("window",), f"{path}: [meter]")
-    window = _number(table, "window", f"{path}: [meter]", "a time, s")
-    if window is not None and not 0 <= window <= 3600:
-        raise BadInput(f"{path}: [meter] window = {window:g}; expected 0 to 3600 s")
-    return window
-
-
-def _columns(document: dict[str, Any], path: Path) -> tuple[str | None, dict[str, Rule]]:
-    table = document.get("columns", {})
-    if isinstance(table, str):
-        table = {"preset": table}
-    if not isinstance(table, dict):
-        raise BadInput(f"{path}: columns is not a table")
-    preset = table.get("preset", document.get("preset"))
+def _columns(found: LogTable, path: Path) -> tuple[str | None, dict[str, Rule]]:
+    """The preset's name and the rule of every quantity that the log itself describes."""
+    table = {"preset": found.columns} if isinstance(found.columns, str) else found.columns
+    preset = table.get("preset", found.preset)
     if preset is not None and (not isinstance(preset, str) or preset not in PRESETS):
         raise BadInput(f"{path}: preset = {preset!r}; known: {', '.join(PRESETS)}")
     rules: dict[str, Rule] = {}
@@ -184,14 +161,6 @@ def _columns(document: dict[str, Any], path: Path) -> tuple[str | None, dict[str
         else:
             rules[key] = rule_from(key, value, str(path))
     return preset, rules
-
-
-def _segment(table: Any, path: Path) -> bool:
-    if table is None:
-        return False
-    if not isinstance(table, dict) or set(table) - {"at"} or table.get("at") != "standstill":
-        raise BadInput(f'{path}: segment = {table!r}; expected at = "standstill"')
-    return True
 
 
 def _missing(folder: Path) -> str:

@@ -187,7 +187,7 @@ class Trajectory:
         return Trajectory(self.joints, time, q, v, a)
 
     def _still(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Whether the arm stands still from `begin` to `end`, times [s] (M,) after the first sample: (M,) of bool."""
+        """Whether the arm is at rest from `begin` to `end`, times [s] (M,) after the first sample: (M,) of bool."""
         at_rest = ((self.velocity == 0) & (self.acceleration == 0)).all(axis=1)
         moves = (self.position[:-1] != self.position[1:]).any(axis=1) | ~at_rest[:-1] | ~at_rest[1:]
         moved = np.concatenate([[0], np.cumsum(moves)])

@@ -169,8 +169,8 @@ def run_job(
         return energy_of(assembled(job, work.scorers, plan))
 
     progress("sharing the cycle's time", SHARING)
-    room = max(time - float(shortest.sum()), LEAST_ROOM * time)  # what one leg may take beyond its shortest duration
-    fronts = [work.front(leg, t, s + room) for leg, t, s in zip(legs, timings, shortest.tolist(), strict=True)]
+    spare = max(time - float(shortest.sum()), LEAST_ROOM * time)  # what one leg may take beyond its shortest duration
+    fronts = [work.front(leg, t, s + spare) for leg, t, s in zip(legs, timings, shortest.tolist(), strict=True)]
     scorers = [work.scorers.of(leg.step) for leg in legs]
     guess = slope_of_slowing(legs, timings, scorers, time / shortest.sum()) if legs else None
     shares = allocate(fronts, time, rest.power, guess)

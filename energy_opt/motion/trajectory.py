@@ -1,7 +1,7 @@
-"""A sampled trajectory: the rows of trajectory.csv, and the curve that these rows stand for.
+"""A sampled trajectory: the samples of trajectory.csv, and the curve that they describe.
 
-Between two rows the curve is the quintic polynomial with the rows' positions, velocities and accelerations, so these
-three are continuous and everything that is judged can be recomputed from the file alone.
+Between two samples the curve is the quintic polynomial with the samples' positions, velocities and accelerations, so
+these three are continuous and everything that is judged can be recomputed from the file alone.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-# Quintic on x in [0, 1] from (q0, q1, h v0, h v1, h^2 a0, h^2 a1); rows: coefficients of x^0 ... x^5.
+# Quintic on x in [0, 1] from (q0, q1, h v0, h v1, h^2 a0, h^2 a1); a line holds the coefficients of x^0 ... x^5.
 _HERMITE = np.array(
     [
         [1, 0, 0, 0, 0, 0],
@@ -24,10 +24,10 @@ _HERMITE = np.array(
 )
 
 
-CLOSEST = 1e-5  # [s] between two rows of a mean
-ROW_STEP = 0.004  # [s] largest time between two rows of a trajectory
-LEAST_ROWS = 200
-MOST_ROWS = 20_000  # that the clock asks for: a motion that takes longer is slower and has no more to say
+CLOSEST = 1e-5  # [s] between two samples of a mean
+ROW_STEP = 0.004  # [s] largest time between two samples of a trajectory
+LEAST_SAMPLES = 200
+MOST_SAMPLES = 20_000  # that the clock asks for: a motion that takes longer is slower and has no more to say
 
 
 def whole(time: np.ndarray | float) -> np.ndarray:
@@ -36,8 +36,8 @@ def whole(time: np.ndarray | float) -> np.ndarray:
 
 
 def row_step(duration: float) -> float:
-    """Largest time between two rows of a trajectory that takes `duration`, s: beyond 80 s they follow the motion."""
-    return max(min(ROW_STEP, duration / (LEAST_ROWS - 1)), duration / MOST_ROWS)
+    """Largest time between two samples of a trajectory that takes `duration`, s: beyond 80 s they follow the motion."""
+    return max(min(ROW_STEP, duration / (LEAST_SAMPLES - 1)), duration / MOST_SAMPLES)
 
 
 def _powers(x: np.ndarray, order: int) -> np.ndarray:
@@ -49,7 +49,7 @@ def _powers(x: np.ndarray, order: int) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _places(factor: int) -> np.ndarray:
-    """From a quintic's data to its derivatives 0 ... 3 at `factor` even places between two rows, (4, factor, 6)."""
+    """From a quintic's data to its derivatives 0 ... 3 at `factor` even places between two samples, (4, factor, 6)."""
     x = np.arange(factor) / factor
     return np.stack([_powers(x, order) @ _HERMITE for order in range(4)])
 
@@ -105,10 +105,10 @@ class Trajectory:
         return out[0], out[1], out[2], out[3]
 
     def sample_denser(self, factor: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What `sample` gives at the times of `denser(factor)`, many times faster: places between rows recur."""
+        """What `sample` gives at the times of `denser(factor)`, many times faster: places between samples recur."""
         step = np.diff(self.time)[:, None]
-        rows = self.position, self.velocity, self.acceleration
-        data = np.stack([x for row in rows for x in (row[:-1], row[1:])])  # (6, N - 1, n)
+        state = self.position, self.velocity, self.acceleration
+        data = np.stack([x for row in state for x in (row[:-1], row[1:])])  # (6, N - 1, n)
         data[1] -= data[0]
         data[0] = 0.0
         data[2:4] *= step
@@ -122,15 +122,15 @@ class Trajectory:
                 between /= step**order
             out.append(np.concatenate([between.transpose(1, 0, 2).reshape(-1, len(self.joints)), between[-1:, -1]]))
         end = np.tensordot(_powers(np.ones(1), 3) @ _HERMITE, data[:, -1], axes=1) / step[-1] ** 3
-        for values, last in zip(out, (*(row[-1:] for row in rows), end), strict=True):
+        for values, last in zip(out, (*(row[-1:] for row in state), end), strict=True):
             values[-1] = last
         return out[0], out[1], out[2], out[3]
 
     def jerk_before_rows(self) -> np.ndarray:
-        """Jerk (N - 1, n) just before each row but the first; it jumps at rows, where `sample` has that after."""
+        """Jerk (N - 1, n) just before each sample but the first; it jumps at samples, where `sample` has that after."""
         step = np.diff(self.time)[:, None]
-        rows = self.position, self.velocity, self.acceleration
-        data = np.stack([x * step**k for k, row in enumerate(rows) for x in (row[:-1], row[1:])])
+        state = self.position, self.velocity, self.acceleration
+        data = np.stack([x * step**k for k, row in enumerate(state) for x in (row[:-1], row[1:])])
         data[1] -= data[0]
         data[0] = 0.0
         return np.asarray(np.tensordot(_powers(np.ones(1), 3) @ _HERMITE, data, axes=1)[0] / step**3)
@@ -140,21 +140,21 @@ class Trajectory:
         return self.sample(np.atleast_1d(np.asarray(time, dtype=float)))[order]
 
     def __repr__(self) -> str:
-        return f"Trajectory({len(self.joints)} joints, {len(self.time)} rows, {self.duration:.4g} s)"
+        return f"Trajectory({len(self.joints)} joints, {len(self.time)} samples, {self.duration:.4g} s)"
 
     def denser(self, factor: int) -> np.ndarray:
-        """Times of a grid `factor` times denser than the rows, rows included; shape ((N - 1) * factor + 1,)."""
+        """Times of a grid `factor` times denser than the samples, samples included; shape ((N - 1) * factor + 1,)."""
         steps = np.arange(factor) / factor
         inner = (self.time[:-1, None] + np.diff(self.time)[:, None] * steps).ravel()
         return np.append(inner, self.time[-1])
 
     def part(self, rows: slice) -> Trajectory:
-        """Some of its rows, one after the other."""
+        """Some of its samples, one after the other."""
         first = (self.time, self.position, self.velocity, self.acceleration, self.effort, self.power)
         return Trajectory(self.joints, *(None if x is None else x[rows] for x in first))  # type: ignore[arg-type]
 
     def on_nanoseconds(self) -> Trajectory:
-        """The curve with its rows on whole nanoseconds; itself where they are."""
+        """The curve with its samples on whole nanoseconds; itself where they are."""
         time = whole(self.time)
         if np.array_equal(time, self.time):
             return self

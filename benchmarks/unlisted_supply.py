@@ -6,6 +6,18 @@ import numpy as np
 from unlisted_law import Law, Part, Rows
 
 
+def switched(runs: Rows, on: float, off: float) -> Rows:
+    """A switch with hysteresis over runs that follow each other: 1 from above `on` until below `off`, else 0."""
+    closed, out = False, []
+    for values in runs:
+        state = np.empty(len(values))
+        for k, x in enumerate(values):
+            closed = bool(x > on or (closed and x > off))
+            state[k] = closed
+        out.append(state)
+    return out
+
+
 class Conduction(Law):
     """Transistors conduct at a voltage that grows with the logarithm of the current."""
 
@@ -37,14 +49,7 @@ class Fan(Law):
             warm.append(rows)
             at = p.t[-1]
         off, on = np.quantile(np.concatenate(warm), [0.4, 0.7])
-        runs, out = False, []
-        for rows, b in zip(warm, bus, strict=True):
-            state = np.empty(len(rows))
-            for k, x in enumerate(rows):
-                runs = x > on or (runs and x > off)
-                state[k] = runs
-            out.append(b + size * self.power * state)
-        return out
+        return [b + size * self.power * state for b, state in zip(bus, switched(warm, on, off), strict=True)]
 
 
 class Chopper(Law):
@@ -92,14 +97,7 @@ class Phases(Law):
 
     def mains(self, parts: list[Part], motor: Rows, bus: Rows, size: float) -> Rows:
         off, on = np.quantile(np.concatenate(bus), [self.at - 0.15, self.at])
-        runs, out = False, []
-        for b in bus:
-            state = np.empty(len(b))
-            for k, x in enumerate(b):
-                runs = x > on or (runs and x > off)
-                state[k] = runs
-            out.append(b + size * self.cost * state)
-        return out
+        return [b + size * self.cost * state for b, state in zip(bus, switched(bus, on, off), strict=True)]
 
 
 class Pump(Law):

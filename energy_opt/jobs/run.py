@@ -39,7 +39,6 @@ from energy_opt.power.assumptions import Assumption
 
 SHARING = 0.05  # of the work, about, and as much again for first paths
 AGAIN = 1e-2  # of a leg's duration: shares that change less are not worth solving again
-LEAST_ROOM = 0.01  # of the cycle's time: what a leg's front has beyond its shortest duration at least
 Known = Callable[[Leg, float], Trajectory | None]
 Answered = Callable[[Leg, float, Trajectory], None]
 
@@ -169,8 +168,9 @@ def run_job(
         return energy_of(assembled(job, work.scorers, plan))
 
     progress("sharing the cycle's time", SHARING)
-    spare = max(time - float(shortest.sum()), LEAST_ROOM * time)  # what one leg may take beyond its shortest duration
-    fronts = [work.front(leg, t, s + spare) for leg, t, s in zip(legs, timings, shortest.tolist(), strict=True)]
+    spare = time - float(shortest.sum())  # what one leg may take beyond its shortest duration; equal for near cycles
+    most = (least * 2 ** max(3, np.ceil(np.log2(1 + spare / max(least, 1e-6)))) for least in shortest)
+    fronts = [work.front(*each) for each in zip(legs, timings, most, strict=True)]
     scorers = [work.scorers.of(leg.step) for leg in legs]
     guess = slope_of_slowing(legs, timings, scorers, time / shortest.sum()) if legs else None
     shares = allocate(fronts, time, rest.power, guess)

@@ -176,6 +176,8 @@ def _text(form: Format, got: Sampled, judge: Judging, trajectory: Trajectory) ->
     if got.rate is not None:
         how += ", positions from step to step" if got.rate == STEPS.get(form.name) else ", quintic between points"
     text = f"{form.text}, {how}"
+    if form.name == "urscript" and urscript.named_otherwise(trajectory.joints):
+        text += "; the joints are not named as a UR's: check that this arm is one"
     longer = got.trajectory.duration / trajectory.duration - 1
     if longer > 1e-6:
         joules = judge.joules(got.trajectory) - judge.joules(trajectory)

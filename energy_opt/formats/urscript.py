@@ -21,6 +21,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.names import commented
 
 JOINTS = 6
+NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")  # of joints in UR's descriptions
 NEAR = 0.01  # [rad] how far from the start the arm may stand
 LOOKAHEAD, GAIN = 0.03, 500  # [s], - of servoj: the least smoothing that it takes, and a firm but quiet gain
 STREAM_RATE = 500.0  # [Hz] of positions that are streamed one by one
@@ -50,6 +51,11 @@ def check_start(start: np.ndarray) -> list[str]:
         "    j = j + 1",
         "  end",
     ]
+
+
+def named_otherwise(joints: Sequence[str]) -> bool:
+    """Whether the joints' names are not those of an arm of Universal Robots."""
+    return not all(name in joint for name, joint in zip(NAMES, joints, strict=True))
 
 
 def check_arm(joints: int) -> None:

@@ -124,6 +124,18 @@ def test_a_program_at_the_controllers_own_rate_is_judged_as_positions(ur5: Robot
     assert got.rate == 500 and 1.01 < got.trajectory.duration / curve.duration < 1.03
 
 
+def test_a_program_for_an_arm_that_may_be_no_ur_says_so(tmp_path: Path, ur5: Robot, model: PowerModel) -> None:
+    curve, (form,) = swing(ur5.joints, UR_START, UR_GOAL, 2.0), output.wanted(["urscript"])
+    judge = Judging(Scorer(ur5, model), joint_limits(ur5.limits))
+    (row,) = output.write(curve, judge, [form], tmp_path)
+    assert "UR's" not in str(row)
+    row = output.read_back(
+        tmp_path / "trajectory.script", form, output.Sampled(curve, row.rate), judge, "",
+        replace(curve, joints=tuple(f"joint{k}" for k in range(6))),
+    )  # fmt: skip
+    assert "the joints are not named as a UR's" in str(row)
+
+
 def test_all_formats_at_a_rate(tmp_path: Path, bend: tuple[Trajectory, Scorer], panda: Robot) -> None:
     """Each read back: the same rows; with effort of the model at these rows; under the prefix."""
     curve, scorer = bend

@@ -4,14 +4,15 @@ reach       every joint goal that the poses and goals allow
 estimate    what the straight move to each is likely to cost; goals that touch something are left out
 improve     the most promising are moved along their freedom to where the estimate is least
 screen      these are sketched, in order, while the next may be better than the best
-bend        the best sketch bent along the freedom says where its end costs less; sketched again
-solve       the best in full, bent once more; and the goal nearest to the start at that duration: that is the saving
+settle      of the best sketch, curve and goal are optimized together, within what the pose leaves free
+solve       the best in full, settled once more; and the goal nearest to the start at that duration: that is the saving
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,10 +20,11 @@ from energy_opt.cell.cell import Cell, Contact
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Move
+from energy_opt.motion.reshape.evaluation import OpenGoal
 from energy_opt.motion.result import Result
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.estimate import curves, fastest
-from energy_opt.poses.freedom import Bent, has_freedom, improved
+from energy_opt.poses.freedom import Bent, PosedGoal, has_freedom, improved, inside, is_free, used
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Target, unreached
@@ -31,13 +33,14 @@ IMPROVED = 5  # goals that are moved along their freedom by the estimate
 SCREENED = 3  # goals that are sketched
 HOPE = 1.5  # a goal is screened if its estimate, less so many of the largest gain so far, is below the best energy
 EQUAL = 1e-5  # relative: goals with estimates nearer than this differ by a joint that costs nothing
-WORTH, WORTH_SOLVING = 2e-3, 1e-2  # of the loss: what a step along the freedom must promise, and one solved in full
+WORTH = 1e-3  # of the loss: what another goal must promise to be solved in full
 APART = 0.35  # [rad, m] distance of goals that are both screened
 LISTED = 40  # goals that an answer lists
 FREE = 60  # goals without contact among which is chosen
 
 Solve = Callable[[Move, Sequence[Trajectory]], Result]
 Sketch = Callable[[Move, Sequence[Trajectory]], Trajectory]
+Settle = Callable[[Move, Trajectory, OpenGoal, bool], Trajectory]
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,7 @@ class Chooser:
         cell: what goals must keep clear of; None for nothing.
         solver: solves a move, given motions to start from; sketch: guesses the answer with no regard to bodies: a goal
             whose sketch takes more than the best answer is not solved in full.
+        settle: moves a motion to the nearest optimum of curve and goal, clear of bodies if so asked.
     """
 
     def __init__(
@@ -125,12 +129,13 @@ class Chooser:
         cell: Cell | None,
         solver: Solve,
         sketch: Sketch,
+        settle: Settle,
         seed: int = 0,
         worst: bool = False,
     ) -> None:
         self.tool, self.scorers, self.seed, self._worst = tool, list(scorers), seed, worst
         self.cell = cell if cell is not None and cell.checks else None
-        self._solver, self._sketch = solver, sketch
+        self._solver, self._sketch, self._settle = solver, sketch, settle
         self.solves = self.screened = 0
 
     def choose(self, move: Move, goals: Sequence[Target]) -> Chosen:
@@ -152,12 +157,13 @@ class Chooser:
         promising = self._improved(move, open_)
         tried = self._screened(move, promising)
         if tried:
-            best = min(tried, key=_cost)
-            bent = self._bent(move, *best, WORTH)
-            tried += [] if bent is None else self._sketched(move, bent, [best[1]])
+            tried += self._settled(move, *min(tried, key=_cost), False)
         answer, solved = self._full(move, promising, tried)
-        bent = self._bent(move, answer[0], answer[1].trajectory, WORTH if not tried else WORTH_SOLVING)
-        again = None if bent is None else self._attempt(move, bent, [answer[1].trajectory])
+        better = self._settled(move, answer[0], answer[1].trajectory, True)
+        worth = WORTH * sum(scorer.energy(answer[1].trajectory).loss for scorer in self.scorers) / len(self.scorers)
+        again = None
+        if better and _cost(better[0]) < (answer[0].energy or np.inf) - worth:
+            again = self._attempt(move, better[0][0], [better[0][1]])
         if again is not None and not isinstance(again, Infeasible):
             solved.append(again)
             answer = min(answer, again, key=_rank)
@@ -265,14 +271,33 @@ class Chooser:
             return error
         return replace(goal, energy=self._energy(result.trajectory), status=result.status), result
 
-    def _bent(self, move: Move, goal: Candidate, motion: Trajectory, worth: float) -> Candidate | None:
-        """The goal to which the motion, bent, costs less by a share `worth` of its loss; None where there is none."""
-        if goal.pose is None or not has_freedom(self.tool, goal.pose):
-            return None
-        bent = Bent(self.scorers, motion, move.duration is not None)
-        q = improved(self.tool, goal.pose, goal.goal, lambda q: bent(None, q), self.cell)
-        before, after = bent(None, np.vstack([goal.goal, q]))
-        return None if before - after < worth * bent.loss else replace(goal, goal=q)
+    def _settled(self, move: Move, goal: Candidate, motion: Trajectory, clear: bool) -> list[Sketched]:
+        """The optimum of curve and goal near a motion, within what the pose leaves free; none where it costs no less.
+
+        The tolerance is used up in the direction in which the motion, bent to other ends, costs less.
+        """
+        pose = goal.pose
+        if pose is None or not has_freedom(self.tool, pose):
+            return []
+        end, self.screened = goal.goal, self.screened + 1
+        for shifted in range(2):
+            open_goal = PosedGoal(self.tool, pose, end, self._work)
+            if open_goal.count or shifted:
+                motion = self._settle(replace(move, goal=end), motion, open_goal, clear)
+                end = motion.position[-1]
+            bent = partial(Bent(self.scorers, motion, move.duration is not None), None)
+            moved = None if shifted else used(self.tool, pose, end, bent)
+            if moved is None:
+                break
+            pose, end = moved
+        assert goal.pose is not None
+        if not inside(self.tool, goal.pose, end) or not is_free(self.cell if clear else None, end):
+            return []
+        energy = self._energy(motion)
+        return [(replace(goal, goal=end, energy=energy, status="screened"), motion)]
+
+    def _work(self, q: np.ndarray) -> np.ndarray:
+        return np.asarray(np.mean([scorer.potential(q) for scorer in self.scorers], axis=0))
 
     def _full(self, move: Move, goals: Sequence[Candidate], tried: Sequence[Sketched]) -> tuple[Solved, list[Solved]]:
         """The best of the sketched goals solved in full, and all that were; others only where none of these works."""

@@ -19,14 +19,16 @@ from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.cell import Cell
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.reshape.evaluation import bending
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.estimate import energies
-from energy_opt.poses.inverse import SMALL, ToolKinematics, solve
+from energy_opt.poses.inverse import SMALL, ToolKinematics, jacobian_of, solve
 from energy_opt.poses.pose import Freedom, Pose
 
 Cost = Callable[[np.ndarray], np.ndarray]  # (M, n) positions to (M,) J
 
 STEP = 1e-3  # [rad, m] of differences
+SMALL_STEP = 1e-6  # the same, of values in free directions
 FARTHEST = 0.6  # [rad, m] of one step
 SHARES = np.array([1.6, 1.0, 0.5, 0.2, 0.06, 0.02])  # of a step that are tried
 ROUNDS = 10
@@ -45,9 +47,13 @@ def has_freedom(tool: ToolKinematics, pose: Pose) -> bool:
 
 def jacobian(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
     """Derivative (6, n) of what is missed by at q (n,); free directions count nothing, whatever their range."""
-    open_ = replace(pose, free=tuple(Freedom(f.axis) for f in pose.free))
-    e = tool.missed(open_, np.vstack([q, q + 1e-6 * np.eye(len(q))])).both
-    return np.asarray((e[1:] - e[0]).T / 1e-6)
+    open_ = opened(pose)
+    return jacobian_of(tool, open_, q[None], tool.missed(open_, q[None]).both)[0]
+
+
+def opened(pose: Pose) -> Pose:
+    """The pose with its free directions free without a range."""
+    return replace(pose, free=tuple(Freedom(f.axis) for f in pose.free))
 
 
 def directions(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
@@ -57,16 +63,57 @@ def directions(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
     return np.asarray(vt[rank:])
 
 
+class PosedGoal:
+    """A goal that moves with the curve that leads to it: an `OpenGoal` on which the tool keeps a pose.
+
+    With e(q) what the pose is missed by, J its derivative, n_i the tangents, the surface bends by -J^+ e''[n_i, n_j].
+
+    Args:
+        q: (n,) positions that reach the pose.
+        work: what ending at positions (K, n) costs beside what the way there does, (K,) [J].
+    """
+
+    def __init__(self, tool: ToolKinematics, pose: Pose, q: np.ndarray, work: Cost) -> None:
+        self._tool, self._pose, self._open, self.work = tool, pose, opened(pose), work
+        self._first = directions(tool, pose, q)
+        self.count = len(self._first)
+
+    def along(self, q: np.ndarray) -> np.ndarray:
+        """Orthonormal tangents (count, n) at q (n,): those at the first positions, turned onto the surface there."""
+        _, _, vt = np.linalg.svd(jacobian(self._tool, self._pose, q))
+        kept = vt[len(q) - self.count :]
+        left, _, right = np.linalg.svd(self._first @ kept.T)
+        return np.asarray(left @ right @ kept)
+
+    def bend(self, q: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Second derivatives (count, count, n) by steps along the tangents, from differences of what is missed by."""
+        missed = bending(lambda rows: self._tool.missed(self._open, rows).both, q, along)
+        return np.asarray(-missed @ np.linalg.pinv(jacobian(self._tool, self._pose, q), rcond=1e-4).T)
+
+    def reached(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Where inverse kinematics comes to from q + step (n,); q itself where it fails."""
+        found, error = solve(self._tool, self._pose, (q + step)[None])
+        return found[0] if error[0] < SMALL else q
+
+    def ranges(self, q: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Values (F,) in the free directions, slopes (F, count) along the tangents, and the ranges' ends."""
+        around = np.vstack([q, q + SMALL_STEP * along, q - SMALL_STEP * along])
+        value = self._tool.free_values(self._pose, around)
+        plus, minus = value[1 : 1 + self.count], value[1 + self.count :]
+        low, high = (np.array([getattr(f, end) for f in self._pose.free]) for end in ("low", "high"))
+        return value[0], (plus - minus).T / (2 * SMALL_STEP), low, high
+
+
 def improved(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost, cell: Cell | None) -> np.ndarray:
     """Positions (n,) near q that reach the pose, within its tolerance, touch nothing, and cost no more."""
     best = _descended(tool, pose, q, cost, cell)
-    moved = _used(tool, pose, best, cost)
+    moved = used(tool, pose, best, cost)
     if moved is None:
         return best
     shifted, at = moved
     better = _descended(tool, shifted, at, cost, cell, ROUNDS // 3)
     for found in (better, at):
-        if _inside(tool, pose, found) and cost(found[None])[0] < cost(best[None])[0] and _is_free(cell, found):
+        if inside(tool, pose, found) and cost(found[None])[0] < cost(best[None])[0] and is_free(cell, found):
             return found
     return best
 
@@ -94,7 +141,7 @@ def _descended(
             return best
         costs = cost(trials)
         order = [k for k in np.argsort(costs).tolist() if costs[k] < now]
-        found = next((k for k in order if _is_free(cell, trials[k])), None)
+        found = next((k for k in order if is_free(cell, trials[k])), None)
         if found is None:
             return best
         gain, now, best = now - costs[found], float(costs[found]), trials[found]
@@ -103,7 +150,7 @@ def _descended(
     return best
 
 
-def _used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[Pose, np.ndarray] | None:
+def used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[Pose, np.ndarray] | None:
     """The pose moved to the cheapest edge of its tolerance, and positions that reach it; None where none does."""
     if max(pose.tolerance) <= WIDE:
         return None
@@ -121,13 +168,13 @@ def _used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[
     return (shifted, found[0]) if error[0] < SMALL else None
 
 
-def _inside(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> bool:
+def inside(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> bool:
     off = tool.missed(pose, q[None])
     sizes = (float(np.linalg.norm(x)) for x in (off.shift, off.turn))
     return all(size <= allowed - MARGIN / 10 for size, allowed in zip(sizes, pose.tolerance, strict=True))
 
 
-def _is_free(cell: Cell | None, q: np.ndarray) -> bool:
+def is_free(cell: Cell | None, q: np.ndarray) -> bool:
     return cell is None or not cell.checks or cell.touching(q) is None
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from energy_opt.poses.pose import Missed, Pose, missed, twist_of
+from energy_opt.poses.pose import Missed, Pose, free_values, missed
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.tool import tool_of
@@ -80,6 +80,11 @@ class ToolKinematics:
         shift = np.where(slides[:, None], axis, turning) * moves[:, None]
         turn = np.where(slides[:, None], 0.0, axis) * moves[:, None]
         return np.concatenate([shift, turn], axis=2).transpose(0, 2, 1)
+
+    def free_values(self, pose: Pose, q: np.ndarray) -> np.ndarray:
+        """How far the tool is along the pose's free directions at q (N, n), (N, F); see `pose.free_values`."""
+        found = free_values(pose, *self(q))
+        return np.array([found[freedom.axis] for freedom in pose.free]).reshape(-1, len(q)).T
 
     def missed(self, pose: Pose, q: np.ndarray) -> Missed:
         """By what the tool misses a pose at q (N, n)."""
@@ -163,8 +168,10 @@ def jacobian_of(tool: ToolKinematics, pose: Pose, q: np.ndarray, e: np.ndarray) 
     if not turns:
         return np.concatenate([shift, inverse @ turn], axis=1)
     k = turns[0]
-    angle, inside = twist_of(np.matmul(wanted.T, rotation), k, ranges[f"r{'xyz'[k]}"])
-    back = Rotation.from_rotvec(-angle[:, None] * np.eye(3)[k]).as_matrix()
+    of = ranges[f"r{'xyz'[k]}"]
+    angle = free_values(pose, rotation, origin)[of.axis]
+    inside = (angle >= of.low) & (angle <= of.high)
+    back = Rotation.from_rotvec(-np.clip(angle, of.low, of.high)[:, None] * np.eye(3)[k]).as_matrix()
     moved = inverse @ back @ turn
     along = inverse[:, :, k]  # what the free turn itself does to the error
     follows = moved[:, k] / np.where(np.abs(along[:, k]) > 1e-9, along[:, k], 1.0)[:, None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,7 +12,8 @@ from energy_opt.cell.request import pose_of
 from energy_opt.errors import BadInput
 from energy_opt.files import finite_number, words_of
 
-AXES = ("x", "y", "z", "rx", "ry", "rz")
+TURNS = ("rx", "ry", "rz")
+AXES = ("x", "y", "z", *TURNS)
 FAR = 100.0  # [m] no tool is farther away; beyond it a length is a slip of the unit
 UNIT = 1e-2  # a quaternion's norm may differ from 1 by this; it is then scaled
 
@@ -177,38 +178,48 @@ class Missed:
         return np.hstack([self.shift, self.turn])
 
 
-def twist_of(turn: np.ndarray, axis: int, within: Freedom) -> tuple[np.ndarray, np.ndarray]:
-    """The angle (N,) [rad] of rotations (N, 3, 3) about an axis, held to a range, and whether it is inside of it."""
-    q = Rotation.from_matrix(turn).as_quat()
-    angle = (2 * np.arctan2(q[:, axis], q[:, 3]) + np.pi) % (2 * np.pi) - np.pi
-    return np.clip(angle, within.low, within.high), (angle >= within.low) & (angle <= within.high)
+def free_values(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> dict[str, np.ndarray]:
+    """How far the tool at `rotation` (N, 3, 3), `origin` (N, 3) is along each free direction, (N,) [m or rad] by axis.
+
+    One free turn is the twist of the quaternion, several are Euler angles; whole turns bring an angle as near as they
+    can to the middle of its range.
+    """
+    wanted, ranges = pose.matrix[:3, :3], {freedom.axis: (freedom.low, freedom.high) for freedom in pose.free}
+    shift = (origin - pose.matrix[:3, 3]) @ wanted
+    out = {axis: shift[:, k] for k, axis in enumerate("xyz") if axis in ranges}
+    axes = [k for k in range(3) if TURNS[k] in ranges]
+    if not axes:
+        return out
+    turned = Rotation.from_matrix(np.matmul(wanted.T, rotation))
+    if len(axes) == 1:
+        q = turned.as_quat()
+        angles = 2 * np.arctan2(q[:, axes], q[:, 3:])
+    else:
+        order = [*axes, *(k for k in range(3) if k not in axes)]
+        angles = turned.as_euler("".join("XYZ"[k] for k in order))
+    for k, angle in zip(axes, angles.T, strict=False):
+        low, high = ranges[TURNS[k]]
+        middle = (low + high) / 2 if np.isfinite([low, high]).all() else 0.0
+        out[TURNS[k]] = (angle - middle + np.pi) % (2 * np.pi) + middle - np.pi
+    return out
 
 
 def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> Missed:
     """How far the tool at `rotation` (N, 3, 3), `origin` (N, 3) misses a pose.
 
-    Shifts and turns in free directions do not count within their range: with the turn D between the wanted and the
-    actual tool, the angles of its free axes are taken out first (one axis by the twist of the quaternion, two as Euler
-    angles), held to their ranges, and the rest is the error.
+    Shifts and turns in free directions, held to their ranges, are taken out of the difference from the wanted pose one
+    after the other; the rest is the error.
     """
     wanted = pose.matrix[:3, :3]
     shift = (origin - pose.matrix[:3, 3]) @ wanted
+    limits = {freedom.axis: (freedom.low, freedom.high) for freedom in pose.free}
+    anyhow = all(np.isinf(limits.get(turn, (0.0, 0.0))).all() for turn in TURNS)  # no turn counts
     turned = Rotation.from_matrix(np.matmul(wanted.T, rotation))
-    ranges = {freedom.axis: (freedom.low, freedom.high) for freedom in pose.free}
-    for k, axis in enumerate("xyz"):
-        if axis in ranges:
-            shift[:, k] -= np.clip(shift[:, k], *ranges[axis])
-    axes = [k for k, axis in enumerate("xyz") if f"r{axis}" in ranges]
-    limits = [ranges["r" + "xyz"[k]] for k in axes]
-    if len(axes) == 3 and not np.isfinite(limits).any():
-        return Missed(shift, np.zeros_like(shift))
-    if len(axes) == 1:
-        k = axes[0]
-        angle, _ = twist_of(turned.as_matrix(), k, Freedom(f"r{'xyz'[k]}", *limits[0]))
-        turned = Rotation.from_rotvec(-angle[:, None] * np.eye(3)[k]) * turned
-    elif axes:
-        order = [*axes, *(k for k in range(3) if k not in axes)]
-        angles = turned.as_euler("".join("XYZ"[k] for k in order))
-        for i, (k, limit) in enumerate(zip(axes, limits, strict=True)):
-            turned = Rotation.from_rotvec(-np.clip(angles[:, i], *limit)[:, None] * np.eye(3)[k]) * turned
-    return Missed(shift, turned.as_rotvec())
+    shifts_only = replace(pose, free=tuple(f for f in pose.free if f.axis not in TURNS)) if anyhow else pose
+    for axis, value in free_values(shifts_only, rotation, origin).items():
+        held, k = np.clip(value, *limits[axis]), "xyz".index(axis[-1])
+        if axis in TURNS:
+            turned = Rotation.from_rotvec(-held[:, None] * np.eye(3)[k]) * turned
+        else:
+            shift[:, k] -= held
+    return Missed(shift, np.zeros_like(shift) if anyhow else turned.as_rotvec())

@@ -364,7 +364,7 @@ def test_a_sketch_is_near_the_answer_and_goals_without_one_are_solved_in_full(ur
     def none(move: Move, warm: object) -> Trajectory:
         raise Infeasible("no sketch")
 
-    chosen = Chooser(ur, [Scorer(robot, model)], None, planner.solve, none).choose(move, goals)
+    chosen = Chooser(ur, [Scorer(robot, model)], None, planner.solve, none, planner.settle).choose(move, goals)
     assert chosen.result.status == "solved" and chosen.screened == 2
     assert chosen.candidates[0].energy == pytest.approx(chosen.result.energy.total)
 

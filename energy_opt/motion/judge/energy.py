@@ -139,6 +139,26 @@ class Scorer:
                     out += weight * (at[1] - at[0])
         return out
 
+    def potential(self, q: np.ndarray) -> np.ndarray:
+        """Potential energy (K,) [J] of the arm at rest at q (K, n), as far as drives and supply let it pass.
+
+        The change of it between two ends is what no motion between them changes of the energy that it takes.
+        """
+        n, body = self.robot.n, body_of(self.model, self.robot.body)
+        payload, gravity = rigid_inputs(self.model, body)
+        still = np.zeros_like(q)
+        rigid, out = body.energy(q, still, payload, gravity), np.zeros(len(q))
+        for weight, member in self.model.weighted:
+            named = [(effect, effect.named(ca.DM(effect.full(n)), n)) for effect in member.effects]
+            passed = np.prod([float(effect.passed(values)) for effect, values in named])
+            springs = [
+                [float(effect.stored(ca.DM(row), ca.DM(still[0]), values)) for row in q]
+                for effect, values in named
+                if effect.stores
+            ]
+            out += weight * passed * (rigid + np.sum(springs, axis=0))
+        return out
+
     def dense(self, trajectory: Trajectory, factor: int = DENSER, rows: slice | None = None) -> Dense:
         """The trajectory on a grid `factor` times denser than its rows: what energy and limits are read from.
 

@@ -28,8 +28,9 @@ from energy_opt.motion.plan.candidates import unseen
 from energy_opt.motion.plan.choice import instead
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.single import Single
-from energy_opt.motion.plan.sketch import sketched
+from energy_opt.motion.plan.sketch import settled, sketched
 from energy_opt.motion.plan.ways import check_free, first_path
+from energy_opt.motion.reshape.evaluation import OpenGoal
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
@@ -217,6 +218,13 @@ class Planner:
         if move.mode == "retime" or unseen(move):
             return self.solve(move, warm).trajectory
         return sketched(replace(self.context(move), cell=None), move, warm)
+
+    def settle(self, move: Move, motion: Trajectory, goal: OpenGoal, clear: bool = True) -> Trajectory:
+        """The motion near another at which its goal, too, is where it costs least; `clear`: of bodies."""
+        if move.mode == "retime" or self.settings.objective != "energy" or unseen(move):
+            return motion
+        context = self.context(move)
+        return settled(context if clear else replace(context, cell=None), move, motion, goal)
 
     def _long_turns(self, move: Move) -> list[str]:
         """What to say of joints without an end that reach the same pose by turning the other way."""

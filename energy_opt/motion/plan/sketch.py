@@ -1,18 +1,22 @@
-"""A quick guess of a move's answer, by which many goals are compared: one coarse start, looked at as optima are."""
+"""Motions by which goals are compared: a quick guess of a move's answer, and the optimum of curve and goal together."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import first_line, least_energy_timing, reference_time, task_of
 from energy_opt.motion.plan.context import Context
 from energy_opt.motion.plan.making import first_timing
-from energy_opt.motion.reshape.search import trajectory_of
-from energy_opt.motion.reshape.task import Line
+from energy_opt.motion.reshape.clear import ClearSearch
+from energy_opt.motion.reshape.evaluation import OpenGoal
+from energy_opt.motion.reshape.search import EXACT, ITERATIONS, trajectory_of
+from energy_opt.motion.reshape.task import FEASIBLE, Line
 from energy_opt.motion.trajectory import Trajectory
 
+SETTLED, FIRST = 1e-6, 0.05  # relative tolerance beside bodies, and the first step there [rad, m]
 BEYOND = 0.5  # share of a bound: a full search, or another end of the move, may still mend so much
 
 
@@ -38,3 +42,22 @@ def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> T
     if found.broken > BEYOND:
         raise Infeasible(f"no motion within the limits was found in {task.durations[1]:.4g} s", limit="duration")
     return trajectory_of(found.curve, context.robot.joints)
+
+
+def settled(context: Context, move: Move, motion: Trajectory, goal: OpenGoal) -> Trajectory:
+    """The optimum of curve and goal together that is near a motion: the goal's freedom is among the variables.
+
+    Beside bodies it keeps the usual distances; nothing is proven. The motion itself where the search comes to nothing.
+    """
+    task = task_of(context, move, motion.duration, move.duration)
+    task = replace(task, open=goal)
+    reshaper = context.reshaper("energy")
+    level = reshaper.fine(task.vias)
+    curve = task.curve(level.shape, Line.of(motion))
+    if context.cell is None:
+        best = reshaper.solved(curve, task, context.stopped)
+        return motion if best.broken > FEASIBLE else trajectory_of(best.curve, context.robot.joints)
+    scale = 1 / max(abs(level.excess(curve, task.parameters, task.limits)[0] - task.offset * curve.duration), 1e-6)
+    search = ClearSearch(context.cell, context.robot.joints, level, task, scale, context.stopped)
+    found = search.descent(curve, ITERATIONS, FIRST, SETTLED, EXACT, slack=0.0)
+    return trajectory_of(search.curve_of(found), context.robot.joints)

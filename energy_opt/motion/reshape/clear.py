@@ -106,7 +106,9 @@ class ClearSearch:
         self.margins = Margins(cell, ends)
         self.wanted = self.margins.wanted
         self.near, self._many = (Near(cell.bodies, ends, self.wanted) for _ in range(2))
-        self._model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset)
+        self._model = level.model(
+            task.ends, task.limits, task.parameters, task.durations, task.offset, goal=task.open
+        )
         self._model.scale = self.scale = scale
         self.iterations = 0
 
@@ -124,12 +126,14 @@ class ClearSearch:
         margin = self.margins.at(places)[k, self.near.pair[number]]
         return float((distance - margin).min()), len(np.unique(k[distance < 0])) / len(places.u)
 
-    def descent(self, curve: Curve, iterations: int, trust: float, tolerance: float) -> Descent:
+    def descent(
+        self, curve: Curve, iterations: int, trust: float, tolerance: float, give: float = GIVE, slack: float = SLACK
+    ) -> Descent:
         """A few iterations from a curve, at the usual places."""
         model = self._with(Places.evenly(len(self.wanted)))
         now = begin(model.at_curve(curve, trust))
         found = descend(
-            model, now, iterations, trust, tolerance=tolerance, give=GIVE, slack=SLACK, stopped=self.stopped
+            model, now, iterations, trust, tolerance=tolerance, give=give, slack=slack, stopped=self.stopped
         )
         self.iterations += found.iterations
         return found

@@ -9,6 +9,7 @@ import numpy as np
 
 from energy_opt.motion.limits.base import Limit, box_of, values_of
 from energy_opt.motion.reshape.curve import Curve, Outcome
+from energy_opt.motion.reshape.evaluation import OpenGoal
 from energy_opt.motion.reshape.frame import Frame
 from energy_opt.motion.reshape.layout import Ends, Pattern, Shape
 from energy_opt.motion.reshape.model import Model
@@ -37,10 +38,10 @@ class Level:
 
     def model(
         self, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray, durations: tuple[float, float],
-        offset: float, width: float = 1.0,
+        offset: float, width: float = 1.0, goal: OpenGoal | None = None,
     ) -> Model:  # fmt: skip
         """The problem for sequential quadratic programming."""
-        return Model(self.frame, self._nodes, ends, limits, parameters, durations, offset, width)
+        return Model(self.frame, self._nodes, ends, limits, parameters, durations, offset, width, goal)
 
     def shares(
         self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0

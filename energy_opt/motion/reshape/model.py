@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from energy_opt.motion.reshape.evaluation import Evaluation, Point
+from energy_opt.motion.reshape.evaluation import Evaluation, OpenGoal, Point, bending
 from energy_opt.motion.reshape.layout import LOCAL
 from energy_opt.numerics.batch import Batch
 from energy_opt.numerics.quadratic import Banded, Constraints, add_nodes, add_places
@@ -49,17 +49,27 @@ class Model(Evaluation):
                 c = _convex(c)
             used = which if which is self._quad else which[:-1]
             add_nodes(band, c[: len(used)], s.local[used, :3], self._window[used], n)
-            if not self.fixed:
-                by_time = np.matmul(c, self._z_slope[which][:, :, None])[:, :, 0]
-                local = np.einsum("kdi,kda->kai", by_time[:, :-1].reshape(-1, 3, n), s.local[which, :3])
-                index, free = f.columns(self._window[which])
-                flat = local.reshape(len(which), -1)
-                out.border[:, 0] += np.bincount(index[free], flat[free], f.size)
-                out.corner[0, 0] += float(np.sum(by_time * self._z_slope[which]))
+            behind = self._behind(point, which)
+            if not behind.size:
+                continue
+            index, free = f.columns(self._window[which])
+            by = np.matmul(c, behind)
+            for column in range(behind.shape[2]):
+                flat = np.einsum("kdi,kda->kai", by[:, :-1, column].reshape(-1, 3, n), s.local[which, :3])
+                out.border[:, column] += np.bincount(index[free], flat.reshape(len(which), -1)[free], f.size)
+            out.corner[: behind.shape[2], : behind.shape[2]] += np.einsum("kzi,kzj->ij", behind, by)
         linear = multipliers.get("linear")
         if linear is not None and not self.fixed:
             k = self._order
             out.corner[0, 0] -= float(np.sum(np.abs(linear) * k * (k - 1))) / point.duration**2
+        if self.goal is not None:
+            at_nodes = np.matmul(point.hot_slope[:, :-1], lam[:, :, None]).reshape(len(lam), 3, n)
+            force = self._by_goal(point) + np.einsum("kd,kdi->i", self._goal_z, at_nodes)
+            if linear is not None:
+                force = force + (linear / point.duration**self._order) @ self._goal_linear
+            q = point.points[-1]
+            out.corner[self.toward, self.toward] += self.goal.bend(q, point.along) @ force
+            out.corner[self.toward, self.toward] += self.scale * bending(self.goal.work, q, point.along)
         for number, rows, q, _ in point.placed:
             lam_place = multipliers.get(f"place {number}")  # how ends that move stretch with T is left out
             if lam_place is not None and lam_place.any():
@@ -68,6 +78,14 @@ class Model(Evaluation):
         if s.vias and "via" in multipliers:
             self._add_via_curvature(out, point, multipliers["via"])
         return out
+
+    def _behind(self, point: Point, which: np.ndarray) -> np.ndarray:
+        """d z/d(T and the goal's steps) at nodes, (K, nz, columns)."""
+        nz, count = point.z.shape[1], len(point.along)
+        by_goal = np.zeros((len(which), nz, count))
+        if count:
+            by_goal[:, :-1] = np.einsum("kd,ci->kdic", self._goal_z[which], point.along).reshape(-1, nz - 1, count)
+        return by_goal if self.fixed else np.concatenate([self._z_slope[which, :, None], by_goal], axis=2)
 
     def _add_via_curvature(self, out: Banded, point: Point, lam: np.ndarray) -> None:
         s, n = self.shape, self.shape.joints
@@ -98,6 +116,8 @@ class Model(Evaluation):
         share = point.linear[which]
         if not self.fixed:
             border[:, 0] = self._linear_slope[which] * time - self._order[which] * np.sign(share) / point.duration
+        if self.goal is not None:
+            border[:, self.toward] = (time[:, None] * self._goal_linear[which]) @ point.along.T
         return Constraints.of(
             self.shape.joints, self.border, first=self._linear_first[which], joint=self._linear_joint[which],
             coefficient=self._linear_local[which] * (time * self._per[which])[:, None], border=border,
@@ -113,8 +133,8 @@ class Model(Evaluation):
         wide = [np.einsum("rdi,rda->rai", parts, s.local[k, :3]).reshape(len(k), f.width)]
         first = [self._window[k]]
         border = [np.zeros((len(k), self.border))]
-        if not self.fixed:
-            border[0][:, 0] = slope[:, -1] + np.sum(slope[:, :-1] * self._z_slope[k, :-1], axis=1)
+        behind = np.einsum("rz,rzc->rc", slope, self._behind(point, k))
+        border[0][:, : behind.shape[1]] = behind
         floor = [np.where(self._hot_one[j], -np.inf, -1 - point.hot[k, j])]
         ceiling = [1 - point.hot[k, j]]
         keys = [(k * len(self._hot_scale) + j) * 4 + 1]
@@ -125,6 +145,7 @@ class Model(Evaluation):
             wide.append((local[:, None, :, None] * np.eye(n)[None, :, None, :]).reshape(s.vias * n, f.width))
             first.append(np.repeat(begin - s.pinned, n))
             edge = np.zeros((s.vias, n, self.border))
+            edge[:, :, self.toward] = basis[:, -s.pinned :].sum(axis=1)[:, None, None] * point.along.T
             for i in range(s.vias):
                 edge[i, :, self.border - s.vias + i] = speed[i]
             if not self.fixed:
@@ -142,6 +163,9 @@ class Model(Evaluation):
             near = np.flatnonzero(off < np.abs(gradient).sum(axis=1) * far + SPARE)
             place, gradient = placed.place[near], gradient[near]
             edge = np.zeros((len(place), self.border))
+            if self.goal is not None:
+                at_goal = self._matrix(placed.u)[:, -s.pinned :].sum(axis=1)[place]
+                edge[:, self.toward] = at_goal[:, None] * (gradient @ point.along.T)
             if not self.fixed and not self._still:
                 edge[:, 0] = np.sum(gradient * (self._matrix(placed.u) @ self._pinned_slope)[place], axis=1)
             window, local = self._placing(placed.u)
@@ -151,7 +175,22 @@ class Model(Evaluation):
                 keys=(placed.keys[near].astype(np.int64) * 64 + number) * 4 + 3,
             )  # fmt: skip
             out = out.joined(at_places)
-        return out
+        return out if self.goal is None else out.joined(self._goal_rows(point, self.goal))
+
+    def _goal_rows(self, point: Point, goal: OpenGoal) -> Constraints:
+        """Constraints on the goal's steps: joints' ranges and those of what the pose leaves free."""
+        q, along = point.points[-1], point.along
+        value, slope, low, high = goal.ranges(q, along)
+        value, slope = np.concatenate([q, value]), np.vstack([along.T, slope])
+        low, high = (np.concatenate(bounds) for bounds in zip(self.box, (low, high), strict=True))
+        count = len(value)
+        border = np.zeros((count, self.border))
+        border[:, self.toward] = slope
+        none = np.zeros(count, dtype=np.int64)
+        return Constraints.of(
+            self.shape.joints, self.border, first=none, joint=none, coefficient=np.zeros((count, LOCAL)), border=border,
+            floor=np.minimum(low - value, 0.0), ceiling=np.maximum(high - value, 0.0), keys=-1 - 4 * np.arange(count),
+        )  # fmt: skip
 
     def multipliers(self, point: Point, keys: np.ndarray, values: np.ndarray) -> dict[str, np.ndarray]:
         """Multipliers of named rows in the form that `hessian` takes."""
@@ -159,7 +198,7 @@ class Model(Evaluation):
         keys, values = keys[order], values[order]
         name, kind = np.divmod(keys, 4)
         out: dict[str, np.ndarray] = {}
-        if not self.fixed:
+        if not self.fixed or self.goal is not None:
             out["linear"] = np.zeros(len(point.linear))
             np.add.at(out["linear"], name[kind == 0], values[kind == 0])
         if (kind == 1).any():

@@ -188,7 +188,8 @@ class Reshaper:
             spent += more.iterations
             found = replace(min(found, more, key=task.rank), converged=settled)
         found = replace(found, iterations=spent + found.iterations)
-        if stopped() or (found.broken <= FEASIBLE and (found.converged or self._nodes.kinked or not self._polished)):
+        done = found.broken <= FEASIBLE and (found.converged or self._nodes.kinked or not self._polished)
+        if stopped() or done or task.open is not None:
             return found
         polished = task.polished(level, found)
         best, spent = min(polished, found, key=task.rank), found.iterations + polished.iterations

@@ -148,6 +148,8 @@ def _box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarr
         most = min(trust, 0.5) * point.duration
         edge_low.append(max(model.durations[0] - point.duration, -most))
         edge_high.append(min(model.durations[1] - point.duration, most))
+    edge_low += [-trust] * len(point.along)
+    edge_high += [trust] * len(point.along)
     for u in point.via_u:
         edge_low.append(max(-u, -0.3 * min(trust, 0.5)))
         edge_high.append(min(1 - u, 0.3 * min(trust, 0.5)))

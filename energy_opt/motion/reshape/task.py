@@ -9,6 +9,7 @@ import numpy as np
 
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.reshape.curve import Curve, Outcome, fitted
+from energy_opt.motion.reshape.evaluation import OpenGoal
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.sqp import begin, descend
@@ -38,7 +39,8 @@ class Line:
 class Task:
     """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that no path changes.
 
-    `width` multiplies the widths over which kinks, as of dry friction, are smoothed.
+    `width` multiplies the widths over which kinks, as of dry friction, are smoothed. Where the goal is `open`, it moves
+    with the curve to where that costs least.
     """
 
     ends: Ends
@@ -47,6 +49,7 @@ class Task:
     durations: tuple[float, float]
     offset: float
     width: float = 1.0
+    open: OpenGoal | None = None
 
     @property
     def fixed(self) -> bool:
@@ -78,7 +81,9 @@ class Task:
         give: float = FREE, stopped: Callable[[], bool] = lambda: False,
     ) -> Outcome:  # fmt: skip
         """What sequential quadratic programming comes to on a level from a guess."""
-        model = level.model(self.ends, self.limits, self.parameters, self.durations, self.offset, self.width)
+        model = level.model(
+            self.ends, self.limits, self.parameters, self.durations, self.offset, self.width, self.open
+        )
         lower, upper = model.box
         guess = replace(guess, points=np.clip(guess.points, lower, upper))
         point = model.at_curve(guess)

@@ -38,9 +38,13 @@ format = "energy-opt/job/1"
 robot = "ur5e"
 cycle_time = 3.0
 [[step]]
+min_duration = 1.5
+max_duration = 1.5
 pose = [0.45, 0.2, 0.1, 3.14159265, 0, 0]
 free = ["rz"]
 [[step]]
+min_duration = 1.5
+max_duration = 1.5
 pose = [-0.2, 0.5, 0.2, 3.14159265, 0, 0]
 free = ["rz"]
 payload = 1.0
@@ -50,9 +54,13 @@ format = "energy-opt/job/1"
 robot = "panda"
 cycle_time = 4.0
 [[step]]
+min_duration = 2.0
+max_duration = 2.0
 pose = [0.5, 0.2, 0.2, 3.14159265, 0, 0]
 free = ["rz"]
 [[step]]
+min_duration = 2.0
+max_duration = 2.0
 pose = [0.3, -0.4, 0.3, 3.14159265, 0, 0]
 free = ["rz"]
 payload = 1.0

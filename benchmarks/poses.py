@@ -6,9 +6,9 @@
 Poses are those of seeded random configurations that touch nothing, so each is reachable; half of them leave the turn
 about the tool's z free, every third move has boxes around it. Durations are 1.5 times the shortest of the move to the
 nearest goal. Every answer is judged from its written file: the pose by Pinocchio from the URDF, contact between samples
-by the many poses of dense_judge.py (Pinocchio and coal). Enumeration solves every branch, at every 15 degrees of the
-free turn, in full; of arms with seven joints it also takes 24 positions along their redundancy. Seconds are CPU times.
-A row that was kept is not computed again.
+by the many poses of dense_judge.py (Pinocchio and coal). Enumeration takes every branch at every 15 degrees of the free
+turn and, of arms with seven joints, of their redundancy. Seconds are CPU times. A row that was kept is not computed
+again.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from energy_opt.front.rivals import rivals_from
 from energy_opt.poses.ends import Ends
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Freedom, Pose
-from energy_opt.poses.sets import free_of, thinned
+from energy_opt.poses.sets import free_of
 from energy_opt.poses.solve import nearest_move
 from energy_opt.robot import load_robot
 
 ARMS = ("panda", "ur5e", "ur10e", "xarm7", "z1", "iiwa")
 MODEL = "source-method-2"
 TURNS = 24  # of a free axis, 15 degrees each
-ALONG = 24  # positions along a redundancy
+MOST = 30  # goals of an enumeration that are solved in full
 
 
 def arm(name: str) -> Any:
@@ -154,25 +154,47 @@ def solved(move: dict[str, Any]) -> dict[str, Any]:
 
 
 def enumerated(move: dict[str, Any], duration: float) -> dict[str, Any]:
-    """The least energy over all branches and 15 degrees of every freedom, each solved."""
+    """The least energy over all branches and 15 degrees of every freedom.
+
+    A sketch (one coarse start, blind to bodies) costs no more than the motion around them: goals are solved in full in
+    the order of their sketches, while these are below the best.
+    """
     robot, pose = move["robot"], move["pose"]
     cell = load_cell(robot, CellRequest(scene=move["scene"]))
-    planner = eo.Planner(robot, rivals_from([MODEL], None, robot, None)[0][0].model, eo.Settings(), cell=cell)
-    tool, best, count, begin = ToolKinematics(robot), np.inf, 0, time.process_time()
+    settings = eo.Settings(solver="sqp")
+    planner = eo.Planner(robot, rivals_from([MODEL], None, robot, None)[0][0].model, settings, cell=cell)
+    tool, begin, sketches, full = ToolKinematics(robot), time.process_time(), [], 0
     for k in range(TURNS if pose.free else 1):
         at = pose.matrix.copy()
-        angle = k * 2 * np.pi / TURNS
-        at[:3, :3] = at[:3, :3] @ pin.exp3(np.array([0.0, 0.0, angle]))
-        q = free_of(reach(tool, Pose(at), near=move["start"]).positions, cell)
-        for goal in thinned(q, np.zeros(len(q)), ALONG if robot.n > 6 else len(q)):
-            count += 1
+        at[:3, :3] = at[:3, :3] @ pin.exp3(np.array([0.0, 0.0, k * 2 * np.pi / TURNS]))
+        for goal in spread(free_of(reach(tool, Pose(at), near=move["start"]).positions, cell)):
+            asked = eo.Move(move["start"], goal, "reshape", duration)
             try:
-                found = planner.solve(eo.Move(move["start"], goal, "reshape", duration))
+                sketches.append((planner.score(planner.sketch(asked)).total, len(sketches), asked))
             except Infeasible:
-                continue
-            if found.status == "solved" and found.energy.total < best:
-                best, loss = found.energy.total, found.energy.loss
-    return {"least": best, "least_loss": loss, "count": count, "enumerate_seconds": time.process_time() - begin}
+                sketches.append((np.inf, len(sketches), asked))
+    best, loss = np.inf, np.nan
+    for energy, _, asked in sorted(sketches):
+        if energy >= best or full == MOST or not np.isfinite(energy):
+            break
+        full += 1
+        try:
+            found = planner.solve(asked)
+        except Infeasible:
+            continue
+        if found.status == "solved" and found.energy.total < best:
+            best, loss = found.energy.total, found.energy.loss
+    return {"least": best, "least_loss": loss, "count": len(sketches), "solved_in_full": full,
+            "enumerate_seconds": time.process_time() - begin}  # fmt: skip
+
+
+def spread(q: np.ndarray) -> np.ndarray:
+    """Positions (K, n) of which no two are nearer than 15 degrees in every joint."""
+    kept: list[np.ndarray] = []
+    for row in q:
+        if all(np.abs(row - other).max() >= 2 * np.pi / TURNS for other in kept):
+            kept.append(row)
+    return np.array(kept).reshape(-1, q.shape[1])
 
 
 def main() -> int:
@@ -191,7 +213,7 @@ def main() -> int:
     for number in range(args.first, args.first + args.moves):
         name, kind = args.arms[number % len(args.arms)], sum(divmod(number, len(args.arms)))
         row = kept(f"{name} {number} solve", partial(part, name, number, kind, solved))
-        if number < args.enumerate and "duration" in row:
+        if number < args.first + args.enumerate and "duration" in row:
             duration = row["duration"]
             row = row | kept(f"{name} {number} enumerate", partial(part, name, number, kind, enumerated, duration))
         rows.append(row)
@@ -247,10 +269,11 @@ def report(rows: list[dict[str, Any]], jobs: list[dict[str, Any]], args: argpars
     compared = [r for r in good if "least" in r and np.isfinite(r["least"])]
     # the loss alone would count what gravity gives back: all that motion takes is compared, on the scale of the loss
     near = [r for r in compared if r["total"] - r["least"] <= 0.01 * max(r["least_loss"], 1e-9)]
-    share = [(r["solves"]["full"] + r["solves"]["screened"]) / r["count"] for r in compared]
+    solves = sum(r["solves"]["full"] + r["solves"]["screened"] for r in compared)
+    count = sum(r["count"] for r in compared)
     ratio = float(np.median([r["seconds"] / r["joint_seconds"] for r in good])) if good else np.nan
     print(f"{len(rows)} moves, {len(good)} solved, {len(false)} false; enumeration: {len(compared)} moves, "
-          f"{len(near)} within 1 % of the loss, {100 * np.mean(share) if share else 0:.2g} % of its solves; "
+          f"{len(near)} within 1 % of the loss, {solves} solves for its {count}; "
           f"median time {ratio:.3g} joint-goal solves")  # fmt: skip
     checks = {
         "98 % of the moves are solved": len(good) >= 0.98 * len(rows),
@@ -259,7 +282,7 @@ def report(rows: list[dict[str, Any]], jobs: list[dict[str, Any]], args: argpars
     }
     if compared:
         checks["within 1 % of the loss of the enumeration in 90 %"] = len(near) >= 0.9 * len(compared)
-        checks["at most 10 % of its solves"] = float(np.mean(share)) <= 0.1
+        checks["at most 10 % of its solves"] = solves <= 0.1 * count
     if jobs:
         header = ["job", "cheapest [J]", "nearest branches [J]", "solves", "CPU [s]"]
         print(table(header, [[r[k] for k in ("key", "energy", "nearest", "solves", "seconds")] for r in jobs]))

@@ -1,0 +1,122 @@
+"""The base, or a fixture, is placed where a job costs least."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tool_poses import JOB, by_pinocchio
+
+from energy_opt.cell.load import load_cell, scene_of
+from energy_opt.cell.request import CellRequest
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.front.given import source_model
+from energy_opt.jobs import load_job
+from energy_opt.motion import Settings
+from energy_opt.placement import PlaceRequest, place
+from energy_opt.placement.search import Search
+from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.robot import load_robot
+
+
+@pytest.fixture(scope="module")
+def ur() -> ToolKinematics:
+    return ToolKinematics(load_robot("ur5e"))
+
+
+def test_place_says_that_joint_goals_do_not_change_with_the_base(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "job.toml"
+    words = JOB.partition("[[step]]")[0] + '[[step]]\nto = [0.1, -1.5, 1.5, -1.5, -1.5, 0.1]\n[[step]]\nto = "home"\n'
+    path.write_text(words)
+    assert main(["place", str(path), "--base-box=0,1,0,1,0,0", "--out", str(tmp_path / "out")]) == 2
+    assert "joint positions do not change with the base" in capsys.readouterr().err
+    assert main(["place", str(path), "--base-box=0,1,0,1,0", "--out", str(tmp_path / "out")]) == 2
+    assert "expected X0,X1" in capsys.readouterr().err
+
+
+def test_a_proven_placement_comes_before_a_cheaper_one_that_is_none(
+    tmp_path: Path, ur: ToolKinematics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    points = [np.zeros(4), np.array([0.2, 0.0, 0.0, 0.0])]
+
+    def solve(search: Search, point: np.ndarray, kind: str, ends: object = None) -> SimpleNamespace:
+        proven = point[0] == 0.0
+        found = SimpleNamespace(solved=proven, energy=5.0 if proven else 1.0)
+        search.solved[search.place(point)] = {}, found
+        return found
+
+    monkeypatch.setattr(Search, "solve", solve)
+    monkeypatch.setattr(Search, "estimates", lambda search: [(points[1], 1.0), (points[0], 5.0)])
+    job = load_job(path, lambda name: ur.robot)
+    found = place(job, source_model(ur.robot), PlaceRequest((-0.2, 0.2, 0.0, 0.0, 0.0, 0.0), seeds=2, steps=0))
+    assert found.solved and found.place[0] == 0.0 and found.result.energy == 5.0
+
+
+@pytest.mark.parametrize("kind", ["yaml", "json"])  # as lines of ours, and as MoveIt's message with an object's pose
+def test_a_fixture_is_placed_with_its_shape_and_the_poses_in_its_frame(
+    tmp_path: Path, ur: ToolKinematics, kind: str
+) -> None:
+    scene, path = tmp_path / f"scene.{kind}", tmp_path / "job.toml"
+    if kind == "yaml":
+        scene.write_text("objects: [{name: tray, type: box, size: [0.2, 0.2, 0.02], position: [0.4, 0.1, 0.1]}]\n")
+    else:
+        turn = {"x": 0, "y": 0, "z": 0, "w": 1}
+        at = [{"position": {"x": x, "y": y, "z": z}, "orientation": turn} for x, y, z in ((0.4, 0.1, 0.1), (0, 0, 0))]
+        tray = {"id": "tray", "pose": at[0], "primitives": [{"type": 1, "dimensions": [0.2, 0.2, 0.02]}],
+                "primitive_poses": at[1:]}  # fmt: skip
+        scene.write_text(json.dumps({"world": {"collision_objects": [tray]}}))
+    path.write_text(JOB.replace('"world: -0.2, 0.5, 0.2,', '"tray: 0, 0, 0.2,'))
+    job, request = load_job(path, lambda name: ur.robot), CellRequest(scene=scene)
+    box = PlaceRequest((0.2, 0.4, 0.0, 0.5, 0.1, 0.2), (0.0, 1.0), fixture="tray")
+    search = Search(
+        job, source_model(ur.robot), box, Settings(), request, stopped=lambda: False, progress=lambda t, s: None
+    )
+    assert search.given == pytest.approx((0.4, 0.1, 0.1, 0, 0, 0))
+    cell = search.at(np.array([0.3, 0.4, 0.2, 0.5]))
+    q = search.posed(np.array([0.3, 0.4, 0.2, 0.5])).sets[1][0]
+    assert by_pinocchio(ur.robot, q)[:3, 3] == pytest.approx([0.3, 0.4, 0.4], abs=1e-6)
+    box_ = next(scene_of(cell).placed())  # its shape has moved, too
+    assert box_.pose[:3, 3] == pytest.approx([0.3, 0.4, 0.2])
+    assert box_.pose[:2, :2] == pytest.approx(np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]]))
+    assert load_cell(ur.robot, cell).touching(q) is None
+    for name, says in (("desk", "no step ends at a pose in the frame of 'desk'"), ("box", "no object 'box' is fixed")):
+        path.write_text(path.read_text().replace("tray: 0, 0, 0.2", "box: 0, 0, 0.2") if name == "box" else JOB)
+        other = PlaceRequest(box.box, fixture=name)
+        with pytest.raises(BadInput, match=says):
+            place(load_job(path, lambda name: ur.robot), source_model(ur.robot), other, cell=request)
+        path.write_text(JOB.replace('"world: -0.2, 0.5, 0.2,', '"tray: 0, 0, 0.2,'))
+
+
+@pytest.mark.slow
+def test_a_job_of_poses_costs_no_more_than_with_the_nearest_and_placed_no_more_than_there(tmp_path: Path) -> None:
+    path = tmp_path / "job.toml"
+    steps = JOB.partition("[[step]]")[2].rpartition("[[step]]")[0].replace("world: ", "")
+    path.write_text(JOB.partition("home =")[0] + "[poses]\n" + JOB.partition("[poses]\n")[2].partition("[[step]]")[0]
+                    + "[[step]]" + steps)  # fmt: skip
+    out = tmp_path / "out"
+    words = ["--model", "source-method-2", "--starts", "1", "--quiet", "--out", str(out)]
+    assert main(["job", str(path), *words]) == 0
+    found = json.loads((out / "job.json").read_text())
+    assert found["energy_total"] <= found["choice"]["greedy_nearest"] + 1e-9
+    for row, wanted in zip(found["poses"], ([0.45, 0.2, 0.1], [-0.2, 0.5, 0.2]), strict=True):
+        last = np.loadtxt(out / f"step_{row['step']:02d}.csv", delimiter=",", skiprows=1)[-1, 1:7]
+        off = np.linalg.norm(by_pinocchio(load_robot("ur5e"), last)[:3, 3] - wanted)
+        assert off <= (1e-3 if row["step"] == 2 else 1e-6)
+    words[-1] = str(tmp_path / "placed")
+    counts = ["--looked-at", "10", "--seeds", "1", "--steps", "1"]
+    assert main(["place", str(path), "--base-box=-0.1,0.1,-0.1,0.1,0,0", *counts, *words]) == 0
+    placed = json.loads((tmp_path / "placed" / "place.json").read_text())
+    assert placed["energy_total"] <= placed["given"]["energy_total"]
+    job = json.loads((tmp_path / "placed" / "job" / "job.json").read_text())
+    assert job["energy_total"] == pytest.approx(placed["energy_total"])
+    for row, wanted in zip(placed["goals"], ([0.45, 0.2, 0.1], [-0.2, 0.5, 0.2]), strict=True):
+        at = by_pinocchio(load_robot("ur5e"), np.array(row["goal"]))[:3, 3] + placed["base"][:3]
+        assert np.linalg.norm(at - wanted) <= (1e-3 if row["step"] == 2 else 1e-6)

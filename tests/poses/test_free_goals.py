@@ -1,0 +1,136 @@
+"""What a pose leaves free is used: by estimates, up to tolerances, and among the variables of the program."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tool_poses import by_pinocchio, pose_at
+
+from energy_opt.front.given import source_model
+from energy_opt.front.rivals import rivals_from
+from energy_opt.motion import Move, Planner, Settings, Trajectory
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.plan.candidates import task_of
+from energy_opt.motion.reshape.task import Line
+from energy_opt.poses.estimate import straight
+from energy_opt.poses.freedom import Bent, PosedGoal, improved
+from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.poses.pose import Freedom
+from energy_opt.robot import load_robot
+
+Program = tuple[Planner, Move, Trajectory, PosedGoal]
+
+
+@pytest.fixture(scope="module")
+def ur() -> ToolKinematics:
+    return ToolKinematics(load_robot("ur5e"))
+
+
+def test_a_tolerance_is_used_up_to_its_bound_and_not_beyond(ur: ToolKinematics) -> None:
+    q = np.array([0.4, -1.2, 1.4, -1.1, -1.3, 0.3])
+    pose = pose_at(ur, q, tolerance=(5e-3, np.radians(2)))
+    wanted = np.array([0.9, 0.5, -0.3, 0.2, 0.1, -0.4])
+    better = improved(ur, pose, q, lambda rows: rows @ wanted, None)
+    off = by_pinocchio(ur.robot, better) @ np.linalg.inv(by_pinocchio(ur.robot, q))
+    at = np.linalg.norm(by_pinocchio(ur.robot, better)[:3, 3] - by_pinocchio(ur.robot, q)[:3, 3])
+    assert 0.999 * 5e-3 < at <= 5e-3
+    angle = np.linalg.norm(pin.log3(off[:3, :3]))
+    assert 0.999 * np.radians(2) < angle <= np.radians(2)
+
+
+def test_along_a_free_axis_the_cheapest_positions_are_found(ur: ToolKinematics) -> None:
+    q = np.array([0.4, -1.2, 1.4, -1.1, -np.pi / 2, 0.3])
+    pose = pose_at(ur, q, free=(Freedom("rz", -0.5, 0.2),))
+    better = improved(ur, pose, q, lambda rows: (rows[:, 5] - 3.0) ** 2, None)
+    assert abs(better[5] - q[5]) == pytest.approx(0.5, abs=1e-6) or abs(better[5] - q[5]) == pytest.approx(
+        0.2, abs=1e-6
+    )
+    free = pose_at(ur, q, free=(Freedom("rz"),))
+    assert improved(ur, free, q, lambda rows: (rows[:, 5] - 1.1) ** 2, None)[5] == pytest.approx(1.1, abs=1e-3)
+
+
+def test_a_bent_motion_costs_what_it_did_and_changes_as_the_straight_moves_do(ur: ToolKinematics) -> None:
+    """Of a straight quintic, bent to another end, the straight quintic to that end is left."""
+    scorers = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
+    start, goal, other = np.zeros(6), np.full(6, 0.5), np.full(6, 0.5) + 0.1 * np.eye(6)[2]
+    x = np.linspace(0, 1, 200)[:, None]
+    way, time = goal - start, 2.0 * x[:, 0]
+    rows = Trajectory(
+        ur.robot.joints, time, start + way * (x**3 * (10 - 15 * x + 6 * x**2)),
+        way * (30 * x**2 * (1 - x) ** 2) / 2.0, way * (60 * x * (1 - x) * (1 - 2 * x)) / 4.0,
+    )  # fmt: skip
+    bent = Bent(scorers, rows, fixed=True)
+    assert bent(None, goal[None])[0] == pytest.approx(scorers[0].energy(rows).total, rel=1e-4)
+    expected = straight(scorers, start[None], other[None], np.array([2.0]))[0]
+    assert bent(None, other[None])[0] == pytest.approx(expected, rel=1e-3)
+    assert bent(start[None], other[None])[0] == bent(None, other[None])[0]
+
+
+def test_potential_energy_is_that_of_pinocchio(ur: ToolKinematics) -> None:
+    q = np.random.default_rng(4).uniform(-1.5, 1.5, (5, 6))
+    model = pin.buildModelFromUrdf(str(ur.robot.urdf))
+    data = model.createData()
+    expected = [pin.computePotentialEnergy(model, data, row) for row in q]
+    assert np.diff(Scorer(ur.robot, source_model(ur.robot)).potential(q)) == pytest.approx(np.diff(expected), abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def program() -> Program:
+    """A Panda's move to a pose, its sketch, and its goal with the redundancy as its freedom."""
+    robot = load_robot("panda")
+    tool, planner = ToolKinematics(robot), Planner(robot, source_model(robot), Settings(starts=1))
+    start, goal = np.array([0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8]), np.array([0.9, 0.2, 0.3, -1.6, -0.4, 1.9, 0.1])
+    move = Move(start, goal, "reshape", 2.0)
+    return planner, move, planner.sketch(move), PosedGoal(tool, pose_at(tool, goal), goal, planner.scorer.potential)
+
+
+def test_derivatives_by_the_goal_are_those_of_differences(program: Program) -> None:
+    planner, move, sketch, goal = program
+    context = planner.context(move)
+    task = replace(task_of(context, move, sketch.duration, move.duration), open=goal)
+    level = context.reshaper("energy").fine(0)
+    model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset, goal=goal)
+    point = model.at_curve(task.curve(level.shape, Line.of(sketch)))
+    along = np.zeros(model.frame.size + model.border)
+    along[model.frame.size :][model.toward] = 1.0
+
+    def cost(step: float) -> float:
+        return model.at(*model.moved(point, step * along)).cost
+
+    assert model.gradient(point) @ along == pytest.approx((cost(1e-4) - cost(-1e-4)) / 2e-4, rel=1e-5)
+    bend = (cost(4e-3) + cost(-4e-3) - 2 * cost(0.0)) / 16e-6
+    assert along @ model.hessian(point, {}).times(along) == pytest.approx(bend, rel=1e-2)
+
+
+@pytest.mark.parametrize(("name", "inside"), [("ur5e", True), ("panda", False)])
+def test_no_step_along_the_freedom_leads_to_a_cheaper_answer(name: str, inside: bool, program: Program) -> None:
+    """By motions that are solved anew, each to an end moved along what the pose leaves free."""
+    planner, move, sketch, goal = program
+    if inside:  # the other one ends at the limit of a joint
+        robot = load_robot(name)
+        tool, planner = ToolKinematics(robot), Planner(robot, source_model(robot), Settings(starts=1))
+        move = Move(
+            np.array([0.2, -1.5, 1.4, -1.4, -1.5, 0.1]), np.array([1.1, -1.2, 1.6, -1.0, -1.2, 0.9]), "reshape", 1.5
+        )
+        goal = PosedGoal(tool, pose_at(tool, move.goal, free=(Freedom("rx"),)), move.goal, planner.scorer.potential)
+        sketch = planner.sketch(move)
+    answer = planner.settle(move, sketch, goal)
+    q = answer.position[-1]
+
+    def energy(step: np.ndarray) -> float:
+        return planner.solve(replace(move, goal=goal.reached(q, step)), [answer]).energy.total
+
+    along, here = goal.along(q)[0], energy(np.zeros(len(q)))
+    assert here == pytest.approx(planner.score(answer).total, abs=2e-2)
+    plus, minus = energy(5e-3 * along), energy(-5e-3 * along)
+    if inside:
+        ends = [goal.reached(move.goal, step * goal.along(move.goal)[0]) for step in (5e-3, -5e-3)]
+        before = [planner.solve(replace(move, goal=end)).energy.total for end in ends]
+        assert abs(plus - minus) < 0.01 * abs(before[0] - before[1])
+    else:
+        limits = planner.robot.limits
+        assert np.minimum(q - limits.lower, limits.upper - q).min() < 1e-9
+    assert min(plus, minus) > here - 1e-5

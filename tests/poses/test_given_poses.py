@@ -1,0 +1,93 @@
+"""Poses as options, jobs and files give them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tool_poses import JOB
+
+from energy_opt.cell.load import scene_of
+from energy_opt.cell.request import CellRequest
+from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.jobs import check_job, load_job
+from energy_opt.poses.given import Given, in_base, poses_of_request
+from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.poses.pose import Freedom, pose_from
+from energy_opt.robot import load_robot
+
+
+@pytest.fixture(scope="module")
+def ur() -> ToolKinematics:
+    return ToolKinematics(load_robot("ur5e"))
+
+
+def test_words_of_poses() -> None:
+    pose = pose_from("0.1,0.2,0.3,0,0,0.7071068,0.7071068", ["rz:-30:30"], "1mm,2deg")
+    assert np.allclose(pose.matrix[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)
+    assert pose.tolerance == pytest.approx((1e-3, np.radians(2)))
+    assert np.allclose(pose_from([0.1, 0.2, 0.3, 0, 0, np.pi / 2]).matrix, pose.matrix, atol=1e-6)
+    for words in ("1,2,3", "0,0,0,1,1,1,1", "400,0,300,0,0,0", "a,0,0,0,0,0"):
+        with pytest.raises(BadInput):
+            pose_from(words)
+    with pytest.raises(BadInput, match="expected one of x, y, z"):
+        Freedom.of("yaw")
+
+
+def test_poses_in_a_job_stay_open_until_they_are_chosen(tmp_path: Path, ur: ToolKinematics) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    job = load_job(path, lambda name: ur.robot)
+    assert job.open == (0, 1)
+    assert job.steps[0].pose.free[0].high == pytest.approx(np.radians(30))
+    assert job.steps[1].pose.frame == "world"
+    assert job.steps[1].pose.tolerance == pytest.approx((1e-3, np.radians(1)))
+    ends = {0: np.ones(6), 1: np.zeros(6)}
+    closed = job.at(ends)
+    assert not closed.open
+    assert np.array_equal(closed.steps[1].start, ends[0]) and np.array_equal(closed.steps[2].start, ends[1])
+    assert np.array_equal(closed.steps[0].start, job.steps[2].goal)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('to = "part"', 'to = "home"\nfree = ["rz"]', "is joint positions; free belongs to a pose"),
+        ('to = "part"', 'to = "part"\npose = "part"', "either `to` or `pose`"),
+        ('free = ["rz:-30:30"]', 'free = ["yaw"]', "expected one of x, y, z"),
+        ("[0.45, 0.2, 0.1, 3.14159265, 0, 0]", "[0.45, 0.2]", "2 numbers; expected X,Y,Z"),
+        ('"1mm,1deg"', "3", "such as"),
+        ('to = "home"', 'pose = "part"', "does not return to where the cycle begins"),
+    ],
+)
+def test_faults_of_poses_in_a_job(tmp_path: Path, ur: ToolKinematics, old: str, new: str, says: str) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(JOB.replace(old, new))
+    assert any(says in line for line in check_job(path, lambda name: ur.robot))
+
+
+def test_a_pose_in_the_frame_of_an_object_and_from_a_message(tmp_path: Path, ur: ToolKinematics) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "objects: [{name: box_1, type: box, size: [0.1, 0.1, 0.1], position: [0.5, 0.1, 0.2],"
+        " quaternion: [0, 0, 0.70710678, 0.70710678]}]\nposes: {pick: {pose: 'box_1: 0.1,0,0,0,0,0', free: [rz]}}\n"
+    )
+    (tmp_path / "at.yaml").write_text(
+        "header: {frame_id: box_1}\npose: {position: {x: 0.1, y: 0, z: 0}, orientation: {x: 0, y: 0, z: 0, w: 1}}\n"
+    )
+    request = CellRequest(scene=scene, base=(0.5, 0, 0, 0, 0, np.pi / 2))
+    given = Given(tmp_path, poses_of_request(request))
+    for word in ("pick", "at.yaml", "box_1: 0.1,0,0,0,0,0"):
+        pose = in_base(given.pose(word, "goal"), ur.robot, scene_of(request), request.base_pose)
+        # the object is turned by 90 deg as the base is; 0.1 m along its x is 0.1 m along the scene's y
+        assert np.allclose(pose.matrix[:3, 3], [0.2, 0.0, 0.2], atol=1e-6)
+        assert np.allclose(pose.matrix[:3, :3], np.eye(3), atol=1e-6)
+    assert given.pose("pick", "goal").free[0].axis == "rz"
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(scene.read_text().replace("free: [rz]", "free: [turn]"))
+    assert main(["check", str(scene), "--quiet"]) == 0
+    assert main(["check", str(wrong), "--quiet"]) == 2
+    with pytest.raises(BadInput, match="no frame 'box_2'; did you mean 'box_1'"):
+        in_base(given.pose("box_2: 0,0,0,0,0,0", "goal"), ur.robot, scene_of(request), request.base_pose)

@@ -1,0 +1,105 @@
+"""Joint positions that reach a pose: all branches, what is free, and what is said where none does."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tool_poses import by_pinocchio, pose_at
+
+from energy_opt.poses.inverse import ToolKinematics, jacobian_of, reach, solve
+from energy_opt.poses.pose import Freedom, Pose, missed
+from energy_opt.robot import load_robot
+
+
+@pytest.fixture(scope="module")
+def ur() -> ToolKinematics:
+    return ToolKinematics(load_robot("ur5e"))
+
+
+def ur_branches(tool: ToolKinematics, pose: Pose) -> int:
+    """How many branches there are, by exhaustion: a grid of starts over all joints, each brought to the pose."""
+    from scipy.optimize import least_squares
+
+    found: list[np.ndarray] = []
+    for start in product((-2.5, -0.8, 0.8, 2.5), (-2.2, -0.7), (-1.5, 1.5), (-1.0, 1.0), (-1.5, 1.5), (0.5,)):
+        result = least_squares(lambda q: tool.missed(pose, q[None]).both[0], np.array(start), xtol=1e-14)
+        if np.abs(result.fun).max() < 1e-8:
+            q = (result.x + np.pi) % (2 * np.pi) - np.pi
+            if all(np.abs((q - other + np.pi) % (2 * np.pi) - np.pi).max() > 1e-3 for other in found):
+                found.append(q)
+    return len(found)
+
+
+def test_all_branches_of_a_ur_are_found(ur: ToolKinematics) -> None:
+    q = np.array([0.4, -1.2, 1.4, -1.1, -1.3, 0.3])
+    pose = pose_at(ur, q)
+    found = reach(ur, pose, near=q).positions
+    for row in found:
+        assert np.abs(by_pinocchio(ur.robot, row) - by_pinocchio(ur.robot, q)).max() < 1e-7
+    wrapped = {tuple(np.round((row + np.pi) % (2 * np.pi) - np.pi, 3)) for row in found}
+    assert len(wrapped) == 8 == ur_branches(ur, pose)
+    assert np.abs(found - q).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e", "xarm7", "z1"])
+def test_a_pose_that_was_reached_is_found_again(name: str) -> None:
+    tool = ToolKinematics(load_robot(name))
+    limits = tool.robot.limits
+    q = np.random.default_rng(3).uniform(np.maximum(limits.lower, -2), np.minimum(limits.upper, 2))
+    found = reach(tool, pose_at(tool, q), starts=200).positions
+    assert len(found)
+    assert (found >= limits.lower).all() and (found <= limits.upper).all()
+    for row in found[:3]:
+        assert np.abs(by_pinocchio(tool.robot, row) - by_pinocchio(tool.robot, q)).max() < 1e-7
+
+
+def test_a_panda_is_found_at_every_angle_of_its_redundancy() -> None:
+    """Fixing joint 7 on a fine grid leaves isolated branches: each angle that a grid search reaches is near a find."""
+    tool = ToolKinematics(load_robot("panda"))
+    limits = tool.robot.limits
+    pose = pose_at(tool, np.array([0.3, 0.2, -0.4, -1.8, 0.3, 2.0, 0.5]))
+    found = reach(tool, pose, near=limits.near_zero).positions[:, 6]
+    rng = np.random.default_rng(2)
+    for angle in np.linspace(limits.lower[6] + 0.05, limits.upper[6] - 0.05, 24):
+        starts = rng.uniform(limits.lower, limits.upper, (40, 7))
+        starts[:, 6] = angle
+        q, error = solve(tool, pose, starts)
+        held = q[(error < 1e-9) & (np.abs(q[:, 6] - angle) < 0.05)]
+        if len(held):
+            assert np.abs(found - held[0, 6]).min() < 0.35
+
+
+def test_freedom_counts_within_its_range_and_not_beyond() -> None:
+    turn = pin.exp3(np.array([0.0, 0.0, 0.5]))
+    shifted, origin = turn[None], np.array([[0.0, 0.002, 0.0]])
+    free = Pose(np.eye(4), (Freedom.of("rz"), Freedom.of("y:-5:5")))
+    assert np.abs(missed(free, shifted, origin).both).max() < 1e-12
+    narrow = Pose(np.eye(4), (Freedom.of("rz:-10:10"), Freedom.of("y:-1:1")))
+    off = missed(narrow, shifted, origin).both[0]
+    assert off[1] == pytest.approx(0.001)
+    assert off[5] == pytest.approx(0.5 - np.radians(10))
+    two = Pose(np.eye(4), (Freedom.of("rx"), Freedom.of("ry")))
+    tilted = (pin.exp3(np.array([0.3, 0, 0])) @ pin.exp3(np.array([0, -0.7, 0])))[None]
+    assert np.abs(missed(two, tilted, np.zeros((1, 3))).both).max() < 1e-12
+    assert np.abs(missed(two, tilted @ turn, np.zeros((1, 3))).both).max() == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("free", [(), ("rz",), ("ry:-40:60", "x:-100:50")])
+def test_the_derivative_of_what_is_missed_is_that_of_differences(ur: ToolKinematics, free: tuple[str, ...]) -> None:
+    rng = np.random.default_rng(5)
+    pose = pose_at(ur, rng.uniform(-1, 1, 6), free=tuple(map(Freedom.of, free)))
+    q = rng.uniform(-1.5, 1.5, (20, 6))
+    steps = 1e-6 * np.eye(6)
+    apart = [(ur.missed(pose, q + d).both - ur.missed(pose, q - d).both) / 2e-6 for d in steps]
+    exact = jacobian_of(ur, pose, q, ur.missed(pose, q).both)
+    assert np.abs(exact - np.stack(apart, axis=2)).max() < 1e-7
+
+
+def test_a_range_may_go_past_half_a_turn() -> None:
+    pose = Pose(np.eye(4), (Freedom.of("rz:150:210"),))
+    turns = np.stack([pin.exp3(np.array([0.0, 0.0, np.radians(angle)])) for angle in (160, -170, -140)])
+    off = missed(pose, turns, np.zeros((3, 3))).turn[:, 2]
+    assert off == pytest.approx([0.0, 0.0, np.radians(10)], abs=1e-9)

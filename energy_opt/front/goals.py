@@ -8,7 +8,7 @@ import numpy as np
 
 from energy_opt.front.answer import Answer
 from energy_opt.motion import Settings, Trajectory
-from energy_opt.poses.choose import Chosen
+from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.judge import pose_document
 from energy_opt.poses.pose import Pose
 

@@ -11,7 +11,8 @@ from energy_opt.cell.cell import Cell
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import RobustPlanner
-from energy_opt.poses.choose import Chooser, Chosen
+from energy_opt.poses.choose import Chooser
+from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.ends import Ends
 from energy_opt.poses.estimate import fastest, holding
 from energy_opt.poses.inverse import ToolKinematics

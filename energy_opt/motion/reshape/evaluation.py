@@ -171,10 +171,9 @@ class Evaluation:
             hot = value / self._hot_scale
             hot_slope = jac.reshape(len(z), -1, len(self._hot_scale)).copy()
         via = s.basis.matrix(via_u) @ points - self.ends.via if s.vias else np.zeros((0, n))
-        out = Point(
-            points, duration, via_u, z, cost, self.scale * self._weight[:, None] * slope, linear, hot, hot_slope, via,
-            np.zeros((0, n)) if self.goal is None else self.goal.along(points[-1]),
-        )
+        along = np.zeros((0, n)) if self.goal is None else self.goal.along(points[-1])
+        slope = self.scale * self._weight[:, None] * slope
+        out = Point(points, duration, via_u, z, cost, slope, linear, hot, hot_slope, via, along)
         held: list[Limit] = list(self.limits)
         if self.clearance is not None:
             reach = min(self.clearance.reach, NEAREST + ARM * far)

@@ -81,9 +81,7 @@ class Task:
         give: float = FREE, stopped: Callable[[], bool] = lambda: False,
     ) -> Outcome:  # fmt: skip
         """What sequential quadratic programming comes to on a level from a guess."""
-        model = level.model(
-            self.ends, self.limits, self.parameters, self.durations, self.offset, self.width, self.open
-        )
+        model = level.model(self.ends, self.limits, self.parameters, self.durations, self.offset, self.width, self.open)
         lower, upper = model.box
         guess = replace(guess, points=np.clip(guess.points, lower, upper))
         point = model.at_curve(guess)

@@ -87,7 +87,7 @@ class PosedGoal:
 
     def bend(self, q: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Second derivatives (count, count, n) by steps along the tangents, from differences of what is missed by."""
-        missed = bending(lambda rows: self._tool.missed(self._open, rows).both, q, along)
+        missed = bending(lambda at: self._tool.missed(self._open, at).both, q, along)
         return np.asarray(-missed @ np.linalg.pinv(jacobian(self._tool, self._pose, q), rcond=1e-4).T)
 
     def reached(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:

@@ -175,9 +175,9 @@ class Model(Evaluation):
                 keys=(placed.keys[near].astype(np.int64) * 64 + number) * 4 + 3,
             )  # fmt: skip
             out = out.joined(at_places)
-        return out if self.goal is None else out.joined(self._goal_rows(point, self.goal))
+        return out if self.goal is None else out.joined(self._goal_bounds(point, self.goal))
 
-    def _goal_rows(self, point: Point, goal: OpenGoal) -> Constraints:
+    def _goal_bounds(self, point: Point, goal: OpenGoal) -> Constraints:
         """Constraints on the goal's steps: joints' ranges and those of what the pose leaves free."""
         q, along = point.points[-1], point.along
         value, slope, low, high = goal.ranges(q, along)

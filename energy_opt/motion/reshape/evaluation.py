@@ -27,7 +27,7 @@ USED = 0.97  # share of a bound from which a row is handed on
 
 
 def bending(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray, along: np.ndarray, step: float = 1e-3) -> np.ndarray:
-    """Second derivatives (k, k, ...) at q (n,) of a function of positions (M, n), (M, ...), along k directions (k, n)."""
+    """Second derivatives (k, k, ...) at q (n,) of a function of positions (M, n), along k directions (k, n)."""
     i, j = np.triu_indices(len(along))
     one, other = step * along[i], step * along[j]
     around = np.vstack([q + a * one + b * other for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))])

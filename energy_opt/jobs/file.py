@@ -77,6 +77,7 @@ class Job:
 
     Attributes:
         cycle_time: s; brakes: may brakes hold the arm while time is left over?
+        remarks: what in the file may be meant otherwise than it is read.
     """
 
     name: str
@@ -84,6 +85,7 @@ class Job:
     cycle_time: float
     steps: tuple[Step, ...]
     brakes: bool = False
+    remarks: tuple[str, ...] = ()
 
     @property
     def waiting(self) -> float:
@@ -170,10 +172,12 @@ def _read(
         reader.faults.append("poses: expected a table of names and positions")
         poses = {}
     reader.poses |= of_scene(reader, document) | dict(named or {})
+    remarks: list[str] = []
     for key, value in poses.items():
         q = reader.pose(value, f"poses: {key}")
         if q is not None:
             reader.poses[key] = q
+            remarks += reader.remarks(key, value)
     cycle = reader.number(document, "cycle_time", "job", 1.0, BRIEFEST)
     if "cycle_time" not in document:
         reader.faults.append("job: no cycle_time; expected seconds")
@@ -186,7 +190,7 @@ def _read(
     brakes = reader.truth(document, "brakes", "job", False)
     if reader.faults:
         return None, reader.faults
-    return Job(path.stem, reader.robot, cycle, tuple(steps), brakes), []
+    return Job(path.stem, reader.robot, cycle, tuple(steps), brakes, tuple(remarks)), []
 
 
 def _steps(reader: Reader, rows: list[Mapping[str, Any]], held: Load | None) -> list[Step]:

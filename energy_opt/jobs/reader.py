@@ -14,7 +14,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, near
 from energy_opt.files import inside
 from energy_opt.poses.given import SUFFIXES, Given, poses_of_request
-from energy_opt.poses.pose import Pose
+from energy_opt.poses.pose import UNIT, Pose
 from energy_opt.robot import Robot
 
 OF_POSE = ("pose", "free", "pose_tolerance")
@@ -72,7 +72,8 @@ class Reader:
         try:
             q = np.array(joint_values(value, self.robot.joints))
         except BadInput as error:
-            self.faults.append(f"{where}: {error}")
+            hint = "; a pose of the tool is { pose = [...] }" if np.size(value) in (6, 7) else ""
+            self.faults.append(f"{where}: {error}{hint}")
             return None
         limits = self.robot.limits
         outside = np.flatnonzero((q < limits.lower - SAME) | (q > limits.upper + SAME))
@@ -82,6 +83,17 @@ class Reader:
                 f"[{limits.lower[j]:.4g}, {limits.upper[j]:.4g}]"
             )
         return None if outside.size else q
+
+    def remarks(self, name: str, value: Any) -> list[str]:
+        """What to say of named positions that have as many numbers as a pose of the tool."""
+        if not isinstance(value, list) or len(value) not in (6, 7):
+            return []
+        if len(value) == 7 and abs(np.linalg.norm(np.array(value[3:], dtype=float)) - 1) > UNIT:
+            return []
+        return [
+            f"poses: {name}: these {len(value)} numbers are joint positions; a pose of the tool is "
+            f"{name} = {{ pose = [...] }}"
+        ]
 
     def number(self, table: Mapping[str, Any], key: str, where: str, default: float, least: float = 0.0) -> float:
         """Seconds from `least` to `LONGEST`; `default` where the table says none."""

@@ -185,9 +185,10 @@ def run_job(
             best = other
     bound = None if shares.bound is None or not retimed else shares.bound + _declared_waits(job, work.scorers)
     baselines = tuple(Plain(name, None if p is None else energy(p), p) for name, p in plain.items())
+    warnings = (*job.remarks, *_changed(asked, legs))
     return JobResult(
-        job, best, baselines, bound, work.scorers, work.cells, stopped(), warnings=tuple(_changed(asked, legs))
-    )
+        job, best, baselines, bound, work.scorers, work.cells, stopped(), warnings=warnings
+    )  # fmt: skip
 
 
 def _changed(asked: Sequence[Leg], legs: Sequence[Leg]) -> list[str]:

@@ -91,3 +91,16 @@ def test_a_pose_in_the_frame_of_an_object_and_from_a_message(tmp_path: Path, ur:
     assert main(["check", str(wrong), "--quiet"]) == 2
     with pytest.raises(BadInput, match="no frame 'box_2'; did you mean 'box_1'"):
         in_base(given.pose("box_2: 0,0,0,0,0,0", "goal"), ur.robot, scene_of(request), request.base_pose)
+
+
+def test_named_numbers_that_may_be_a_pose_are_remarked(tmp_path: Path, ur: ToolKinematics) -> None:
+    path = tmp_path / "job.toml"
+    part = 'part = { pose = [0.45, 0.2, 0.1, 3.14159265, 0, 0], free = ["rz:-30:30"] }'
+    assert part in JOB
+    path.write_text(JOB)
+    assert not load_job(path, lambda name: ur.robot).remarks
+    path.write_text(JOB.replace(part, "part = [0.45, 0.2, 0.1, 3.14159265, 0, 0]"))
+    (said,) = load_job(path, lambda name: ur.robot).remarks
+    assert "part: these 6 numbers are joint positions; a pose of the tool is part = { pose = [...] }" in said
+    path.write_text(JOB.replace(part, "part = [0.45, 0.2, 0.1, 0, 1, 0, 0]"))
+    assert any("a pose of the tool is { pose = [...] }" in line for line in check_job(path, lambda name: ur.robot))

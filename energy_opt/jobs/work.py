@@ -18,6 +18,7 @@ from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.fronts import fastest_timing, front_of
 from energy_opt.jobs.legs import Leg
 from energy_opt.motion.move import Settings
+from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.plan.ways import check_free
 from energy_opt.motion.timing.law import Timing
@@ -58,6 +59,7 @@ class Worker:
     ) -> None:  # fmt: skip
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
         self.cells = cells
+        self._steps: list[tuple[Leg, Neighbours]] = []
         planner = Planner(job.robot, unloaded(model), settings, batch=True, stopped=stopped)
         self._planner = planner.within(shares) if shares else planner
 
@@ -118,8 +120,34 @@ class Worker:
         try:
             result = planner.solve(leg.move(duration))
         except Infeasible as error:
-            slowed = self.slowed(leg, timing, duration)
-            if slowed.status == "solved":
-                return slowed
-            raise Infeasible(f"{leg.name}: {error}", joint=error.joint, limit=error.limit) from None
+            return self._slowed_or(error, leg, timing, duration)
         return Answer(result.trajectory, result.energy, result.chosen, result.status)
+
+    def stepped(self, leg: Leg, timing: Timing, duration: float) -> Answer:
+        """As `solved`, from the leg's optimum at the nearest duration where one is known: in a fifth of the time."""
+        try:
+            steps = self._steps_of(leg)
+            near = steps.nearest(duration)
+            found = steps.alone(duration) if near is None else steps.at(duration, near)
+        except Infeasible as error:
+            return self._slowed_or(error, leg, timing, duration)
+        if found is None:
+            none = Infeasible(f"nothing within limits was found in {duration:g} s", limit="duration")
+            return self._slowed_or(none, leg, timing, duration)
+        source = "retime" if found.outcome is None else "reshape"
+        return Answer(found.trajectory, found.energy, source, "solved" if found.converged else "not_converged")
+
+    def _slowed_or(self, error: Infeasible, leg: Leg, timing: Timing, duration: float) -> Answer:
+        slowed = self.slowed(leg, timing, duration)
+        if slowed.status == "solved":
+            return slowed
+        raise Infeasible(f"{leg.name}: {error}", joint=error.joint, limit=error.limit) from None
+
+    def _steps_of(self, leg: Leg) -> Neighbours:
+        """What solves the leg at one duration after the other."""
+        for known, steps in self._steps:
+            if known is leg:
+                return steps
+        steps = Neighbours(self.planner(leg).single(leg.move(None)))
+        self._steps.append((leg, steps))
+        return steps

@@ -35,7 +35,7 @@ from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
 from energy_opt.workcell.motion import Part, at_rest
 
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
-SOLVED = (1.0, 1.35, 2.0, 3.2)  # and those at which a move is optimized before the first schedule
+SOLVED = (1.15, 1.6, 2.5)  # and those at which a move is optimized before the first schedule
 SAME = 1e-6  # relative: durations nearer than this are one
 BLEND, ROOM = 4e-3, 1.05  # [s] over which the acceleration rises at a move's ends, and that in jerk-limited ramps
 WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and limits are kept by all files
@@ -206,14 +206,16 @@ class Arm:
             return False
         move.tried.add(duration)
         duration = float(np.clip(duration, move.shortest, move.longest))
-        self._slowed(move, duration)
         try:
-            answer = self.worker.solved(move.leg, move.timing, duration, None)
+            answer = self.worker.stepped(move.leg, move.timing, duration)
             if np.abs(answer.trajectory.acceleration[[0, -1]]).max() > AT_ENDS:
-                answer = self.worker.solved(move.leg, move.timing, duration - self._blend, None)
+                answer = self.worker.stepped(move.leg, move.timing, duration - self._blend)
                 answer = self._blended(move, answer.trajectory, answer.source)
         except Infeasible:  # it is too short for this move; others are known
+            self._slowed(move, duration)
             return True
+        if answer.status != "solved":
+            self._slowed(move, duration)
         known = move.answers.get(duration)
         if answer.status == "solved" and (known is None or answer.energy.total < known.energy.total):
             move.answers[duration] = replace(answer, trajectory=at_rest(answer.trajectory))
@@ -238,10 +240,11 @@ class Arm:
                 move = moves[k]
                 known = move.answers if optimized else move.slowed
                 taken = partial(self._lossless, step) if lossless else _taken
-                curve = Hull.of([(d, taken(answer)) for d, answer in known.items()])
+                points = [(d, taken(answer)) for d, answer in known.items()]
+                if hold is not None:  # what that motion takes, which may lie above the hull
+                    points = [(hold[k], taken(known[nearest(known, hold[k])]))]
+                curve = Hull.of(points)
                 least, most = float(curve.durations[0]), float(curve.durations[-1])
-                if hold is not None:
-                    least = most = hold[k]
                 steps.append(Move(name, least, most, curve))
             if step.stop and not (step.wait is not None and table.span[1] > table.span[0]):
                 steps.append(Wait(ADDED.format(name), 0.0, self.job.cycle_time, self.modes_at(k)))

@@ -195,9 +195,9 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
     assert 0.5 * found["energy_total"] < found["bound"] <= found["energy_total"] - found["supply"]["lost"] + 1.0
     assert found["optimality"]["lower_bound"] == found["bound"]
     assert found["energy_total"] <= found["supply"]["energy_own"] * (1 + 1e-14)  # sums in another order
-    from cell_circuit import cycle_of
+    from cell_circuit import PANDA, cycle_of
 
-    measured = cycle_of(document, tmp_path / "out", 0.0036, 88.04)  # at a meter, by a circuit of its own
+    measured = cycle_of(document, tmp_path / "out", dict.fromkeys("ab", PANDA))  # at a meter, by a circuit of its own
     assert measured.energy == pytest.approx(found["energy_total"], rel=0.01)
     assert measured.peak <= 600.0
     assert measured.lost == pytest.approx(found["supply"]["lost"], rel=0.05, abs=1.0)

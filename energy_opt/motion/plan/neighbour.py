@@ -87,19 +87,34 @@ class Neighbours:
         self._known[duration] = here if here is not None else self._retimed(duration)
         return self._known[duration]
 
+    def nearest(self, duration: float) -> Optimum | None:
+        """The optimum that is known at the duration nearest to this one; None where none is known."""
+        known = {d: found for d, found in self._known.items() if found is not None}
+        return known[min(known, key=lambda d: abs(d / duration - 1))] if known else None
+
+    def alone(self, duration: float) -> Optimum:
+        """What a solve of the move alone finds at exactly `duration` s.
+
+        Raises:
+            Infeasible: no timing or no path holds the limits.
+        """
+        self._alone_at.append(duration)
+        solved = self._single.at(duration)
+        result = solved.result
+        found = Optimum(result.trajectory, result.energy, result.status == "solved", solved.outcome)
+        self._known[duration] = found
+        return found
+
     def _far(self, duration: float) -> bool:
         """Whether no duration near this one was solved as a single move."""
         return all(max(duration / other, other / duration) > ALONE for other in self._alone_at)
 
     def _alone(self, duration: float) -> Optimum | None:
         """What a solve of the move alone finds; None where nothing within limits came of it."""
-        self._alone_at.append(duration)
         try:
-            solved = self._single.at(duration)
+            return self.alone(duration)
         except Infeasible:
             return None
-        result = solved.result
-        return Optimum(result.trajectory, result.energy, result.status == "solved", solved.outcome)
 
     def _may_lead_lower(self, task: Task, here: Optimum | None, neighbour: Optimum) -> bool:
         """Not where the best so far lies at the line between its neighbours', and in one valley with this one.

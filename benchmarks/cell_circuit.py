@@ -2,10 +2,10 @@
 
     python benchmarks/cell_circuit.py [--out FOLDER] [--only NAME]
 
-Each arm of an answer follows its `cycle_<robot>.csv` in a forward simulation. Its drives take tau . v + r tau^2 from the
-link that all arms share: a capacitor that a rectifier feeds from its lowest voltage on, and a resistor that is switched
-on at its highest. What else the robots take (standby, modes) comes from the mains directly. Printed are energy, peak and
-lost energy at the meter, beside what `job.json` says.
+Each arm of an answer follows its `cycle_<robot>.csv` in a forward simulation. Its drives take tau . v + r tau^2 from
+the link that all arms share: a capacitor that a rectifier feeds from its lowest voltage on, and a resistor that is
+switched on at its highest. What else the robots take (standby, modes) comes from the mains directly. Printed are
+energy, peak and lost energy at the meter, beside what `job.json` says.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Law = tuple[list[float], float]  # [W/(N m)^2] of every joint, and standby [W]
 
 @dataclass(frozen=True)
 class Measured:
-    """A cycle at the meter: energy [J], peak power [W], energy in the resistor [J], largest error of positions [rad]."""
+    """A cycle at the meter: energy [J], peak power [W], energy in the resistor [J], largest error [rad]."""
 
     energy: float
     peak: float
@@ -242,7 +242,7 @@ def main() -> int:
               f"peak {supply['peak_own']:.1f} W")  # fmt: skip
         print(f"  one supply {supply['energy']:.1f} J, lost {supply['lost']:.1f} J, peak {supply['peak']:.1f} W")
         print(f"  at the meter {meter.energy:.1f} J ({100 * off:+.2f} %), lost {meter.lost:.1f} J, "
-              f"peak {meter.peak:.1f} of {supply['max_power']:.0f} W; arms off their path by {meter.error:.1e} rad")  # fmt: skip
+              f"peak {meter.peak:.1f} of {supply['max_power']:.0f} W; arms off by {meter.error:.1e} rad")  # fmt: skip
         good &= abs(off) < CLOSE and meter.peak <= supply["max_power"]
     return 0 if good else 1
 

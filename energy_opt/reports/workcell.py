@@ -7,23 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.power.per_year import PerYear
 from energy_opt.reports.gantt import gantt, waterfall
 from energy_opt.reports.page import Report
+
+SLOWED = (
+    "Up to paths, levers are schedules of moves slowed evenly along their first paths: exact for these, but not kept "
+    "apart from other arms. From paths on, moves are optimized and the arms are proven apart."
+)
 
 
 def page(
     document: Mapping[str, Any],
     power: tuple[np.ndarray, np.ndarray] | None = None,
     scene: Mapping[str, Any] | None = None,
-    worth: PerYear | None = None,
 ) -> Report:
     """The report of a job.json of several robots.
 
     Args:
         power: of all robots over the cycle: time (N,) [s] and power (N,) [W].
         scene: all arms in one scene, as `cell_player` gives it.
-        worth: how often the cycle runs in a year.
     """
     report = Report(f"A cell of {len(document['robots'])} robots: a cycle of {document['cycle_time']:.5g} s")
     report.headline(headline(document))
@@ -38,16 +40,18 @@ def page(
     report.section("What each lever saves").drawing(waterfall([(_said(x), x["energy_total"]) for x in levers]))
     first = levers[0]["energy_total"]
 
-    def row(name: str, energy: float) -> list[Any]:
-        year = {} if worth is None else worth.of(first - energy)
+    def row(name: str, lever: Mapping[str, Any]) -> list[Any]:
+        energy, year = lever["energy_total"], lever.get("per_year", {})
         return [name, energy, first - energy, 100 * (1 - energy / first), year.get("kwh"), year.get("money")]
 
-    records = [row(_said(x), x["energy_total"]) for x in levers]
-    records += [row(f"{_said(x)} alone", x["energy_total"]) for x in document["levers_alone"]]
+    records = [row(_said(x), x) for x in levers]
+    records += [row(f"{_said(x)} alone", x) for x in document["levers_alone"]]
     if document["bound"] is not None:
         records.append(["lower bound of these curves", document["bound"], *[None] * 4])
     header = ["with", "energy of the cycle [J]", "saved [J]", "saved [%]", "saved [kWh a year]", "saved [money a year]"]
     report.table(header, records, digits=6)
+    if any(lever["moves"] == "evenly_slowed" for lever in levers):
+        report.text(SLOWED)
     for robot in document["robots"]:
         report.section(str(robot["name"])).table(
             ["step", "begins [s]", "takes [s]", "mode", "zone", "energy [J]"],

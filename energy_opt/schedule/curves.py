@@ -8,6 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
+SAME = 1e-6  # relative difference of durations that count as equal
+
 
 class Curve(Protocol):
     """A convex function E(d): energy [J] of a step that takes d [s]."""
@@ -61,11 +63,15 @@ class Hull:
 
     @classmethod
     def of(cls, points: Sequence[tuple[float, float]]) -> Hull:
-        """The hull of points in any order (Andrew's monotone chain)."""
-        chain: list[tuple[float, float]] = []
+        """The hull of points in any order (Andrew's monotone chain); of equal durations the cheaper one counts."""
+        least: list[tuple[float, float]] = []
         for d, e in sorted(points):
-            if chain and d <= chain[-1][0]:
-                continue  # the same duration; the cheaper point came first
+            if least and d <= least[-1][0] * (1 + SAME):  # a line through both would be steep beyond all numbers
+                least[-1] = least[-1][0], min(least[-1][1], e)
+            else:
+                least.append((d, e))
+        chain: list[tuple[float, float]] = []
+        for d, e in least:
             while len(chain) > 1:
                 (d0, e0), (d1, e1) = chain[-2:]
                 if (e1 - e0) * (d - d0) < (e - e0) * (d1 - d0):

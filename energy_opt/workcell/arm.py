@@ -29,6 +29,7 @@ from energy_opt.poses.given import poses_of_request
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.schedule import Hull, Mode, Move, Ring, Wait
+from energy_opt.schedule.curves import SAME
 from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of
 from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
@@ -36,7 +37,6 @@ from energy_opt.workcell.motion import Part, at_rest
 
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
 SOLVED = (1.15, 1.6, 2.5)  # and those at which a move is optimized before the first schedule
-SAME = 1e-6  # relative: durations nearer than this are one
 BLEND, ROOM = 4e-3, 1.05  # [s] over which the acceleration rises at a move's ends, and that in jerk-limited ramps
 WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and limits are kept by all files
 USED = dict.fromkeys(("velocity", "acceleration", "jerk", "effort"), 0.9999)  # of limits: programs round numbers, too
@@ -206,6 +206,8 @@ class Arm:
             return False
         move.tried.add(duration)
         duration = float(np.clip(duration, move.shortest, move.longest))
+        known_at = nearest(move.answers, duration)
+        duration = known_at if abs(duration / known_at - 1) < SAME else duration
         try:
             answer = self.worker.stepped(move.leg, move.timing, duration)
             if np.abs(answer.trajectory.acceleration[[0, -1]]).max() > AT_ENDS:

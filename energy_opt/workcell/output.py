@@ -39,9 +39,9 @@ def document(result: CellResult) -> dict[str, Any]:
         for r, ring in enumerate(schedule.problem.rings)
         for zones in [zones_of(cell.robot[r], ring)]
     ]
-    levers = [{"name": name, "energy_total": found.energy} for name, found in result.levers.steps]
+    levers = [_lever(name, found.energy, result) for name, found in result.levers.steps]
     if cell.supply is not None and result.supply is not None:
-        levers.append({"name": "supply", "energy_total": result.supply.energy})
+        levers.append(_lever("supply", result.supply.energy, result))
     warnings = []
     arms = [robot.name for robot, arm in zip(cell.robot, result.arms, strict=True) if arm is not None]
     if len(arms) > 1 and len(result.clearance) < len(arms) * (len(arms) - 1) // 2:
@@ -53,7 +53,12 @@ def document(result: CellResult) -> dict[str, Any]:
             names = " and ".join(cell.robot[k].name for k in between.robots)
             bodies = "" if between.pair is None else f", {between.pair[0]} and {between.pair[1]}"
             warnings.append(f"{names}{bodies}: {between.verdict} at {between.time or 0.0:.4g} s")
-    if result.supply is not None and not result.supply.valid:
+    if result.supply is not None and result.supply.overflow > 0:
+        warnings.append(
+            f"{result.supply.lost:.4g} J that the arms brake fit nowhere: resistor = false; a larger capacity, or "
+            "slower moves, give room"
+        )
+    if result.supply is not None and result.supply.bound is not None and result.supply.peak > result.supply.bound:
         warnings.append(
             f"peak power {result.supply.peak:.5g} W is above max_power = {result.supply.bound:.5g} W; "
             "a longer cycle_time or a lower speed of single moves (max_duration) gives room"
@@ -75,7 +80,7 @@ def document(result: CellResult) -> dict[str, Any]:
         },
         "robots": robots,
         "levers": levers,
-        "levers_alone": [{"name": name, "energy_total": found.energy} for name, found in result.levers.alone],
+        "levers_alone": [_lever(name, found.energy, result) for name, found in result.levers.alone],
         "baselines": [
             {"name": "fastest_then_wait", "energy_total": x["energy_total"]} for x in levers if x["name"] == "as_is"
         ],
@@ -87,6 +92,14 @@ def document(result: CellResult) -> dict[str, Any]:
         "warnings": warnings,
         "solve_seconds": schedule.seconds,
     }
+
+
+def _lever(name: str, energy: float, result: CellResult) -> dict[str, Any]:
+    """A lever with what it was computed for: `moves` are "curves", "evenly_slowed" (not kept apart) or "optimized"."""
+    solved = name in ("paths", "supply")
+    arms = any(arm is not None for arm in result.arms)
+    return {"name": name, "energy_total": energy,
+            "moves": "curves" if not arms else "optimized" if solved else "evenly_slowed"}  # fmt: skip
 
 
 def _clearance(result: CellResult) -> dict[str, Any] | None:
@@ -143,7 +156,10 @@ def found_of(
     """
     found = {**document(result), "written": [row.document() for row in written], "request": plain(request)}
     if worth is not None:
-        found["per_year"] = worth.of(found["levers"][0]["energy_total"] - found["energy_total"])
+        first = found["levers"][0]["energy_total"]
+        found["per_year"] = worth.of(first - found["energy_total"])
+        for lever in (*found["levers"], *found["levers_alone"]):
+            lever["per_year"] = worth.of(first - lever["energy_total"])
     return found
 
 
@@ -156,6 +172,6 @@ def write(
 ) -> dict[str, Any]:
     """Write report.html and job.json, this last; returns the document, that of `found_of`."""
     found = found_of(result, request, worth, written)
-    page(found, power_of(result), scene_of(result), worth).write(Path(out) / "report.html")
+    page(found, power_of(result), scene_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

@@ -254,7 +254,10 @@ class Planning(Stage):
         bodies = "" if between.pair is None else f" ({between.pair[0]} and {between.pair[1]})"
         self.exclusions = wanted
         problem = self.problem(True)
-        help_ = "a longer cycle_time gives the schedule room"
+        help_ = (
+            f"nor does a cycle of {LONGER[-1] * self.cell.cycle_time:.4g} s; other poses, or bases that are farther "
+            "apart, may give room"
+        )
         for longer in LONGER:
             cycle = longer * self.cell.cycle_time
             with suppress(Infeasible):

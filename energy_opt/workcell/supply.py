@@ -26,7 +26,7 @@ CYCLES = 3  # after which the state of the store repeats
 SHIFTS = (0.4, -0.4, 0.1, -0.1, 0.025, -0.025)  # [s] that a start is moved by
 ROUNDS = 4  # over all moves
 ROOM = 0.99  # share of the bound of power that shifting aims at: the finer grid sees higher peaks
-DEAR = 1e3  # [J/W] price of a watt above the bound: no joule is worth it
+COSTLY = 1e3  # [J/W, J/J] price of a watt above the bound, and of what no resistor takes: no joule is worth it
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,7 @@ class Supplied:
         time: (N,) [s]; power: (N,) all that is drawn [W].
         energy: [J]; lost: what resistors take [J].
         peak: the largest power [W], of means over a step of the grid; bound: what was asked for.
+        resistor: may what does not fit into the link be lost?
     """
 
     time: np.ndarray
@@ -44,6 +45,7 @@ class Supplied:
     energy: float
     lost: float
     bound: float | None
+    resistor: bool = True
 
     @property
     def peak(self) -> float:
@@ -52,13 +54,19 @@ class Supplied:
 
     @property
     def valid(self) -> bool:
-        """Is the bound of power kept?"""
-        return self.bound is None or self.peak <= self.bound
+        """Is the bound of power kept, and does a link without a resistor hold all that is braked?"""
+        return (self.bound is None or self.peak <= self.bound) and self.overflow == 0
+
+    @property
+    def overflow(self) -> float:
+        """What is braked and fits nowhere [J]."""
+        return 0.0 if self.resistor else self.lost
 
     @property
     def price(self) -> float:
         """What shifting minimises [J]."""
-        return self.energy + DEAR * max(0.0, 0.0 if self.bound is None else self.peak - ROOM * self.bound)
+        above = 0.0 if self.bound is None else max(0.0, self.peak - ROOM * self.bound)
+        return self.energy + COSTLY * (above + self.overflow)
 
 
 class Supply:
@@ -87,7 +95,7 @@ class Supply:
         found = [_link(b, self._step, self.table.capacity) for b in links]
         power = np.sum([drawn for drawn, _ in found], axis=0) + rest.sum(axis=0)
         energy, lost = float(power.sum() * self._step), float(sum(lost for _, lost in found))
-        return Supplied(self.time, power, energy, lost, self.table.max_power)
+        return Supplied(self.time, power, energy, lost, self.table.max_power, self.table.resistor)
 
     def _add(self, schedule: Schedule, r: int, k: int, bus: np.ndarray, rest: np.ndarray) -> None:
         start, length = float(schedule.starts[r][k]), float(schedule.durations[r][k])

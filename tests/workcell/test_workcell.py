@@ -12,6 +12,7 @@ import tomli_w
 from cell_checker import faults_of_schedule
 
 from energy_opt.cli.main import main
+from energy_opt.schedule import Hull, Mode, Move, Problem, Ring, Wait, solve
 
 SKODA = Path(__file__).parents[3] / "shared" / "data" / "skoda.json"
 
@@ -143,3 +144,12 @@ def test_the_published_cell_comes_out_as_published(tmp_path: Path) -> None:
     assert found["levers_alone"][0]["energy_total"] == pytest.approx(450397, abs=1)
     assert 390655 <= found["bound"] <= energies["modes"] <= 390660
     assert found["solve_seconds"] < 5
+
+
+def test_a_hull_takes_durations_that_differ_by_rounding_as_one() -> None:
+    points = [(1.0, 92.0), (1.0 + 1e-10, 88.8), (1.2, 80.0), (2.0, 120.0)]
+    hull = Hull.of(points)
+    assert np.diff(hull.durations).min() > 0.1 and hull.value(1.0) == 88.8
+    move, wait = Move("m", 1.0, 2.0, hull), Wait("w", 0.0, 9.0, (Mode("motors", 50.0),))
+    found = solve(Problem(9.0, (Ring("a", (move, wait)),)))  # with a slope of 1e10 W, HiGHS calls it infeasible
+    assert found.energy == pytest.approx(min(80.0 + 50.0 * 7.8, 88.8 + 50.0 * 8.0, 120.0 + 50.0 * 7.0))

@@ -116,10 +116,20 @@ def run_workcell(
     supply = Supply(cell, arms, FINE)
     own = supply.drawn(planned.schedule, shared=False)
     if cell.supply is not None:
-        moved = planning.proved(Supply(cell, arms).shifted(planned.schedule))
-        if all(between.verdict == "proven" for between in moved.clearance):
-            planned = moved
+        planned = _shifted(planning, planned, Supply(cell, arms))
     drawn = supply.drawn(planned.schedule, supply.table.shared)
     bound = planning.bound(lossless=cell.supply is not None)
     energy = planned.schedule.energy if cell.supply is None else drawn.energy
     return CellResult(cell, planned, levers, arms, own, drawn, min(bound, energy), stopped())
+
+
+def _shifted(planning: Planning, planned: Planned, supply: Supply) -> Planned:
+    """The plan with starts at which the supply draws less, where the arms keep apart."""
+
+    def apart(schedule: Schedule) -> bool:
+        return all(between.verdict == "proven" for between in planning.proved(schedule).clearance)
+
+    schedule = supply.in_phase(planned.schedule, apart)
+    finer = supply.shifted(schedule)
+    schedule = finer if apart(finer) else schedule
+    return planned if schedule is planned.schedule else replace(planning.proved(schedule), around=planned.around)

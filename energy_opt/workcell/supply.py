@@ -5,13 +5,13 @@ the power at the drives of all that share a link, S the energy stored there:
 
     drawn = max(b dt - S, 0) / dt,    lost = max(S - b dt - C, 0),    S <- min(max(S - b dt, 0), C).
 
-A shared link lets one arm's braking feed another's motion at that moment. So the starts of moves are shifted, within
-the waits beside them, for the least energy drawn and for the bound of the peak.
+A shared link lets one arm's braking feed another's motion at that moment. So whole robots are shifted in the cycle, and
+then the starts of moves within the waits beside them, for the least energy drawn and for the bound of the peak.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,9 @@ STEP, FINE = 5e-3, 1e-3  # [s] of the grid on which powers are added, while star
 CYCLES = 3  # after which the state of the store repeats
 SHIFTS = (0.4, -0.4, 0.1, -0.1, 0.025, -0.025)  # [s] that a start is moved by
 ROUNDS = 4  # over all moves
+PHASES = 48  # of the cycle by which a whole robot is shifted, and of these the best that are proven
+PROVEN = 4
+NOTHING = 1e-9  # relative: a price that falls by less is not lower
 ROOM = 0.99  # share of the bound of power that shifting aims at: the finer grid sees higher peaks
 COSTLY = 1e3  # [J/W, J/J] price of a watt above the bound, and of what no resistor takes: no joule is worth it
 
@@ -119,6 +122,26 @@ class Supply:
         for into, values in zip((bus, rest), self._moves[key], strict=True):
             into[inside] += np.interp(done, share, values)
 
+    def in_phase(self, schedule: Schedule, apart: Callable[[Schedule], bool]) -> Schedule:
+        """The schedule with whole robots later in the cycle, where the supply draws less.
+
+        Args:
+            apart: do the arms keep apart? Asked of few schedules.
+        """
+        best, price = schedule, self.drawn(schedule, self.table.shared).price
+        for r in range(1, len(schedule.starts)):
+            found = []
+            for k in range(1, PHASES):
+                later = (*best.starts[:r], best.starts[r] + k * self.cell.cycle_time / PHASES, *best.starts[r + 1 :])
+                if keeps(best.problem, later, best.durations):
+                    moved = replace(best, starts=later)
+                    found.append((self.drawn(moved, self.table.shared).price, k, moved))
+            for now, _, moved in sorted(found, key=lambda x: x[:2])[:PROVEN]:
+                if now < price - NOTHING * abs(price) and apart(moved):
+                    best, price = moved, now
+                    break
+        return best
+
     def shifted(self, schedule: Schedule) -> Schedule:
         """The schedule with starts moved within the waits beside them, where the shared supply draws less."""
         best, price = schedule, self.drawn(schedule, self.table.shared).price
@@ -135,7 +158,7 @@ class Supply:
                         if moved is None:
                             continue
                         now = self.drawn(moved, self.table.shared).price
-                        if now < price - 1e-9 * abs(price):
+                        if now < price - NOTHING * abs(price):
                             best, price = moved, now
             if price >= before * (1 - 1e-6):
                 break

@@ -198,6 +198,22 @@ def test_evaluate_on_the_command_line(panda: Robot, tmp_path: Path, capsys) -> N
     assert main(["evaluate", str(tmp_path / "b.csv"), "--out", str(tmp_path / "out"), "--quiet"]) == 2
 
 
+def test_a_motion_that_comes_to_rest_on_a_position_limit_has_baselines(panda: Robot) -> None:
+    """The spline through its positions passes the limit by 3e-8 rad where joint 6 stops while joint 1 goes on."""
+    time = np.linspace(0, 4, 401)
+    q, v, a = np.tile(START, (401, 1)), np.zeros((401, 7)), np.zeros((401, 7))
+    for joint, first, length, end, by in ((5, 0.0, 2.0, panda.limits.upper[5], 0.4), (0, 0.0, 4.0, 1.0, 1.0)):
+        x = np.clip((time - first) / length, 0, 1)
+        q[:, joint] = end - by * (1 - x**3 * (10 - 15 * x + 6 * x**2))
+        v[:, joint] = by * 30 * x**2 * (1 - x) ** 2 / length
+        a[:, joint] = by * 60 * x * (1 - 3 * x + 2 * x**2) / length**2
+    found = eo.evaluate(Trajectory(panda.joints, time, q, v, a), "panda", "source-method-2", self_collision=False)
+    (motion,) = found.document()["motions"]
+    assert motion["certificate"]["max_violation"]["position"] <= 0
+    assert [row["name"] for row in motion["baselines"]] == ["toppra", "scaled"]
+    assert all(row["valid"] for row in motion["baselines"])
+
+
 def test_evaluate_from_python_under_several_models_side_by_side(panda: Robot) -> None:
     """Energies by hand: Pinocchio's torque and the model's law on a fine grid; a recording with noise is smoothed."""
     import pinocchio as pin

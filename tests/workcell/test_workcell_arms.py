@@ -17,9 +17,12 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import load_robot
+from energy_opt.schedule import Hull, Mode, Move, Problem, Ring, Wait, solve
 from energy_opt.workcell.aside import others_during
 from energy_opt.workcell.between import TwoArms, prove_apart
+from energy_opt.workcell.file import workcell_of
 from energy_opt.workcell.motion import Part, PeriodicMotion
+from energy_opt.workcell.supply import Supply
 
 REST = np.array([0.0, -0.5, 0.0, -2.3, 0.0, 1.8, 0.8])
 CYCLE = 3.0
@@ -214,3 +217,44 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
             }
             if not any(values[".velocity"]):
                 assert np.abs(values["ation"]).max() < 1e-6  # no jump of the acceleration at a join
+
+
+class Swings:
+    """Stands for an arm: a move that takes 200 W in its first half and gives them back in its second."""
+
+    def parts(self, ring: Ring, starts: np.ndarray, durations: np.ndarray) -> list[str]:
+        return [step.name for step in ring.steps]
+
+    def powers(self, part: str, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        power = np.where(at < at[-1] / 2, 200.0, -200.0) if part == "move" else np.zeros(len(at))
+        return power, np.full(len(at), 50.0)
+
+
+def test_an_arm_is_shifted_to_where_it_takes_what_the_other_brakes() -> None:
+    steps = (Move("move", 1.0, 1.0, Hull.of([(1.0, 150.0)])), Wait("wait", 0.0, 9.0, (Mode("motors", 50.0),)))
+    schedule = solve(Problem(4.0, (Ring("a", steps), Ring("b", steps))))
+    robots = [{"name": n, "step": [{"wait": 1.0, "power": {"motors": 50.0}}]} for n in "ab"]
+    cell = workcell_of({"format": "energy-opt/job/2", "cycle_time": 4.0, "supply": {}, "robot": robots}, Path("cell"))
+    supply = Supply(cell, [Swings(), Swings()])
+    together = supply.drawn(schedule, True)
+    assert together.energy == pytest.approx(2 * 4 * 50 + 200, rel=0.02) and together.lost == pytest.approx(
+        200, rel=0.02
+    )
+    apart = supply.drawn(supply.in_phase(schedule, lambda _: True), True)
+    assert apart.energy == pytest.approx(2 * 4 * 50 + 100, rel=0.03)  # half of one arm's braking drives the other
+    assert apart.peak == pytest.approx(300.0, rel=0.02) and together.peak == pytest.approx(500.0, rel=0.02)
+    assert supply.in_phase(schedule, lambda _: False) is schedule
+
+
+def test_without_a_resistor_what_is_braked_must_fit() -> None:
+    steps = (Move("move", 1.0, 1.0, Hull.of([(1.0, 150.0)])), Wait("wait", 0.0, 9.0, (Mode("motors", 50.0),)))
+    schedule = solve(Problem(4.0, (Ring("a", steps),)))
+    document = {
+        "format": "energy-opt/job/2",
+        "cycle_time": 4.0,
+        "robot": [{"name": "a", "step": [{"wait": 1.0, "power": {"motors": 50.0}}]}],
+    }
+    for capacity, resistor, valid in ((0.0, True, True), (50.0, False, False), (101.0, False, True)):
+        asked = {**document, "supply": {"capacity": capacity, "resistor": resistor}}
+        found = Supply(workcell_of(asked, Path("cell")), [Swings()]).drawn(schedule, True)
+        assert found.valid == valid and (found.overflow > 0) != valid

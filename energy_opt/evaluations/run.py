@@ -11,7 +11,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.effects import Payload
 from energy_opt.errors import Infeasible
 from energy_opt.evaluations.source import Recorded, Stretch
-from energy_opt.formats.judging import CycleJudging, Judging, Window
+from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.formats.program import Load, Part, standing
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.judge.energy import Energy, Scorer
@@ -89,13 +89,11 @@ def evaluate(
         for name, of in scorers.items()
     }
     first = scorers[rivals[0].name]
-    windows: list[Window] = []
-    for i in intervals:
-        if windows and windows[-1].judge.scorer is first(i.load):
-            windows[-1] = Window(windows[-1].start, i.end, windows[-1].judge)
-        else:
-            windows.append(Window(i.start, i.end, Judging(first(i.load), limits, cell)))
-    judge = CycleJudging.of(windows)
+    ends = [0.0, *(i.end for i in intervals)]
+    judge = CycleJudging.of(
+        (end - start, Judging(first(i.load), limits, cell))
+        for i, start, end in zip(intervals, ends, ends[1:], strict=False)
+    )
     certificate = judge(motion.trajectory)
     # the path's positions are the motion's own; the spline through them may pass a bound that these only touch
     kept = (certificate.max_violation["position"] or 0.0) <= ALLOWED

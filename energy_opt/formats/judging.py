@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from energy_opt.cell.cell import Cell
@@ -59,8 +59,16 @@ class CycleJudging(Judging):
     windows: tuple[Window, ...] = ()
 
     @classmethod
-    def of(cls, windows: list[Window]) -> CycleJudging:
-        """What judges the stretches of a cycle, in order."""
+    def of(cls, stretches: Iterable[tuple[float, Judging]]) -> CycleJudging:
+        """What judges a cycle whose stretches take so many seconds, in order; neighbours judged alike are one."""
+        windows: list[Window] = []
+        at = 0.0
+        for seconds, judge in stretches:
+            if windows and windows[-1].judge.scorer is judge.scorer and windows[-1].judge.cell is judge.cell:
+                windows[-1] = replace(windows[-1], end=at + seconds)
+            else:
+                windows.append(Window(at, at + seconds, judge))
+            at += seconds
         first = windows[0].judge
         return cls(first.scorer, first.limits, windows=tuple(windows))
 

@@ -17,6 +17,7 @@ from energy_opt.front.rivals import rivals_from
 from energy_opt.jobs.models import mean_of
 from energy_opt.power import PowerModel
 from energy_opt.power.per_year import per_year_words
+from energy_opt.reports.workcell import BRIEF
 from energy_opt.requests.moves import JobRequest
 from energy_opt.robot import Robot, load_robot
 
@@ -115,6 +116,7 @@ def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
             f"{robot['name'][:14]:<14} {s['name'][:28]:<28} {s['start']:>10.3f} {s['duration']:>10.3f} "
             f"{(s['mode'] or 'moves')[:16]:<16} {s['energy_total']:>12.1f}"
             for s in robot["steps"]
+            if s["duration"] > BRIEF
         ]
     bound = "" if found["bound"] is None else f"; no schedule of these curves takes less than {found['bound']:.1f} J"
     lines.append(f"the cycle of {found['cycle_time']:g} s takes {found['energy_total']:.1f} J{bound}")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from energy_opt.formats import Format, room
 from energy_opt.formats.cycle import certificates, without_jumps, write_cycle
-from energy_opt.formats.judging import CycleJudging, Judging, Window
+from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.formats.output import Written
 from energy_opt.formats.program import Part, joined
 from energy_opt.formats.room import Files, Shares
@@ -38,17 +38,12 @@ def whole_cycle(result: JobResult) -> Trajectory:
 def judging_of(result: JobResult) -> CycleJudging:
     """What judges a job's cycle: every stretch under the payload and in the scene of its steps."""
     limits = joint_limits(result.job.robot.limits)
-    windows: list[Window] = []
-    at, key, step = 0.0, None, result.job.steps[0]
+    step, stretches = result.job.steps[0], []
     for piece in result.pieces:
         step = result.job.steps[piece.steps[0]] if piece.steps else step
-        end = at + piece.trajectory.duration
-        if windows and key == (step.payload, step.scene):
-            windows[-1] = replace(windows[-1], end=end)
-        else:
-            windows.append(Window(at, end, Judging(result.scorer(step), limits, result.cells.of(step))))
-        at, key = end, (step.payload, step.scene)
-    return CycleJudging.of(windows)
+        judge = Judging(result.scorer(step), limits, result.cells.of(step))
+        stretches.append((piece.trajectory.duration, judge))
+    return CycleJudging.of(stretches)
 
 
 def with_room(result: JobResult, files: Files, again: Callable[[Shares], JobResult]) -> JobResult:

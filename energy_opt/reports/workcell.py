@@ -10,6 +10,7 @@ import numpy as np
 from energy_opt.reports.gantt import gantt, waterfall
 from energy_opt.reports.page import Report
 
+BRIEF = 1e-6  # [s] shorter waits are not shown
 SLOWED = (
     "Up to paths, levers are schedules of moves slowed evenly along their first paths: exact for these, but not kept "
     "apart from other arms. From paths on, moves are optimized and the arms are proven apart."
@@ -58,7 +59,7 @@ def page(
             [
                 [s["name"], s["start"], s["duration"], s["mode"] or "moves", s["zone"], s["energy_total"]]
                 for s in robot["steps"]
-                if s["duration"] > 0
+                if s["duration"] > BRIEF
             ],
             digits=6,
         )

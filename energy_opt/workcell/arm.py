@@ -206,8 +206,7 @@ class Arm:
             return False
         move.tried.add(duration)
         duration = float(np.clip(duration, move.shortest, move.longest))
-        known_at = nearest(move.answers, duration)
-        duration = known_at if abs(duration / known_at - 1) < SAME else duration
+        duration = next((known for known in move.answers if abs(duration / known - 1) < SAME), duration)
         try:
             answer = self.worker.stepped(move.leg, move.timing, duration)
             if np.abs(answer.trajectory.acceleration[[0, -1]]).max() > AT_ENDS:

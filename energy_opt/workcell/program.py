@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from energy_opt import formats
 from energy_opt.errors import BadInput
 from energy_opt.formats import FORMATS, Format
 from energy_opt.formats.cycle import write_cycle
-from energy_opt.formats.judging import CycleJudging, Judging, Window
+from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.formats.output import Written, unchanged, wanted
 from energy_opt.formats.program import Part, joined
 from energy_opt.motion.limits.registry import joint_limits
@@ -113,14 +113,7 @@ def _parts(arm: Arm, motion: PeriodicMotion, modes: dict[str, str]) -> list[Part
 def _judging(arm: Arm, motion: PeriodicMotion) -> CycleJudging:
     """What judges an arm's cycle: every stretch under the payload of its steps."""
     limits = joint_limits(arm.job.robot.limits)
-    windows: list[Window] = []
-    at, load = 0.0, None
-    for part in motion.parts:
-        step = arm.step_of(part.name)
-        end = at + part.duration
-        if windows and load == step.payload:
-            windows[-1] = replace(windows[-1], end=end)
-        else:
-            windows.append(Window(at, end, Judging(arm.worker.scorers.of(step), limits, arm.cell)))
-        at, load = end, step.payload
-    return CycleJudging.of(windows)
+    return CycleJudging.of(
+        (part.duration, Judging(arm.worker.scorers.of(arm.step_of(part.name)), limits, arm.cell))
+        for part in motion.parts
+    )

@@ -17,7 +17,7 @@ from energy_opt.errors import BadInput
 from energy_opt.evaluations.output import table
 from energy_opt.formats import read_trajectory, write
 from energy_opt.formats.cycle import without_jumps
-from energy_opt.formats.judging import CycleJudging, Judging, Window
+from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.formats.output import wanted
 from energy_opt.formats.program import Part, standing
 from energy_opt.formats.program import joined as joined_parts
@@ -133,7 +133,7 @@ def test_accelerations_that_jump_between_motions_are_spread_over_milliseconds(pa
 
     middle = START + 0.6 * (GOAL - START)
     moves = [cubic(START, middle), cubic(middle, GOAL)]
-    judge = CycleJudging.of([Window(0.0, 4.0, Judging(Scorer(panda, model), joint_limits(panda.limits)))])
+    judge = CycleJudging.of([(4.0, Judging(Scorer(panda, model), joint_limits(panda.limits)))])
     wait = standing(panda.joints, GOAL, 0.4)
     for trajectories in ([*moves, wait], moves):
         assert not judge(joined_parts(trajectories)).valid

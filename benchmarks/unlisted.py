@@ -10,7 +10,8 @@ Kinds of sets (their number at --share 1):
     exact     the same with exact links and white noise (50)
     clean     nothing but links off by up to 10 %; every noise, every fourth set with five repeats of each motion (300)
 
-Each set is diagnosed by the command line, and judged from the files that this leaves. A crash counts as a false claim,
+Each set is diagnosed from Python, as the command line does it but for the motion to record next and what the diagnosis
+is worth; it is judged from the files that this leaves. A crash counts as a false claim,
 a miss and a contradiction; `ambiguous` with the truth among its alternatives is no false claim. What --out holds
 already is kept: the examination goes on where it was stopped. Seeds 0 to 9 are for development; a final look takes a
 seed of 90 or more, that nothing was tuned on.
@@ -19,8 +20,6 @@ seed of 90 or more, that nothing was tuned on.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import json
 import sys
 import tempfile
@@ -38,8 +37,9 @@ from scipy.stats import beta
 from unlisted_judge import beyond_motion, contradictions, difference_error, held_out
 from unlisted_laws import KINDS
 
-from energy_opt.cli.main import main as command
+from energy_opt.diagnosis import diagnose
 from energy_opt.files import write_json
+from energy_opt.measured import read_set
 from energy_opt.power import load_model
 
 STATED = 0.95  # probability of the bounds
@@ -79,14 +79,9 @@ def run(job: tuple[str, World]) -> dict[str, Any]:
     row: dict[str, Any] = {"category": category, **asdict(world)}
     with tempfile.TemporaryDirectory() as place:
         truth, out = write_world(world, Path(place) / "set"), Path(place) / "out"
-        begun, said = time.process_time(), io.StringIO()
-        declared = truth.folder / "declared.toml"
-        arguments = ["diagnose", str(truth.folder), "--model", str(declared), "--out", str(out), "--quiet", "--json"]
+        begun = time.process_time()
         try:
-            with contextlib.redirect_stdout(said):
-                code = command(arguments)
-            if code != 0:
-                raise RuntimeError(f"exit {code}: {json.loads(said.getvalue()).get('message')}")
+            diagnose(read_set(truth.folder), load_model(truth.folder / "declared.toml")).save(out)
             d = json.loads((out / "diagnosis.json").read_text())
             wrong = contradictions(out, truth)
             model = load_model(out / "model.toml")

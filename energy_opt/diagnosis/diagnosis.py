@@ -16,7 +16,6 @@ from energy_opt.diagnosis.errors import errors, foreseen, usable
 from energy_opt.diagnosis.findings import (
     WIDER,
     Result,
-    candidate_rows,
     evidence_rows,
     findings_of,
     nuisance_of,
@@ -146,7 +145,6 @@ def diagnose(
         "modes": [vars(mode) for mode in modes],
         "remarks": [*remarks(found, measured, declared), *mode_words(modes)],
         "evidence": evidence_rows(found),
-        "candidates": candidate_rows(found),
         "robot": measured.robot.name,
         "joints": list(joints),
     }

@@ -150,18 +150,6 @@ def evidence_rows(found: Inference, most: int = 15) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: -float(row["score"]))[:most]  # type: ignore[arg-type]
 
 
-def candidate_rows(found: Inference) -> list[dict[str, Any]]:
-    """Every effect that might be added: logarithm of the odds for it, alone and beside the accepted ones.
-
-    The strongest alone come first. None where the effect is accepted already.
-    """
-    if not found.follows or not found.verdict or found.blind:
-        return []
-    alone, beside = (found.search.odds_of_candidates(f) for f in (found.root, found.accepted))
-    rows = [{"name": name, "alone": value, "beside_accepted": beside.get(name)} for name, value in alone.items()]
-    return sorted(rows, key=lambda row: -alone[str(row["name"])])
-
-
 @dataclass(frozen=True, repr=False)
 class Result:
     """A diagnosis with what it was made from.

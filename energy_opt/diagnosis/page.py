@@ -93,15 +93,7 @@ def page(result: Result) -> Report:
         joints_section(report, d["joint_side"], result.side)
     report.section("Power over time")
     report.charts(*_power(result, result.samples))
-    report.section("Evidence for each candidate")
-    report.text(
-        "Logarithm of the odds for each effect, added to the declared model or to the accepted effects (linearised; "
-        "above 0 it is rather there than not)."
-    )
-    report.table(
-        ["effect", "alone", "beside the accepted"],
-        [[row["name"], row["alone"], row["beside_accepted"]] for row in d["candidates"]],
-    )
+    report.section("Evidence for each hypothesis")
     report.text(
         "Hypotheses that were fitted, likeliest first. Loss is the mean square of the whitened residual, 1 where only "
         "noise is left; the score is the logarithm of the odds against the declared model."

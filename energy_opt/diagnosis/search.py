@@ -123,16 +123,6 @@ class Search:
         bank.likely = sorted((n for n, value in worth.items() if value > best - NEAR), key=lambda n: -worth[n])
         return bank
 
-    def odds_of_candidates(self, f: Fit) -> dict[str, float]:
-        """Logarithm of the odds for every effect that a fit lacks, linearised around it."""
-        bank = self.banks.get(id(f)) or replace(self, closed=True)._bank(f)  # free functions are not asked for
-        here, out = self.whole(bank), dict[str, float]()
-        value = bank.weigh(here).value
-        for k, b in enumerate(bank.blocks):
-            if isinstance(b.source, Candidate):
-                out[b.name] = max(out.get(b.name, -np.inf), bank.weigh(here | {k}).value - value)
-        return out
-
     def refit(self, bank: Bank, chosen: Subset) -> Fit:
         """The fit of a set of a bank's blocks, from the amounts that it weighs them at."""
         f, weighed = bank.fit, bank.weigh(chosen)

@@ -88,7 +88,8 @@ def worth_of(
             raise
         move = replace(move, duration=ROOM * error.shortest_duration)
         plan = planner.solve(move)
-    other = Planner(robot, declared, settings, cell=cell, stopped=stopped).solve(move)
+    same = declared == diagnosed
+    other = plan if same else Planner(robot, declared, settings, cell=cell, stopped=stopped).solve(move)
     if plan.status != "solved" or other.status != "solved":
         return None
     scorer = Scorer(robot, diagnosed)

@@ -196,16 +196,11 @@ def test_the_files_of_the_contract(coulomb, tmp_path, capsys):
     model = load_model(tmp_path / "model.toml")
     assert [e.name for e in model.effects] == ["standby", "copper_loss", "coulomb_friction"]
     page = (tmp_path / "report.html").read_text()
-    for part in ("noise floor", "Error before and after", "Power over time", "Evidence for each candidate"):
+    for part in ("noise floor", "Error before and after", "Power over time", "Evidence for each hypothesis"):
         assert part in page
     worth = document["worth"]  # the model that knows the friction plans no worse than the one that lacks it
     assert worth["diagnosed_plan"] <= min(worth["declared_plan"], worth["evenly_slowed"])
     assert "What the diagnosis is worth" in page
-    # every effect of the table is judged, and the strongest is the one that was added
-    judged = {row["name"]: row for row in document["candidates"]}
-    assert {"payload", "armature", "meter_delay", "supply_efficiency", "standby"} <= set(judged)
-    assert document["candidates"][0]["name"] == "coulomb_friction" and judged["coulomb_friction"]["alone"] > 0
-    assert judged["coulomb_friction"]["beside_accepted"] is None and judged["armature"]["beside_accepted"] < 0
 
 
 @pytest.mark.parametrize("name", ["clean_panda", "coulomb_panda", "payload_ur5", "cogging_panda"])

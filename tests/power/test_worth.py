@@ -6,6 +6,7 @@ import pytest
 from energy_opt.effects import CoulombFriction
 from energy_opt.measured import MeasuredSet
 from energy_opt.measured.run import Run
+from energy_opt.motion import Planner
 from energy_opt.next_motion.worth import longest_move, worth_of
 from energy_opt.power import source_method_2
 from energy_opt.robot import load_robot
@@ -47,3 +48,11 @@ def test_a_plan_under_the_wrong_model_costs_more(tmp_path):
     assert worth["duration"] == pytest.approx(2.0, abs=0.15)
     assert worth["diagnosed_plan"] <= worth["evenly_slowed"]
     assert worth["diagnosed_plan"] < worth["declared_plan"] - 0.1
+
+
+def test_a_model_that_says_the_same_is_planned_once(tmp_path, monkeypatch):
+    solved, solve = [], Planner.solve
+    monkeypatch.setattr(Planner, "solve", lambda self, move: solved.append(1) or solve(self, move))
+    declared = source_method_2("z1")
+    worth = worth_of(set_of(tmp_path, run_of("run.csv", HERE, THERE)), declared, source_method_2("z1"))
+    assert len(solved) == 1 and worth["diagnosed_plan"] <= worth["declared_plan"]

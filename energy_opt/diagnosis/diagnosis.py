@@ -12,7 +12,8 @@ import numpy as np
 
 from energy_opt.diagnosis.claims import written
 from energy_opt.diagnosis.clusters import parted, shortened, split
-from energy_opt.diagnosis.errors import errors, foreseen, usable
+from energy_opt.diagnosis.errors import errors
+from energy_opt.diagnosis.evidence import drift_of
 from energy_opt.diagnosis.findings import (
     WIDER,
     Result,
@@ -25,6 +26,7 @@ from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, p
 from energy_opt.diagnosis.modes import mode_words, modes_of
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.diagnosis.residual import Remainder, goes_with
+from energy_opt.diagnosis.usable import foreseen
 from energy_opt.diagnosis.verdict import NOISE, Inference, excited, infer, plain_fit
 from energy_opt.diagnosis.words import headline, joints_headline, next_step, remarks, speeds_seen, summary
 from energy_opt.effects import LinkInertia, Payload, effect_class
@@ -112,10 +114,11 @@ def diagnose(
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     effects, left = findings_of(found), _remainder(found, joints)
-    nuisance, fits = found.best.nuisance, found.after.ratio < NOISE  # else levels and noise may be misfit, too
-    offset = float(np.hypot(nuisance.offset, nuisance.drift)) if fits else 0.0
-    others = [written(r) for r in found.rivals[1:]]
-    ahead = foreseen(model, samples, found.noise if fits else found.still, offset, found.accepted, others)
+    noise = found.noise if found.after.ratio < NOISE else None  # else levels and noise may be misfit, too
+    best, drift = found.best, drift_of(found.best, samples, centred=True)
+    offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
+    others = [written(f) for f in (*found.rivals[1:], best)]
+    ahead = foreseen(model, samples, noise, drift, offset, found.accepted, others, best.free)
     floor = found.after.noise
     rows = side_rows(side, joints, limits, found.accepted if enough else None)
     modes = modes_of(model, samples)
@@ -127,9 +130,9 @@ def diagnose(
         "alternatives": [_news(f) for f in found.rivals] if len(found.rivals) > 1 else [],
         "nuisance": nuisance_of(found),
         "explained_share": explained_share(before, after, floor),
-        "usable": usable(ahead, after["holdout"] or after["train"], tolerance),
+        "usable": ahead.usable(after["holdout"] or after["train"], tolerance),
         "tolerance": tolerance,
-        "foreseen": {"difference_percent": ahead.percent, "motions": ahead.motions},
+        "foreseen": ahead.document(),
         "residual_goes_with": [{"signal": r.signal, "joint": r.joint, "strength": r.strength} for r in left],
         "remainder": [{"signal": r.signal, "joint": r.joint, "watts": r.watts} for r in left],
         "error": {"before": before, "after": after, "noise_floor": floor, "beside_noise": found.after.document()},

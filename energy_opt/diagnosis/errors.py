@@ -10,21 +10,13 @@ import numpy as np
 
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.fit import Fit, fit
-from energy_opt.diagnosis.hypothesis import Term, chart
 from energy_opt.diagnosis.noise import Noise, Shared, Whitener
 from energy_opt.diagnosis.predict import Prediction, predict
 from energy_opt.power import PowerModel
 
 DRAWS = 999
-SLOWER = 1.6  # times as slow is the motion that one is compared with
-STATED = 0.7  # of further motions, of which the stated error is not exceeded
 SHARE = 0.9  # of the squares above the noise, that claims must take away to be claimed where more than noise is left
 OPEN_NOISE = 0.25  # of the noise's variance, by which it is not known
-SURE = 2.0  # standard deviations above the noise, below which errors of energies are noise
-OPEN = ("coulomb_friction", "viscous_friction", "copper_loss")  # may hide below the noise
-UNSEEN = 0.5  # of the difference, that errors within the noise may be where a model counts as tested
-DIFFERENCE = 20.0  # [%] of the difference of energy between two motions, within which a model can plan
 
 
 @dataclass(frozen=True)
@@ -162,128 +154,3 @@ def bootstrap_interval(values: Sequence[float], seed: int = 0) -> list[float]:
     rng = np.random.default_rng(seed)
     means = x[rng.integers(0, len(x), (DRAWS, len(x)))].mean(axis=1)
     return [float(v) for v in np.quantile(means, [0.025, 0.975])]
-
-
-@dataclass(frozen=True)
-class Foreseen:
-    """How well a model foresees what a plan changes: energies of motions of the same ends in the same time.
-
-    Attributes:
-        percent: error of the difference of energy between going evenly and going `SLOWER` times as fast and waiting,
-            over that difference, %: with probability `STATED` a further motion has less.
-        motions: how many distinct ones the set has.
-    """
-
-    percent: float | None
-    motions: int
-
-
-def foreseen(
-    model: PowerModel, samples: Samples, noise: Noise, offset: float, f: Fit, rivals: Sequence[PowerModel] = ()
-) -> Foreseen:
-    """The error of energies over a set's distinct motions, beside what going faster and waiting changes there.
-
-    A motion's error is e = measured - model [J] less the common level, which two plans of the same time share; the
-    errors of two plans differ by about sqrt(2) |e|. What the meter's noise adds to an energy is taken off first, in
-    squares, and all of it where it is no more than noise; what may hide below the noise is added, see `hidden`, and by
-    how much the alternative that is farthest off has other differences. The difference is the model's own, in rms over
-    the motions, and the error is stated conformally over them. Where an error of `UNSEEN` times the difference would be
-    noise, the set does not test the model, and that error is stated.
-
-    Args:
-        noise: of the meter. offset: of its level from run to run, W. f: the fit that the model is of.
-        rivals: models that explain the set as well.
-    """
-    shown = reading_of(model, samples)
-    errors_, lasting, changes = [], [], []
-    paces = _paces(samples)
-    difference, _ = _changes(_unmetered(model), *paces)
-    moving = [r for r, kind in enumerate(samples.kinds) if kind == "motion"]
-    others = [(_changes(_unmetered(rival), *paces)[0] - difference)[moving] for rival in rivals]
-    for group in clusters(samples):
-        if samples.kinds[group[0]] != "motion":
-            continue
-        error = [energy(*samples.single[r]) - energy(samples.single[r][0], shown[r]) for r in group]
-        errors_.append(float(np.mean(error)))
-        lasting.append(float(np.mean([np.ptp(samples.t[samples.slices[r]]) for r in group])))
-        changes.append(float(np.mean([difference[r] for r in group])))
-    if not errors_:
-        return Foreseen(None, 0)
-    e, time = np.array(errors_), np.array(lasting)
-    e = e - time * (e @ time) / max(float(time @ time), 1e-9)
-    by_noise = (noise.white**2 * samples.step + 2 * noise.wave**2 * noise.memory) * time + (offset * time) ** 2
-    size = max(float(np.sqrt(np.mean(np.square(changes)))), 1e-9)
-    beside = float(np.mean(e**2 / np.maximum(by_noise, 1e-12)))
-    noise_alone = beside < 1 + SURE * (2 / len(e)) ** 0.5
-    own = np.zeros(len(e)) if noise_alone else np.sort(np.maximum(e**2 - by_noise, 0.0))
-    rank = min(int(np.ceil((len(own) + 1) * STATED)), len(own))
-    apart = max((float(np.mean(other**2)) for other in others), default=0.0)
-    square = 2 * own[rank - 1] + hidden(f) + apart
-    unseen = 2 * float(np.mean(by_noise)) * (2 / len(e)) ** 0.5
-    if unseen > (UNSEEN * size) ** 2:
-        square = max(square, unseen)
-    return Foreseen(100 * float(np.sqrt(square)) / size, len(own))
-
-
-def hidden(f: Fit) -> float:
-    """Mean square [J^2] of what numbers that the data leave open change in the differences of `foreseen`.
-
-    The numbers of the fit, its links, and those of friction and copper loss that it takes as they are declared: an
-    effect that is too small to be seen can be large beside a small difference.
-    """
-    w, n = f.world, f.world.samples.n
-    charts, numbers = list(f.charts), list(f.numbers)
-    for name in OPEN:
-        if name not in f.names:
-            new = chart(Term(name, declared=w.declared.get(name) is not None), w.declared, w.scale, n)
-            charts.append(new)
-            numbers.append(new.origin)
-    moving = [r for r, kind in enumerate(w.samples.kinds) if kind == "motion"]
-    if not moving:
-        return 0.0
-    wide = fit(w, f.nuisance, charts, numbers, amounts=f.amounts, iterations=0)
-    model = _unmetered(wide.model)
-    _, slopes = _changes(model, *_paces(w.samples), w.links.basis)
-    where = dict(zip((e.name for e in model.effects), model.slices(n), strict=True))
-    count, none = slopes.shape[1] - len(f.amounts), slice(0, 0)
-    own = [slopes[:, s] @ c.slope(z) if (s := where.get(c.term.name, none)) != none else np.zeros((len(slopes), len(z)))
-           for c, z in zip(charts, numbers, strict=True)]  # fmt: skip
-    by = np.column_stack([*own, slopes[:, count:], np.zeros((len(slopes), len(f.levels)))])[moving]
-    return float(np.mean(np.einsum("rp,pq,rq->r", by, np.linalg.inv(wide.hessian), by)))
-
-
-def _unmetered(model: PowerModel) -> PowerModel:
-    return replace(model, effects=tuple(e for e in model.effects if e.stage != "meter"))
-
-
-def _paces(samples: Samples) -> tuple[Samples, Samples]:
-    """The motions as they are and `SLOWER` times as slow."""
-    fast = samples.at_nodes()
-    return fast, replace(fast, v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
-
-
-def _changes(
-    model: PowerModel, fast: Samples, slow: Samples, links: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Energy (R,) [J] of every run, then waiting, less that of going evenly in `SLOWER` times its time.
-
-    And its derivatives (R, P + c) by the values of a model without meter, and by deviations `links` (10 L, c).
-    """
-    tables = []
-    for s in (fast, slow):
-        p = predict(model, s, None, None if links is None else s.deviating(links))
-        tables.append(np.column_stack([p.power, p.jacobian, p.pushed]))
-    out = []
-    for rows in fast.slices:
-        t = fast.t[rows]
-        waits = tables[0][rows][-1] * (SLOWER - 1) * np.ptp(t)
-        each = [np.trapezoid(table[rows], t, axis=0) for table in tables]
-        out.append(each[0] + waits - SLOWER * each[1])
-    both = np.array(out)
-    return both[:, 0], both[:, 1:]
-
-
-def usable(ahead: Foreseen, after: dict[str, Any] | None, tolerance: float) -> bool:
-    """Is the difference foreseen within `DIFFERENCE`, and energies (as `errors`) within `tolerance` %?"""
-    known = ahead.percent is not None and after is not None
-    return bool(known and ahead.percent <= DIFFERENCE and after["energy_percent"] <= tolerance)  # type: ignore[operator, index]

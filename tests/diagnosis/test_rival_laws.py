@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.errors import foreseen
+from energy_opt.diagnosis.fit import Free
 from energy_opt.diagnosis.noise import Noise, standing_noise
+from energy_opt.diagnosis.usable import Foreseen, foreseen
 from energy_opt.diagnosis.verdict import _left_open
 from energy_opt.diagnosis.words import headline
 from energy_opt.effects import ViscousFriction
@@ -63,9 +65,35 @@ def test_alternatives_that_foresee_other_differences_make_a_model_less_sure(weak
     def percent(*viscous: float) -> float:
         rivals = [weakened.model.replaced(ViscousFriction(b=[b] * 7)) for b in viscous]
         f = weakened.inference.accepted
-        return foreseen(weakened.declared, weakened.samples, Noise(0.01), 0.0, f, rivals).percent
+        levels = np.zeros(len(weakened.samples.parts))
+        return foreseen(weakened.declared, weakened.samples, Noise(0.01), levels, 0.0, f, rivals).percent
 
     assert percent() == percent(0.0) < percent(1.0) < percent(0.0, 3.0)
+
+
+@pytest.mark.slow
+def test_a_model_beside_which_a_law_is_likely_that_nobody_knows_cannot_plan(weakened):
+    """Unless that law follows the position alone: between the same ends its work is the same."""
+    samples, f = weakened.samples, weakened.inference.accepted
+    level = np.arange(len(samples.parts)) % 3 * 10.0
+    held = {"energy_percent": 0.1}
+
+    def of(*signals: str, noise: Noise | None) -> Foreseen:
+        free = [Free(signal, -1, np.zeros((1, 1)), 1.0) for signal in signals]
+        return foreseen(weakened.model, samples, noise, 0 * level, 0.0, f, (), free)
+
+    large = Noise(200.0)
+    known, odd, conservative = of(noise=large), of("velocity", noise=large), of("position", noise=large)
+    assert known.percent == odd.percent and known.usable(held, 3.0) and conservative.usable(held, 3.0)
+    assert not odd.usable(held, 3.0) and "velocity" in odd.reason
+    # noise that is not known is not taken off; a level of each run that the meter's drift explains is
+    assert of(noise=None).percent > known.percent
+    drifting = replace(samples, single=tuple((t, p + x) for (t, p), x in zip(samples.single, level, strict=True)))
+    off = foreseen(weakened.model, drifting, None, 0 * level, 0.0, f).percent
+    assert foreseen(weakened.model, drifting, None, level, 0.0, f).percent == pytest.approx(
+        of(noise=None).percent, rel=0.02
+    )
+    assert off > 1.2 * of(noise=None).percent
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,172 @@
+"""Can a model plan? How well it foresees what a plan changes: the difference of energy between two motions.
+
+Motions of the same ends and the same time T are compared: evenly through the whole of it, or `SLOWER` times as fast,
+then waiting. With d_c what the model says of that difference for the set's distinct motion c (J), the error is stated
+relative to rms(d),
+
+    sqrt(2 e^2 + h + a) / rms(d)
+
+e: error of a motion's energy, conformal over distinct motions: a further motion has less with probability `STATED`
+(Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World); two motions' errors differ by sqrt(2) e.
+h: mean square of what numbers that the data leave open change in d, see `hidden`. a: mean square by which the model
+farthest off, of those that explain the set as well or better, has other differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from energy_opt.diagnosis.clusters import clusters
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.errors import energy, reading_of
+from energy_opt.diagnosis.fit import Fit, Free, fit
+from energy_opt.diagnosis.hypothesis import Term, chart
+from energy_opt.diagnosis.noise import Noise
+from energy_opt.diagnosis.predict import predict
+from energy_opt.power import PowerModel
+
+SLOWER = 1.6  # times as slow is the motion that one is compared with
+STATED = 0.7  # of further motions, of which the stated error is not exceeded
+SURE = 2.0  # standard deviations above the noise, below which errors of energies are noise
+OPEN = ("coulomb_friction", "viscous_friction", "copper_loss")  # may hide below the noise
+DIFFERENCE = 20.0  # [%] of the difference of energy between two motions, within which a model can plan
+CONSERVATIVE = "position"  # a torque that follows the position alone takes the same work between the same ends
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """How well a model foresees differences of energy.
+
+    Attributes:
+        percent: the error of a difference over the difference, %; None where the set has no motion.
+        motions: how many distinct ones the set has.
+        reason: why nothing can be said of other motions, "" where something can.
+    """
+
+    percent: float | None
+    motions: int
+    reason: str = ""
+
+    def document(self) -> dict[str, Any]:
+        """As in diagnosis.json."""
+        return {"difference_percent": self.percent, "motions": self.motions, "reason": self.reason or None}
+
+    def usable(self, after: dict[str, Any] | None, tolerance: float) -> bool:
+        """Is the difference foreseen within `DIFFERENCE`, and energies (as `errors.errors`) within `tolerance` %?"""
+        if self.percent is None or self.reason or after is None:
+            return False
+        return bool(self.percent <= DIFFERENCE and after["energy_percent"] <= tolerance)
+
+
+def foreseen(
+    model: PowerModel,
+    samples: Samples,
+    noise: Noise | None,
+    levels: np.ndarray,
+    offset: float,
+    f: Fit,
+    rivals: Sequence[PowerModel] = (),
+    free: Sequence[Free] = (),
+) -> Foreseen:
+    """The error of energies over a set's distinct motions, beside what going faster and waiting changes there.
+
+    The level that all motions share is taken out of their errors: two plans of the same time share it.
+
+    Args:
+        noise: of the meter, whose share of an energy is taken off e^2; None takes none off, as where more than noise
+            is left. levels: (R,) W of every run by the meter's drift. offset: of its level from run to run, W.
+        f: the fit that the model is of. rivals: models that explain the set as well or better.
+        free: functions that no effect has, of the likeliest hypothesis: what these do to other motions is not known,
+            unless they follow the position alone.
+    """
+    shown = reading_of(model, samples)
+    errors_, lasting, by_noise = [], [], []
+    paces = _paces(samples)
+    moving = [r for r, kind in enumerate(samples.kinds) if kind == "motion"]
+    if not moving:
+        return Foreseen(None, 0, "no motion was recorded")
+    difference = _changes(_unmetered(model), *paces)[0][moving]
+    others = [_changes(_unmetered(rival), *paces)[0][moving] - difference for rival in rivals]
+    for group in (g for g in clusters(samples) if samples.kinds[g[0]] == "motion"):
+        last = [float(np.ptp(samples.t[samples.slices[r]])) for r in group]
+        error = [energy(*samples.single[r]) - energy(samples.single[r][0], shown[r]) - levels[r] * time
+                 for r, time in zip(group, last, strict=True)]  # fmt: skip
+        time = float(np.mean(last))
+        errors_.append(float(np.mean(error)))
+        lasting.append(time)
+        if noise is not None:
+            own = (noise.white**2 * samples.step + 2 * noise.wave**2 * noise.memory) * time + (offset * time) ** 2
+            by_noise.append(own / len(group))
+    e, times = np.array(errors_), np.array(lasting)
+    squares = (e - times * (e @ times) / max(float(times @ times), 1e-9)) ** 2
+    if noise is not None:
+        beside = float(np.mean(squares / np.maximum(by_noise, 1e-12)))
+        noise_alone = beside < 1 + SURE * (2 / len(e)) ** 0.5
+        squares = np.zeros(len(e)) if noise_alone else np.maximum(squares - by_noise, 0.0)
+    rank = min(int(np.ceil((len(e) + 1) * STATED)), len(e))
+    apart = max((float(np.mean(other**2)) for other in others), default=0.0)
+    square = 2 * float(np.sort(squares)[rank - 1]) + hidden(f) + apart
+    size = max(float(np.sqrt(np.mean(difference**2))), 1e-9)
+    signals = [g.signal for g in free if g.signal != CONSERVATIVE]
+    reason = f"what goes with {signals[0]} follows no known law" if signals else ""
+    return Foreseen(100 * square**0.5 / size, len(e), reason)
+
+
+def hidden(f: Fit) -> float:
+    """Mean square [J^2] of what numbers that the data leave open change in the differences of `foreseen`.
+
+    The numbers of the fit, its links, and those of friction and copper loss that it takes as they are declared: an
+    effect that is too small to be seen can be large beside a small difference.
+    """
+    w, n = f.world, f.world.samples.n
+    charts, numbers = list(f.charts), list(f.numbers)
+    for name in OPEN:
+        if name not in f.names:
+            new = chart(Term(name, declared=w.declared.get(name) is not None), w.declared, w.scale, n)
+            charts.append(new)
+            numbers.append(new.origin)
+    moving = [r for r, kind in enumerate(w.samples.kinds) if kind == "motion"]
+    wide = fit(w, f.nuisance, charts, numbers, amounts=f.amounts, iterations=0)
+    model = _unmetered(wide.model)
+    _, slopes = _changes(model, *_paces(w.samples), w.links.basis)
+    where = dict(zip((e.name for e in model.effects), model.slices(n), strict=True))
+    count, none = slopes.shape[1] - len(f.amounts), slice(0, 0)
+    own = [slopes[:, s] @ c.slope(z) if (s := where.get(c.term.name, none)) != none else np.zeros((len(slopes), len(z)))
+           for c, z in zip(charts, numbers, strict=True)]  # fmt: skip
+    by = np.column_stack([*own, slopes[:, count:], np.zeros((len(slopes), len(f.levels)))])[moving]
+    return float(np.mean(np.einsum("rp,pq,rq->r", by, np.linalg.inv(wide.hessian), by)))
+
+
+def _unmetered(model: PowerModel) -> PowerModel:
+    return replace(model, effects=tuple(e for e in model.effects if e.stage != "meter"))
+
+
+def _paces(samples: Samples) -> tuple[Samples, Samples]:
+    """The motions as they are and `SLOWER` times as slow."""
+    fast = samples.at_nodes()
+    return fast, replace(fast, v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
+
+
+def _changes(
+    model: PowerModel, fast: Samples, slow: Samples, links: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Energy (R,) [J] of every run, then waiting, less that of going evenly in `SLOWER` times its time.
+
+    And its derivatives (R, P + c) by the values of a model without meter, and by deviations `links` (10 L, c).
+    """
+    tables = []
+    for s in (fast, slow):
+        p = predict(model, s, None, None if links is None else s.deviating(links))
+        tables.append(np.column_stack([p.power, p.jacobian, p.pushed]))
+    out = []
+    for rows in fast.slices:
+        t = fast.t[rows]
+        waits = tables[0][rows][-1] * (SLOWER - 1) * np.ptp(t)
+        each = [np.trapezoid(table[rows], t, axis=0) for table in tables]
+        out.append(each[0] + waits - SLOWER * each[1])
+    both = np.array(out)
+    return both[:, 0], both[:, 1:]

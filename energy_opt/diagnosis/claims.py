@@ -10,7 +10,7 @@ from energy_opt.diagnosis.candidates import candidates
 from energy_opt.diagnosis.evidence import Subset, noise_of
 from energy_opt.diagnosis.fit import Fit, fit
 from energy_opt.diagnosis.noise import Noise
-from energy_opt.diagnosis.search import GAIN, Search, buildable, moved, root
+from energy_opt.diagnosis.search import Search, buildable, moved, root
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
@@ -21,7 +21,6 @@ MOST = 6  # alternatives that are fitted
 LIKE = 0.1  # of an effect's squares, that a free function of the same signal leaves at most
 TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
 WIDE_ENOUGH = 1.1  # times as wide, below which a law stays as it is
-CHANGES = 3  # of the accepted set for a likelier alternative
 
 
 @dataclass(frozen=True)
@@ -139,24 +138,6 @@ def other_drives(found: Search, f: Fit) -> list[Fit]:
                 charts, starts = [*base.charts, c.chart], [*base.numbers, start]
                 out.append(found.fitted(charts, starts, list(base.free), f.nuisance, f.amounts))
     return out
-
-
-def likelier(found: Search, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[Fit, tuple[Claim, ...], tuple[Fit, ...]]:
-    """The accepted hypothesis, or the alternative that is likelier still once fitted; its claims and alternatives.
-
-    Laws that are the same to first order, as load friction and gears' efficiency are, tie where nothing is fitted yet:
-    rounding decides at which of them the search ends.
-    """
-    rivals = alternatives(found, accepted)
-    for _ in range(CHANGES):
-        better = max(rivals, key=found.score)
-        if found.score(better) <= found.score(accepted) + GAIN:
-            break
-        other, its = claimed(found, better)
-        if found.score(other) <= found.score(accepted):
-            break
-        accepted, claims, rivals = other, its, alternatives(found, other)
-    return accepted, claims, rivals
 
 
 def alternatives(found: Search, accepted: Fit, reach: float = RIVAL) -> tuple[Fit, ...]:

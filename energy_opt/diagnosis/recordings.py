@@ -37,7 +37,7 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
             for one, (_, reading, _, _), own in zip(single, taken, windows, strict=True)
         ]
     motion, readings, operators, counts = zip(*taken, strict=True)
-    t, q, v, a, temperature, torque, blur = (np.concatenate(column) for column in zip(*motion, strict=True))
+    t, q, v, a, temperature, torque, blur, smoothed = (np.concatenate(column) for column in zip(*motion, strict=True))
     at, power = (np.concatenate(column) for column in zip(*readings, strict=True))
     parts = laid([slice(0, len(r[0])) for r in readings])
     samples = Samples(
@@ -45,17 +45,19 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
         at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
         meter_noise([(r.power_time, r.power) for r in measured.runs]), measured.clock,
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
-        _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v),
+        _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v, smoothed),
     )  # fmt: skip
     return samples, smoothing
 
 
-def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray) -> float:
-    """Time between the joints' samples, or in which a joint moves by a step of its positions, s."""
+def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray, smoothed: np.ndarray) -> float:
+    """Time between the joints' samples, in which a joint moves by a step of its positions, or of their smoothing, s."""
     spacing = float(np.median(np.concatenate([np.diff(run.time) for run in measured.runs])))
     speed = np.abs(v[v != 0])
+    if not speed.size:
+        return spacing
     step = 12**0.5 * smoothing.position_noise
-    return max(spacing, step / float(np.median(speed)) if speed.size else 0.0)
+    return max(spacing, step / float(np.median(speed)), float(np.median(smoothed[v != 0])))
 
 
 def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> np.ndarray:
@@ -105,7 +107,7 @@ def _grouped(taken: Taken, group: int) -> Taken:
 
 
 def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
-    """Set time, motion, temperature and torque at some times of a run."""
+    """Set time, motion, temperature and torque at some times of a run, blur, and the smoothing's time constants, s."""
     moved = np.ptp(run.position, axis=0)
     k = kinematics(run, time, smoothing)
     q, v, a = k.q, k.v, k.a
@@ -117,7 +119,8 @@ def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarra
         np.full_like(q, np.nan) if x is None else np.column_stack([np.interp(time, run.time, c) for c in x.T])
         for x in (run.temperature, logged)
     ]
-    return run.start + time, q, v, a, *others, np.where(np.tile(v, 2) != 0, _blur(run, smoothing, k.cutoffs), 0.0)
+    blur = np.where(np.tile(v, 2) != 0, _blur(run, smoothing, k.cutoffs), 0.0)
+    return run.start + time, q, v, a, *others, blur, np.tile(1 / (2 * np.pi * k.cutoffs), (len(time), 1))
 
 
 def _logged(runs: Sequence[Run], times: Sequence[np.ndarray]) -> dict[str, np.ndarray]:

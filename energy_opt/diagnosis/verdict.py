@@ -20,7 +20,6 @@ from energy_opt.diagnosis.claims import (
     alternatives,
     claimed,
     instead_of_links,
-    likelier,
     links_show,
     other_drives,
     plain_fit,
@@ -208,12 +207,8 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     rivals: tuple[Fit, ...] = (accepted,)
     unknown = bool(accepted.free) or judge.of(accepted).ratio >= NOISE
     if claims and not accepted.free:
-        other, its, others = likelier(found, accepted, claims)
-        if other is not accepted:
-            other, its = _borne_out(found, judge, other, its)
-            others = (other,) if not its else others if other is others[0] else alternatives(found, other)
-        accepted, claims, rivals = other, its, others
-        best = max(best, accepted, key=found.score)
+        rivals = alternatives(found, accepted)
+        best = max((best, *rivals), key=found.score)
     start = root(found.world, best.nuisance)
     if accepted.free:
         accepted = plain_fit(found, accepted)
@@ -221,8 +216,8 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     if claims:
         rivals = _as_good(found, judge, accepted) if unknown else _left_open(found, judge, rivals)
         if rivals[0] is not accepted:
-            accepted, claims = claimed(found, rivals[0])
-            rivals = (accepted, *rivals[1:])
+            accepted, claims = _borne_out(found, judge, *claimed(found, rivals[0]))
+            rivals = (accepted, *(f for f in rivals[1:] if claims and f is not accepted))
     rivals = tuple(widened(f) for f in rivals)
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     after = judge.of(accepted)
@@ -286,6 +281,16 @@ def _is_a_step(f: Fit, claim: Claim) -> bool:
     return abs(float(effect.full(f.world.samples.n)[0])) <= LAGS * f.world.samples.lag
 
 
+def _is_a_line(f: Fit, claim: Claim) -> bool:
+    """Is what is claimed a change of level whose time constant is longer than the set? A meter drifts like that too."""
+    effect = f.model.get(next(n for n in f.names if n not in claim.without.names))
+    if effect is None or not (effect.drifts and effect.overhead):
+        return False
+    units = [p.unit for p in effect.parameters for _ in range(p.count(f.world.samples.n, effect.extents))]
+    times = [x for x, unit in zip(effect.full(f.world.samples.n), units, strict=True) if unit == "s"]
+    return any(x > float(np.ptp(f.world.samples.t)) for x in times)
+
+
 def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -> bool:
     """Do links alone take the held-out error from above the noise to it?"""
     if declared.ratio < NOISE or not links_show(start):
@@ -306,10 +311,13 @@ def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
 
 
 def _left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, ...]:
-    """The alternatives that motions held out leave open too, the likeliest first."""
-    if judge.held is None or len(rivals) < 2:
-        return rivals
-    odds = [found.score(f) + float(np.sum(judge.gains(f, rivals[0]))) for f in rivals]
+    """The alternatives that motions held out leave open too, the likeliest first.
+
+    Laws that are the same to first order, as load friction and gears' efficiency are, tie where nothing is fitted yet:
+    rounding decides at which of them the search ends.
+    """
+    gains = [0.0 if judge.held is None else float(np.sum(judge.gains(f, rivals[0]))) for f in rivals]
+    odds = [found.score(f) + gain for f, gain in zip(rivals, gains, strict=True)]
     order = sorted(range(len(rivals)), key=lambda k: -odds[k])
     return tuple(rivals[k] for k in order if odds[k] > odds[order[0]] - RIVAL)
 
@@ -331,9 +339,9 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # nothing can be left out
     while claims and not blind:
-        late = next((c for c in claims if _is_a_step(accepted, c)), None)
-        if late is not None:
-            accepted, claims = claimed(found, late.without)
+        other = next((c for c in claims if _is_a_step(accepted, c) or _is_a_line(accepted, c)), None)
+        if other is not None:
+            accepted, claims = claimed(found, other.without)
             continue
         plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
         left, share = judge.of(plain), judge.share(accepted)

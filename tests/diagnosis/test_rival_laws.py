@@ -14,10 +14,11 @@ from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.fit import Free
 from energy_opt.diagnosis.noise import Noise, standing_noise
 from energy_opt.diagnosis.usable import Foreseen, foreseen
-from energy_opt.diagnosis.verdict import _left_open
+from energy_opt.diagnosis.verdict import _is_a_line, _left_open
 from energy_opt.diagnosis.words import headline
-from energy_opt.effects import ViscousFriction
+from energy_opt.effects import Standby, StandbyDrift, ViscousFriction
 from energy_opt.measured import read_set
+from energy_opt.power import PowerModel
 
 pytest.importorskip("mujoco")
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -106,6 +107,13 @@ def test_held_out_motions_settle_which_alternative_stays(gains, left):
     assert "".join(f.name for f in _left_open(SimpleNamespace(score=lambda f: 5.0), judge, (a, b))) == left
 
 
+def test_without_motions_held_out_the_likelier_alternative_is_claimed():
+    """The search may end at either of two laws that are the same to first order."""
+    a, b = SimpleNamespace(score=5.0), SimpleNamespace(score=6.0)
+    found, judge = SimpleNamespace(score=lambda f: f.score), SimpleNamespace(held=None)
+    assert _left_open(found, judge, (a, b)) == (b, a)
+
+
 def test_the_headline_states_no_share_of_nothing():
     error = {"train": None, "holdout": {"power_rmse": 2.0, "energy_percent": 1.0}}
     document = {
@@ -114,3 +122,24 @@ def test_the_headline_states_no_share_of_nothing():
     }  # fmt: skip
     said = headline(document)
     assert "0.0 %" not in said.split(";")[0] and "near the noise" in said
+
+
+def test_positions_in_steps_of_a_milliradian_are_no_lag_of_the_meter(tmp_path):
+    """Their smoothing takes away edges of the power, as a meter's filter with a delay would."""
+    truth = write_world(World("z1", 700_003, (0.0, 0.05), "white", motions=5, poses=3), tmp_path)
+    for file in tmp_path.glob("run*.csv"):
+        head, *lines = file.read_text().splitlines()
+        x = np.loadtxt(lines, delimiter=",")
+        columns = [k for k, name in enumerate(head.split(",")) if name.endswith(".position")]
+        x[:, columns] = np.round(x[:, columns], 3)
+        np.savetxt(file, x, "%.6f", ",", header=head, comments="")
+    found = diagnose(read_set(tmp_path, truth.robot), truth.declared)
+    assert not {"meter_delay", "meter_filter", "meter_window", "armature"} & {x.name for x in found.effects}
+
+
+@pytest.mark.parametrize(("soak", "line"), [(60.0, False), (900.0, True)])
+def test_a_warm_up_longer_than_the_set_is_drift_of_the_meter(soak, line):
+    model = PowerModel("", (Standby(power=10.0), StandbyDrift(power=5.0, time_constant=soak)))
+    world = SimpleNamespace(samples=SimpleNamespace(n=6, t=np.array([0.0, 300.0])))
+    f = SimpleNamespace(names=("standby_drift",), model=model, world=world)
+    assert _is_a_line(f, SimpleNamespace(without=SimpleNamespace(names=()))) is line

@@ -16,6 +16,7 @@ from energy_opt.power import PowerModel
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
 RIVAL = 3.0  # and within which another set explains as well: twenty to one
 TURNS = 3
+LAGS = 1.5  # times the time that positions leave open, which a lag of the meter must exceed
 AS_LINKS = ("payload", "base_tilt", "gravity_spring")  # effects that deviations of links can stand for
 MOST = 6  # alternatives that are fitted
 LIKE = 0.1  # of an effect's squares, that a free function of the same signal leaves at most
@@ -60,6 +61,26 @@ def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
         if weakest.odds >= CLAIM:
             return best, tuple(claims)
         best = weakest.without
+
+
+def is_a_step(f: Fit, claim: Claim) -> bool:
+    """Is what is claimed a lag of the meter that samples, steps and smoothing of the positions explain?
+
+    So is a filter with a delay against it: together they smooth without a lag, as positions are smoothed.
+    """
+    name, n = next(n for n in f.names if n not in claim.without.names), f.world.samples.n
+    lags = {e.name: float(e.full(n)[0]) for e in f.model.effects if e.stage == "meter" and e.parameters[0].unit == "s"}
+    return name in lags and min(abs(lags[name]), abs(sum(lags.values()))) <= LAGS * f.world.samples.lag
+
+
+def is_a_line(f: Fit, claim: Claim) -> bool:
+    """Is what is claimed a change of level whose time constant is longer than the set? A meter drifts like that too."""
+    effect = f.model.get(next(n for n in f.names if n not in claim.without.names))
+    if effect is None or not (effect.drifts and effect.overhead):
+        return False
+    units = [p.unit for p in effect.parameters for _ in range(p.count(f.world.samples.n, effect.extents))]
+    times = [x for x, unit in zip(effect.full(f.world.samples.n), units, strict=True) if unit == "s"]
+    return any(x > float(np.ptp(f.world.samples.t)) for x in times)
 
 
 def without_effects(found: Search, f: Fit) -> Fit:

@@ -22,21 +22,21 @@ PIECE = 8192  # nodes that are worked on at once, where each takes kilobytes
 class Samples:
     """K nodes and M readings of R runs, run after run; with a fast meter without windows they are the same instants.
 
-        Attributes:
-            q, v, a: (K, n) rad, rad/s, rad/s^2 at the nodes. t: (K,) set time, s. slices: where each run's nodes lie.
-            temperature: (K, n) degC or nan. torque: (K, n) logged torque [N m] or current [A] of the joints, or nan.
-            at: (M,) set time of the readings, s. power: (M,) W. parts: where each run's readings lie.
-            operators: of every run the matrix from nodes to readings, None where both are the same.
-            counts: how many readings of the meter stand in one of these.
-            weight: (M,) trust in each reading, 1 is whole, see `weighted`.
-            noise: standard deviation of a reading's white noise, W. floor: of a single reading of the meter, W.
-            clock: True where the log states every run's set time. files, kinds: of the runs.
-            single: set time and power of every single reading of the meter, run by run.
-            logged: by name (K,) of further signals that every run has, and that change somewhere.
-            group: how many neighbouring readings were averaged to one, 1 in all but long sets.
-            blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
+    Attributes:
+        q, v, a: (K, n) rad, rad/s, rad/s^2 at the nodes. t: (K,) set time, s. slices: where each run's nodes lie.
+        temperature: (K, n) degC or nan. torque: (K, n) logged torque [N m] or current [A] of the joints, or nan.
+        at: (M,) set time of the readings, s. power: (M,) W. parts: where each run's readings lie.
+        operators: of every run the matrix from nodes to readings, None where both are the same.
+        counts: how many readings of the meter stand in one of these.
+        weight: (M,) trust in each reading, 1 is whole, see `weighted`.
+        noise: standard deviation of a reading's white noise, W. floor: of a single reading of the meter, W.
+        clock: True where the log states every run's set time. files, kinds: of the runs.
+        single: set time and power of every single reading of the meter, run by run.
+        logged: by name (K,) of further signals that every run has, and that change somewhere.
+        group: how many neighbouring readings were averaged to one, 1 in all but long sets.
+        blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
         lag: s, how far samples, steps and smoothing of the positions leave the motion's time open.
-            allowed: (M,) W^2, variance of single readings by such errors and by clocks, see `weighted`.
+        allowed: (M,) W^2, variance of single readings by such errors and by clocks, see `weighted`.
     """
 
     body: RigidBody

@@ -20,6 +20,8 @@ from energy_opt.diagnosis.claims import (
     alternatives,
     claimed,
     instead_of_links,
+    is_a_line,
+    is_a_step,
     links_show,
     other_drives,
     plain_fit,
@@ -49,7 +51,6 @@ log = logging.getLogger(__name__)
 ALIKE = 1.1  # times the error, within which a set foresees as well
 CHANCE = 2.0  # standard deviations
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
-LAGS = 1.5  # times what samples and steps of positions leave open of the time, that a lag of the meter must exceed
 NOISE = 1.2  # times the noise, below which a model's held-out error is noise
 TURNS, EARLY = 5, 2  # of the search for the noise, and rounds of search in each: a misfit read as effects hides it
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
@@ -272,25 +273,6 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
     return found, max([best, *other_drives(found, best)], key=found.score), noise
 
 
-def _is_a_step(f: Fit, claim: Claim) -> bool:
-    """Is what is claimed a lag of the meter that samples and steps of the positions explain?"""
-    name = next(n for n in f.names if n not in claim.without.names)
-    effect = f.model.get(name)
-    if effect is None or effect.stage != "meter" or effect.parameters[0].unit != "s":
-        return False
-    return abs(float(effect.full(f.world.samples.n)[0])) <= LAGS * f.world.samples.lag
-
-
-def _is_a_line(f: Fit, claim: Claim) -> bool:
-    """Is what is claimed a change of level whose time constant is longer than the set? A meter drifts like that too."""
-    effect = f.model.get(next(n for n in f.names if n not in claim.without.names))
-    if effect is None or not (effect.drifts and effect.overhead):
-        return False
-    units = [p.unit for p in effect.parameters for _ in range(p.count(f.world.samples.n, effect.extents))]
-    times = [x for x, unit in zip(effect.full(f.world.samples.n), units, strict=True) if unit == "s"]
-    return any(x > float(np.ptp(f.world.samples.t)) for x in times)
-
-
 def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -> bool:
     """Do links alone take the held-out error from above the noise to it?"""
     if declared.ratio < NOISE or not links_show(start):
@@ -339,7 +321,7 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # nothing can be left out
     while claims and not blind:
-        other = next((c for c in claims if _is_a_step(accepted, c) or _is_a_line(accepted, c)), None)
+        other = next((c for c in claims if is_a_step(accepted, c) or is_a_line(accepted, c)), None)
         if other is not None:
             accepted, claims = claimed(found, other.without)
             continue

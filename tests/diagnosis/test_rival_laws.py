@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.claims import is_a_line
 from energy_opt.diagnosis.fit import Free
 from energy_opt.diagnosis.noise import Noise, standing_noise
 from energy_opt.diagnosis.usable import Foreseen, foreseen
-from energy_opt.diagnosis.verdict import _is_a_line, _left_open
+from energy_opt.diagnosis.verdict import _left_open
 from energy_opt.diagnosis.words import headline
 from energy_opt.effects import Standby, StandbyDrift, ViscousFriction
 from energy_opt.measured import read_set
@@ -142,4 +143,4 @@ def test_a_warm_up_longer_than_the_set_is_drift_of_the_meter(soak, line):
     model = PowerModel("", (Standby(power=10.0), StandbyDrift(power=5.0, time_constant=soak)))
     world = SimpleNamespace(samples=SimpleNamespace(n=6, t=np.array([0.0, 300.0])))
     f = SimpleNamespace(names=("standby_drift",), model=model, world=world)
-    assert _is_a_line(f, SimpleNamespace(without=SimpleNamespace(names=()))) is line
+    assert is_a_line(f, SimpleNamespace(without=SimpleNamespace(names=()))) is line

@@ -125,6 +125,7 @@ def test_the_headline_states_no_share_of_nothing():
     assert "0.0 %" not in said.split(";")[0] and "near the noise" in said
 
 
+@pytest.mark.slow
 def test_positions_in_steps_of_a_milliradian_are_no_lag_of_the_meter(tmp_path):
     """Their smoothing takes away edges of the power, as a meter's filter with a delay would."""
     truth = write_world(World("z1", 700_003, (0.0, 0.05), "white", motions=5, poses=3), tmp_path)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import shutil
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,7 +13,6 @@ from typing import Any
 
 from energy_opt.batches.executors import cluster, local
 from energy_opt.batches.journal import Journal, read_journal
-from energy_opt.batches.progress import Progress
 from energy_opt.batches.records import Record, Row, write_parquet
 from energy_opt.batches.runner import Solver, run_tasks
 from energy_opt.batches.suite import Suite
@@ -78,7 +79,7 @@ def run_batch(
     resume: bool = False,
     force: bool = False,
     scheduler: str | None = None,
-    quiet: bool = True,
+    show: Callable[[str, float], None] = lambda text, share: None,
     solve: Solver = solve_task,
     command: str | None = None,
     worth: PerYear | None = None,
@@ -92,6 +93,7 @@ def run_batch(
         resume: go on from what an earlier run left in `out`.
         force: overwrite the finished results of another suite, or of another version of this one.
         scheduler: address of a Dask cluster that computes instead.
+        show: called after every move with a line for a person and the share of the remaining moves that is done.
         solve: what workers do with a task; must be importable there.
         command: the command line, for the report.
         worth: how often in a year all moves are made, each once; the summary states what the savings are worth.
@@ -111,30 +113,32 @@ def run_batch(
                 records.setdefault(record["key"], record)
         left_out = sum(record["key"] not in wanted for record in journal.records)
         (Path(out) / "summary.json").unlink(missing_ok=True)
-        progress = Progress(len(wanted), len(records), quiet=quiet)
+        before, begin = len(records), time.monotonic()
         place = partial(cluster, scheduler) if scheduler else partial(local, jobs)
         left = [task for task in suite.tasks if task.key not in records]
         log.info("%d moves to do, %d known; starting %s", len(left), len(records), scheduler or f"{jobs} processes")
-        interrupted = False
+        interrupted, failed = False, 0
         try:
-            for record in run_tasks(left, place, progress.show, solve):
+            for record in run_tasks(left, place, solve):
                 journal.append(record)
                 records[record["key"]] = record
                 log.info("%s", _said(record["row"]))
-                progress.count(record["row"]["status"] == "solved")
+                failed += record["row"]["status"] != "solved"
+                text = f"{len(records)}/{len(wanted)} moves" + (f", {failed} not solved" if failed else "")
+                show(text, (len(records) - before) / len(left))
         except KeyboardInterrupt:
             interrupted = True
             for record in read_journal(journal.path)[1]:  # it may have come between the disk and `records`
                 if record["key"] in wanted:
                     records.setdefault(record["key"], record)
-        progress.show(last=True)
         found = [records[key]["row"] for key in wanted if key in records]
+        seconds, count = time.monotonic() - begin, len(records) - before
         run = {
             "jobs": None if scheduler else jobs,
             "scheduler": scheduler,
-            "seconds": progress.seconds,
-            "moves": progress.done - progress.before,
-            "moves_per_second": progress.rate,
+            "seconds": seconds,
+            "moves": count,
+            "moves_per_second": count / max(seconds, 1e-9),
             "command": command,
         }
         log.info("writing results.parquet, report.html and summary.json")

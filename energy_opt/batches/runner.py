@@ -13,15 +13,10 @@ from energy_opt.batches.task import Task
 from energy_opt.batches.work import solve_task
 from energy_opt.errors import EnergyOptError
 
-TICK = 0.5  # s between two looks at the clock for the progress line
-
-
 Solver = Callable[[Task], Record]
 
 
-def run_tasks(
-    tasks: Sequence[Task], place: Opener, tick: Callable[[], None] = lambda: None, solve: Solver = solve_task
-) -> Iterator[Record]:
+def run_tasks(tasks: Sequence[Task], place: Opener, solve: Solver = solve_task) -> Iterator[Record]:
     """Records of all tasks, in the order in which they come.
 
     Tasks that were in the hands of a pool whose worker died are tried again, each alone; the one that kills its
@@ -29,10 +24,10 @@ def run_tasks(
     """
     left = deque(sorted(tasks, key=_by_build(tasks)))
     while left:
-        suspects = yield from _drain(left, place, tick, solve)
+        suspects = yield from _drain(left, place, solve)
         for task in suspects:
             alone = deque([task])
-            if (yield from _drain(alone, lambda: local(1), tick, solve)):
+            if (yield from _drain(alone, lambda: local(1), solve)):
                 yield failed(task, "the worker process died while it solved this move")
 
 
@@ -43,9 +38,7 @@ def _by_build(tasks: Sequence[Task]) -> Callable[[Task], tuple[int, int]]:
     return lambda task: (group[task.index], task.index)
 
 
-def _drain(
-    left: deque[Task], place: Opener, tick: Callable[[], None], solve: Solver
-) -> Generator[Record, None, list[Task]]:
+def _drain(left: deque[Task], place: Opener, solve: Solver) -> Generator[Record, None, list[Task]]:
     """Run tasks from `left` until it is empty or a worker dies; returns the tasks that were under way when one did."""
     running: dict[Future[Record], Task] = {}
     suspects: list[Task] = []
@@ -59,7 +52,7 @@ def _drain(
                         suspects.append(left.popleft())
                     break
                 left.popleft()
-            done, _ = wait(running, timeout=TICK, return_when=FIRST)
+            done, _ = wait(running, return_when=FIRST)
             for future in sorted(done, key=lambda f: running[f].index):
                 task = running.pop(future)
                 try:
@@ -70,5 +63,4 @@ def _drain(
                     raise EnergyOptError("the cluster gave up its work; --resume does what is left") from None
                 except Exception as error:
                     yield failed(task, f"{type(error).__name__}: {error}")
-            tick()
     return suspects

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -62,10 +61,10 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Comparison:
         allow_outside=request.allow_outside, allow_large=request.allow_large,
     )  # fmt: skip
     out = out_of(request, suite.name)
-    with desk.showing() if desk.verbose else nullcontext():
+    with desk.showing() as show:
         batch = run_batch(
             suite, out, jobs=jobs, resume=request.resume, force=request.force, scheduler=request.scheduler,
-            quiet=request.quiet and desk.quiet, command=desk.stamped({})["command"], worth=worth,
+            show=show, command=desk.stamped({})["command"], worth=worth,
         )  # fmt: skip
     if batch.left_out:
         desk.say(f"{batch.left_out} earlier results belong to another version of the suite; left out")

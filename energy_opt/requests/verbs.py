@@ -51,7 +51,6 @@ class BenchRequest(WorthGroup, PlannedCellGroup, DeadlineGroup, PayloadGroup, Ro
     self_collision: bool | None = option(None, "the arm keeps clear of itself (the suite's)", "on|off", kind=bool)
     planner: str | None = option(None, "source of the first path: auto, none or ompl (the suite's)", "NAME")
     overrides: Mapping[str, Any] | None = option(None, "entries in place of every table's own", internal=True)
-    quiet: bool = option(True, "no progress", kind=bool, internal=True, written=False)
 
 
 @dataclass(frozen=True)

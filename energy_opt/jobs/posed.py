@@ -165,9 +165,11 @@ class Posed:
         q = at[np.argmin(np.abs(at - self.job.robot.limits.near_zero).sum(axis=1))]
         out: Ends = {self.moving[-1]: q}
         for k in self.moving[:-1]:
-            ways = self.sets[k]
-            quick = fastest(self.job.robot, np.broadcast_to(q, ways.shape), ways) + 1e-3 * np.abs(ways - q).sum(axis=1)
-            q = out[k] = ways[int(np.argmin(quick))]
+            reached = self.sets[k]
+            quick = fastest(self.job.robot, np.broadcast_to(q, reached.shape), reached) + 1e-3 * np.abs(
+                reached - q
+            ).sum(axis=1)
+            q = out[k] = reached[int(np.argmin(quick))]
         return out
 
     def _bent_legs(self, result: JobResult) -> dict[int, Bent]:

@@ -107,8 +107,8 @@ def _shown(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     slack = rival.slack
     if slack is None:
         return predict(rival.model, samples).reading, np.zeros((len(samples.power), 0))
-    ways = samples.deviating(np.column_stack([slack.push, slack.links]))
-    p = predict(rival.model, samples, ways[:, :, 0], ways[:, :, 1:])
+    by_amount = samples.deviating(np.column_stack([slack.push, slack.links]))
+    p = predict(rival.model, samples, by_amount[:, :, 0], by_amount[:, :, 1:])
     return p.reading, np.column_stack([p.jacobian @ slack.values + p.pushed, np.full(len(p.reading), slack.level)])
 
 

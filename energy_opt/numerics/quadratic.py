@@ -172,8 +172,8 @@ class Constraints:
 
     def moved(self, d: np.ndarray) -> Constraints:
         """The constraints as seen from a point from which these are d away."""
-        gone = self.times(d)
-        return Constraints(**{**self.__dict__, "floor": self.floor + gone, "ceiling": self.ceiling + gone})
+        moved = self.times(d)
+        return Constraints(**{**self.__dict__, "floor": self.floor + moved, "ceiling": self.ceiling + moved})
 
 
 BY_KIND = ("border", "floor", "ceiling", "keys")  # one for each constraint, of all kinds

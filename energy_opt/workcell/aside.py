@@ -72,12 +72,12 @@ def aside(
     if work.best is None:
         return None
     try:
-        made = mended_clear(context, work.search, task, work.best)
+        found = mended_clear(context, work.search, task, work.best)
     except Infeasible:
         return None
-    if made.trajectory is None:
+    if found.trajectory is None:
         return None
-    return Answer(at_rest(made.trajectory), planner.score(made.trajectory), "around another arm")
+    return Answer(at_rest(found.trajectory), planner.score(found.trajectory), "around another arm")
 
 
 def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: Limits, seed: int) -> list[Line]:

@@ -133,8 +133,12 @@ def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution |
     line = retimed()
     if line is None or not line.converged:
         return None
-    made = mended_timing(context, move, line)
-    return replace(made, message=f"a move of less than {SMALL:g} rad: timed along its line") if made.converged else None
+    candidate = mended_timing(context, move, line)
+    return (
+        replace(candidate, message=f"a move of less than {SMALL:g} rad: timed along its line")
+        if candidate.converged
+        else None
+    )
 
 
 def least_energy_timing(context: Context, move: Move, timing: Timing) -> RetimeSolution | None:

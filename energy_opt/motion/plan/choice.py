@@ -41,8 +41,8 @@ class Work:
     @property
     def candidates(self) -> list[tuple[str, Trajectory]]:
         """What was found, the form that was asked for first."""
-        made = (("reshape", self.reshaped), ("retime", self.retimed))
-        return [(name, m.trajectory) for name, m in made if m is not None and m.trajectory is not None]
+        candidates = (("reshape", self.reshaped), ("retime", self.retimed))
+        return [(name, m.trajectory) for name, m in candidates if m is not None and m.trajectory is not None]
 
     @property
     def asked(self) -> Made:
@@ -70,7 +70,9 @@ def choose(
     found, more = least(
         context, move, work, further if context.settings.objective == "energy" or context.stopped() else []
     )
-    iterations = more + sum(made.iterations for made in (work.reshaped, work.retimed) if made is not None)
+    iterations = more + sum(
+        candidate.iterations for candidate in (work.reshaped, work.retimed) if candidate is not None
+    )
     if found is None:
         raise Infeasible(work.asked.message or "no trajectory within limits was found", limit="duration")
     name, best = found

@@ -83,13 +83,13 @@ def kept_clear(
         work.best_of([(task.curve(level.shape, line), TRUST) for line in found])
     if work.best is None:
         return Made(None, work.search.iterations, True, NOTHING, free.starts)
-    made = mended_clear(context, work.search, task, work.best)
-    trajectory = made.trajectory
+    candidate = mended_clear(context, work.search, task, work.best)
+    trajectory = candidate.trajectory
     if trajectory is not None and free_time and move.duration is not None and trajectory.duration <= move.duration:
-        assert made.outcome is not None
-        trajectory = trajectory_of(replace(made.outcome.curve, duration=move.duration), context.robot.joints)
+        assert candidate.outcome is not None
+        trajectory = trajectory_of(replace(candidate.outcome.curve, duration=move.duration), context.robot.joints)
     spent = wider.iterations + work.search.iterations
-    return replace(made, trajectory=trajectory, iterations=spent, starts=free.starts)
+    return replace(candidate, trajectory=trajectory, iterations=spent, starts=free.starts)
 
 
 @dataclass

@@ -67,15 +67,17 @@ def wider_optima(
             found.append(reshaped(other, move, timing, retimed))
         except Infeasible:
             continue
-    good = [made for made in found if made.outcome is not None]
+    good = [candidate for candidate in found if candidate.outcome is not None]
     if not good:
         return free
-    best = min(good, key=lambda made: made.outcome.cost if made.outcome is not None else np.inf)
+    best = min(good, key=lambda candidate: candidate.outcome.cost if candidate.outcome is not None else np.inf)
     optima: list[Outcome] = []
-    for optimum in sorted((optimum for made in found for optimum in made.optima), key=lambda optimum: optimum.cost):
+    for optimum in sorted(
+        (optimum for candidate in found for optimum in candidate.optima), key=lambda optimum: optimum.cost
+    ):
         if not any(alike(optimum.curve, other.curve) for other in optima):
             optima.append(optimum)
-    return replace(best, optima=tuple(optima), iterations=sum(made.iterations for made in found))
+    return replace(best, optima=tuple(optima), iterations=sum(candidate.iterations for candidate in found))
 
 
 def alike(a: Curve, b: Curve) -> bool:

@@ -49,18 +49,18 @@ class Room:
         parts: list[tuple[int, np.ndarray, Any]] = []
         known: dict[tuple[int, bool], range] = {}
         pairs, margins = [], []
-        for p, sides in enumerate(cell.bodies.pairs.tolist()):
+        for p, pair in enumerate(cell.bodies.pairs.tolist()):
             margin = LOOKED * float(self._kept[p])
             fine = any(self._too_fat(p, q, margin) for q in ends)
-            for k in sides:
+            for k in pair:
                 if (k, fine) not in known:
                     body = cell.bodies.all[k]
                     exact = fine and body.solid.mesh is not None
                     shapes = [body.solid.mesh] if exact else [piece.geometry for piece in body.solid.pieces]
                     known[k, fine] = range(len(parts), len(parts) + len(shapes))
                     parts += [(body.joint, body.pose, shape) for shape in shapes]
-            for a in known[sides[0], fine]:
-                for b in known[sides[1], fine]:
+            for a in known[pair[0], fine]:
+                for b in known[pair[1], fine]:
                     pairs.append((a, b))
                     margins.append(margin)
         check = cell.robot.body.collision_check

@@ -133,11 +133,9 @@ def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution |
     line = retimed()
     if line is None or not line.converged:
         return None
-    candidate = mended_timing(context, move, line)
+    found = mended_timing(context, move, line)
     return (
-        replace(candidate, message=f"a move of less than {SMALL:g} rad: timed along its line")
-        if candidate.converged
-        else None
+        replace(found, message=f"a move of less than {SMALL:g} rad: timed along its line") if found.converged else None
     )
 
 

@@ -26,41 +26,67 @@ typedef struct { /* where bounds are: of N + k unknowns, of constraints with a f
 static double larger(double x, double y) { return x > y ? x : y; }
 static double smaller(double x, double y) { return x < y ? x : y; }
 
-/* Write the Cholesky factor of a band over it; false where it is not positive definite. */
-static bool factorise(double *ab, I size, I width) {
-    for (I j = 0; j < size; j++) {
-        double *p = ab + j * width;
-        if (!(p[0] > 0 && p[0] < 1e300)) return false;
-        I m = width < size - j ? width : size - j;
-        double s = sqrt(p[0]);
-        p[0] = s;
-        for (I i = 1; i < m; i++) p[i] /= s;
-        for (I i = 1; i < m; i++) {
-            double x = p[i], *restrict to = ab + (j + i) * width;
-            const double *restrict from = p + i;
-            if (x != 0)
-                for (I k = 0; k < m - i; k++) to[k] -= x * from[k];
+/* A factor keeps its columns `stride` apart, so that loops may run in whole blocks of eight into zeros behind each; the
+   last of these is the inverse of the diagonal. Four columns of zeros and `solve`'s vector come behind it. */
+static I stride_of(I width) { return (width + 19) / 8 * 8; }
+static I factor_size(I size, I width) { return (size + 4) * stride_of(width) + size + width + 16; }
+
+/* to -= x * from, `count` entries and up to seven behind them. */
+static void subtract(double *restrict to, double x, const double *restrict from, I count) {
+    for (I k = 0; k < count; k += 8)
+        for (I l = k; l < k + 8; l++) to[l] -= x * from[l];
+}
+
+/* The Cholesky factor of a band into `f`; false where it is not positive definite. Four columns at a time act on those
+   behind them, so that their entries are loaded and stored once for four products. */
+static bool factorise(const double *ab, I size, I width, double *f) {
+    I stride = stride_of(width);
+    memset(f, 0, factor_size(size, width) * sizeof(double));
+    for (I j = 0; j < size; j++)
+        memcpy(f + j * stride, ab + j * width, (width < size - j ? width : size - j) * sizeof(double));
+    for (I j = 0; j < size; j += 4) {
+        double *p = f + j * stride;
+        I block = 4 < size - j ? 4 : size - j, last = j + width + 3 < size ? j + width + 3 : size;
+        for (I q = 0; q < block; q++) {
+            double *own = p + q * stride;
+            if (!(own[0] > 0 && own[0] < 1e300)) return false;
+            double inverse = 1 / sqrt(own[0]);
+            for (I k = 0; k < width; k++) own[k] *= inverse;
+            own[stride - 1] = inverse;
+            for (I i = 1; i < block - q && i < width; i++) subtract(own + i * stride, own[i], own + i, width - i);
+        }
+        for (I c = j + 4; c < last; c++) {
+            I i = c - j, count = width + 3 - i;
+            double *restrict to = f + c * stride;
+            const double *restrict a = p + i, *restrict b = a + stride - 1, *restrict d = b + stride - 1,
+                         *restrict e = d + stride - 1;
+            double x = a[0], y = b[0], z = d[0], w = e[0];
+            for (I k = 0; k < count; k += 8)
+                for (I l = k; l < k + 8; l++) to[l] -= x * a[l] + y * b[l] + z * d[l] + w * e[l];
         }
     }
     return true;
 }
 
 /* Solve with a factor, in place, x (N,). */
-static void solve(const double *ab, I size, I width, double *x) {
+static void solve(double *f, I size, I width, double *x) {
+    I stride = stride_of(width);
+    double *restrict at = f + (size + 4) * stride;
+    memcpy(at, x, size * sizeof(double));
     for (I j = 0; j < size; j++) {
-        const double *p = ab + j * width;
-        I m = width < size - j ? width : size - j;
-        double y = x[j] / p[0];
-        x[j] = y;
-        for (I i = 1; i < m; i++) x[j + i] -= p[i] * y;
+        const double *p = f + j * stride;
+        at[j] *= p[stride - 1];
+        subtract(at + j + 1, at[j], p + 1, width - 1);
     }
     for (I j = size - 1; j >= 0; j--) {
-        const double *p = ab + j * width;
-        I m = width < size - j ? width : size - j;
-        double s = x[j];
-        for (I i = 1; i < m; i++) s -= p[i] * x[j + i];
-        x[j] = s / p[0];
+        const double *p = f + j * stride;
+        double s[8] = {0};
+        for (I k = 1; k < width; k += 8)
+            for (I l = 0; l < 8; l++) s[l] += p[k + l] * at[j + k + l];
+        at[j] -= (s[0] + s[1] + s[2] + s[3]) + (s[4] + s[5] + s[6] + s[7]);
+        at[j] *= p[stride - 1];
     }
+    memcpy(x, at, size * sizeof(double));
 }
 
 /* The product of a symmetric band with x (N,). */
@@ -300,8 +326,8 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
     I size = at->size, count = a->border, inner = size - count, rows = a->one + a->wide + a->placed;
     I begin = 2 * size, total = begin + at->lows + at->highs, pairs = 2 * total - begin;
     double damping = told[1];
-    double *work = calloc(14 * total + 5 * size + 2 * rows + inner * width + 2 * inner * count + count * count + count,
-                          sizeof(double));
+    double *work = calloc(14 * total + 5 * size + 2 * rows + inner * width + 2 * inner * count + count * count + count +
+                              factor_size(inner, width), sizeof(double));
     if (!work) return 2;
     double *next = work;
 #define TAKE(name, length) double *name = next; next += (length)
@@ -311,7 +337,7 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
     TAKE(change, size); TAKE(residual, size); TAKE(part, size); TAKE(whole, size); TAKE(moved, size + rows);
     TAKE(y, rows);
     TAKE(ab, inner * width); TAKE(edge_now, inner * count); TAKE(through, inner * count);
-    TAKE(corner_now, count * count); TAKE(last, count);
+    TAKE(corner_now, count * count); TAKE(last, count); TAKE(factor, factor_size(inner, width));
     memcpy(moved, low_box, size * sizeof(double));
     memcpy(moved + size, floor_, rows * sizeof(double));
     spread(moved, at, b);
@@ -351,10 +377,10 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
             for (I i = inner; i < size; i++) corner_now[(i - inner) * (count + 1)] += weight[i] + weight[size + i];
             by_constraint(weight, at, 1, rows, by_row);
             add_square(by_row, a, ab, inner, edge_now, corner_now, whole, y);
-            bool good = factorise(ab, inner, width);
+            bool good = factorise(ab, inner, width, factor);
             for (I k = 0; good && k < count; k++) { /* (k, inner): the border through the inverse of the band */
                 for (I i = 0; i < inner; i++) through[k * inner + i] = edge_now[i * count + k];
-                solve(ab, inner, width, through + k * inner);
+                solve(factor, inner, width, through + k * inner);
             }
             for (I k = 0; good && k < count; k++)
                 for (I j = 0; j < count; j++)
@@ -395,7 +421,7 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
                 for (I i = 0; i < inner; i++) last[k] -= through[k * inner + i] * change[i];
             }
             solve_small(corner_now, count, last);
-            solve(ab, inner, width, change);
+            solve(factor, inner, width, change);
             for (I k = 0; k < count; k++) {
                 change[inner + k] = last[k];
                 for (I i = 0; i < inner; i++) change[i] -= through[k * inner + i] * last[k];
@@ -404,11 +430,13 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
             banded_times(change, inner, a, moved + size);
             spread(moved, at, slope);
             double most = 1; /* the inverse of the share at which the first of t, lam, e, room becomes zero */
+#pragma omp simd reduction(max : most)
             for (I i = 0; i < total; i++) {
                 dl[i] = s[i] - weight[i] * slope[i];
                 dt[i] = (to_t[i] - t[i] * dl[i]) / lam[i] - t[i];
                 most = larger(most, larger(-dt[i] / t[i], -dl[i] / lam[i]));
             }
+#pragma omp simd reduction(max : most)
             for (I i = begin; i < total; i++) {
                 de[i] = (to_e[i] + e[i] * dl[i]) / room[i] - e[i];
                 most = larger(most, larger(-de[i] / e[i], dl[i] / room[i]));

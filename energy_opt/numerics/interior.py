@@ -1,6 +1,6 @@
 """The interior-point loop of `quadratic`, in NumPy and LAPACK: for machines without a C compiler.
 
-`banded.c` does the same on arrays of the sizes that moves have in a seventh of the time.
+`banded.c` does the same on arrays of the sizes that moves have in a twentieth of the time.
 """
 
 from __future__ import annotations

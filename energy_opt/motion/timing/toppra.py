@@ -8,8 +8,12 @@ solved again.
 
 from __future__ import annotations
 
+import importlib
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -186,6 +190,18 @@ def _slowed_until_inside(
     raise not_held(robot, limits, dense, timing, "cannot be held")
 
 
+@cache
+def _without_pyplot() -> None:
+    """Import toppra without matplotlib, which it needs for its inspection plots alone: 0.4 s of CPU."""
+    absent = [name for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules]
+    sys.modules.update({name: ModuleType(name) for name in absent})
+    try:
+        importlib.import_module("toppra.algorithm")
+    finally:
+        for name in absent:
+            del sys.modules[name]
+
+
 def _solve(
     robot: Robot,
     at: PathDynamics,
@@ -195,6 +211,7 @@ def _solve(
     tight: Tightening,
 ) -> Timing:
     """One run of TOPP-RA on the grid at.s, the Greville points of `knots`."""
+    _without_pyplot()
     from toppra.algorithm import TOPPRA
 
     rows = _Rows.of(robot.joints, [(limit, line, tight.of(limit)) for limit, line in tangents if line is not None])

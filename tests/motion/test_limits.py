@@ -105,13 +105,13 @@ def test_a_limit_of_numeric_rows_is_kept_by_a_solve(panda: Robot, model: PowerMo
     bent = fitted(level.shape, u, line + np.outer(np.sin(np.pi * u) ** 2, MIDDLE - START), ends, 2.0)
     free = level.solve(bent, ends, own, model.values(7), (2.0, 2.0))
     ball = OutsideBall(free.curve.position(np.array([0.5]))[0], 0.3)  # in the way
-    near_by = {"mu_init": 1e-3}
-    held = level.solve(free.curve, ends, (*own, ball), model.values(7), (2.0, 2.0), reach=1.0, options=near_by)
-    near = np.linalg.norm(held.curve.position(np.linspace(0.02, 0.98, 33)) - ball.centre, axis=1).min()
-    assert free.converged and held.converged and held.cost > free.cost
-    assert 0.3 - 1e-6 < near < 0.4 and held.broken < 1e-6 and ball.asked >= 1
-    short = level.solve(bent, ends, own, model.values(7), (2.0, 2.0), reach=0.05)
-    assert np.abs(short.curve.points - bent.points).max() <= 0.05 + 1e-9
+    held = level.solve(free.curve, ends, (*own, ball), model.values(7), (2.0, 2.0), options={"mu_init": 1e-3})
+    near = [
+        np.linalg.norm(found.curve.position(np.linspace(0.02, 0.98, 33)) - ball.centre, axis=1).min()
+        for found in (free, held)
+    ]
+    assert free.converged and held.converged and near[0] < 0.1
+    assert near[1] > 0.3 - 1e-6 and held.broken < 1e-6 and ball.asked >= 1
 
 
 def passing(time: np.ndarray, position: np.ndarray) -> Trajectory:

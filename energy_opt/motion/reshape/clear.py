@@ -31,14 +31,14 @@ MARGIN = 0.002  # [m] rows keep this much more than is to be proven
 BESIDE = 0.005  # [m] farther a curve is not looked at to find out whether it keeps clear
 HAIR = 2e-4  # [m] more than is to be proven is kept at the many places
 MORE, MOST = 0.0007, 0.003  # [m] added to it where a proof failed, and how much of that at most
-RAMP = 0.15  # share of the move over which the margin of an end that stands nearer grows to the full one
+RAMP = 0.15  # share of the move over which the margin of an end that is nearer grows to the full one
 END_SHARE = 0.8  # of what an end has beyond the clearance that is asked for, the margin there
 TRUST = 0.1  # [rad, m] of the first step from a curve that is free
 ROUNDS, AGAIN = 10, 5  # descents from a curve at most; iterations of each but the first
 SLACK, GIVE = 0.01, 0.1  # of rows over planes, and of limits in the first descent, that count as kept while it goes on
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
 FINE = 1e-3  # relative: such a descent ends where so little is to be won
-POLISH = 1e-5  # IPOPT's tolerance
+RESOLVED, EXACT = 15, 1e-6  # iterations under limits that have changed a little, and what these may be exceeded by
 
 
 @dataclass
@@ -81,7 +81,7 @@ class Margins:
                 held[pair] = self.wanted[pair] + END_SHARE * (distance - self.wanted[pair])
 
     def at(self, places: Places) -> np.ndarray:
-        """The margin (K, P) [m] of every pair: the full one, and less near an end that stands nearer."""
+        """The margin (K, P) [m] of every pair: the full one, and less near an end that is nearer."""
         full = self.wanted + MARGIN + places.more
         out = np.repeat(full[None], len(places.u), axis=0)
         for held, way in zip(self._at_ends, (places.u, 1 - places.u), strict=True):
@@ -141,17 +141,18 @@ class ClearSearch:
         return found.point.cost + 10 * self._with(Places.evenly(len(self.wanted))).broken(found.point, GIVE, SLACK)
 
     def curve_of(self, found: Descent) -> Curve:
-        """The curve where a search stands."""
+        """The curve where a search is."""
         point = found.point
         return Curve(self.level.shape, point.points, point.duration, point.via_u)
 
     def finish(
-        self, curve: Curve, iterations: int, trust: float, tolerance: float, known: float = np.inf
+        self, curve: Curve, iterations: int, trust: float, tolerance: float, known: float = np.inf, give: float = GIVE
     ) -> Outcome | None:  # fmt: skip
         """The proven curve that a search from `curve` leads to; None where that fails.
 
         Args:
             known: scaled cost of a proven curve: a search that comes to no less is given up.
+            give: share of a bound by which limits may be exceeded during the first descent.
         """
         places = Places.evenly(len(self.wanted))
         dense = (np.arange(DENSE) + 0.5) / DENSE
@@ -162,7 +163,7 @@ class ClearSearch:
             now = begin(point) if now is None else replace(now, point=point, damping=0.0)
             if first:
                 descend(
-                    model, now, iterations, trust, tolerance=tolerance, give=GIVE, slack=SLACK, stopped=self.stopped
+                    model, now, iterations, trust, tolerance=tolerance, give=give, slack=SLACK, stopped=self.stopped
                 )
             else:
                 descend(model, now, AGAIN, NEARBY, tolerance=FINE, slack=SLACK, stopped=self.stopped)
@@ -188,20 +189,11 @@ class ClearSearch:
         return None
 
     def under(self, task: Task, outcome: Outcome) -> Outcome | None:
-        """An outcome solved again nearby by IPOPT, under limits that have changed a little, over planes that do not
-        move; None where that is not proven."""
-        places = Places.evenly(len(self.wanted))
-        rows = ClearanceRows(self.near, places.u, self.margins.at(places), REACH / 2)
-        found = self.level.solve(
-            outcome.curve, task.ends, (*task.limits, rows), task.parameters, task.durations, tolerance=POLISH,
-            rows=outcome.rows, offset=task.offset, rounds=2, reach=NEARBY / 2,
-            options={"max_iter": 30, "mu_init": 1e-4},
-        )  # fmt: skip
-        self.iterations += found.iterations
-        cost, excess = self.level.excess(found.curve, task.parameters, task.limits)
-        if excess > FEASIBLE or not self.proof(found.curve).proven:
-            return None
-        return replace(found, cost=cost, broken=excess)
+        """An outcome solved again nearby, under limits that have changed a little; None where that is not proven."""
+        again = ClearSearch(self.cell, self.joints, self.level, task, self.scale, self.stopped)
+        found = again.finish(outcome.curve, RESOLVED, NEARBY / 2, FINE, give=EXACT)
+        self.iterations += again.iterations
+        return found
 
     def _with(self, places: Places) -> Model:
         """The model with rows at places."""

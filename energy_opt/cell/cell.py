@@ -30,6 +30,7 @@ ALONG, NEARLY = (
     1.2,
 )  # instants at which a given motion's own distances are measured, and up to which share of asked
 TOUCHING = 2.5 * GJK_ERROR  # [m] an end that is nearer than this touches, as far as can be told
+REMEMBERED = 8  # proofs of a cell
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,7 @@ class Cell:
     def __init__(self, robot: Robot, request: CellRequest, scene: Scene | None = None) -> None:
         self.robot, self.request, self.scene = robot, request, scene
         self.asked = CLEARANCE if request.clearance is None else request.clearance
+        self._proofs: dict[bytes, Clearance] = {}  # of the last motions: a search and the judge ask for the same
         kinematics = Kinematics(robot.body.tree())
         links = arm_bodies(robot, request.package_dirs, request.allow_large)
         self.own: OwnPairs | None = None
@@ -259,7 +261,12 @@ class Cell:
         curve = MotionCurve(time, position, velocity, acceleration)
         if wanted is None:
             wanted = self.wanted(position[[0, -1]])
-        return self._clearance(prove(self.bodies, curve, wanted), curve, float(time[0]))
+        key = b"".join(x.tobytes() for x in (time, position, velocity, acceleration, wanted))
+        if key not in self._proofs:
+            if len(self._proofs) >= REMEMBERED:
+                self._proofs.clear()
+            self._proofs[key] = self._clearance(prove(self.bodies, curve, wanted), curve, float(time[0]))
+        return self._proofs[key]
 
     def _clearance(self, proof: Proof, curve: MotionCurve, begin: float) -> Clearance:
         worst = proof.touches[0] if proof.touches else proof.least

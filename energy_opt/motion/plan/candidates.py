@@ -133,10 +133,8 @@ def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution |
     line = retimed()
     if line is None or not line.converged:
         return None
-    found = mended_timing(context, move, line)
-    return (
-        replace(found, message=f"a move of less than {SMALL:g} rad: timed along its line") if found.converged else None
-    )
+    kept = mended_timing(context, move, line)
+    return replace(kept, message=f"a move of less than {SMALL:g} rad: timed along its line") if kept.converged else None
 
 
 def least_energy_timing(context: Context, move: Move, timing: Timing) -> RetimeSolution | None:

@@ -22,7 +22,7 @@ from energy_opt.power.model import model_from_document
 from energy_opt.reports import plots
 from energy_opt.reports.optimize import page
 from energy_opt.reports.solids import drawn
-from energy_opt.reports.words import clearance_words, input_words, limits_words, same
+from energy_opt.reports.words import clearance_words, goals_words, input_words, limits_words, same
 from energy_opt.robot import Robot
 
 
@@ -129,6 +129,8 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     several = len(result.models) > 1
     lines.append(f"{result.saved} (under {result.models[0]['name']})" if several else result.saved)
     lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]
+    goals = goals_words(result.document())
+    lines += [goals] if goals else []
     if ((result.saving or {}).get("joules") or 0.0) > 0:
         lines.append(until(result.break_even_friction))
     lines += [year] if year else []

@@ -109,7 +109,8 @@ class Chooser:
         if near is not None and _rank(near) < _rank(answer):  # the search was not as good
             answer = near
         listed = [answer[0], *(c for c, _ in sorted(solved, key=_rank) if c is not answer[0])]
-        rest = [c for c in (*(c for c, _ in tried), *found) if not any(np.array_equal(c.goal, x.goal) for x in listed)]
+        others = {c.goal.tobytes(): c for c in (*found, *(c for c, _ in tried))}  # as it was looked at last
+        rest = [c for goal, c in others.items() if all(goal != x.goal.tobytes() for x in listed)]
         rest.sort(key=lambda c: (c.energy is None, c.status != "looked_at", c.estimate))
         return Chosen(
             replace(move, goal=answer[0].goal), answer[1], tuple([*listed, *rest][:LISTED]),

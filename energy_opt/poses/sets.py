@@ -39,7 +39,7 @@ def unreached(pose: Pose, found: Reached) -> Infeasible:
     held = f"; {found.blocked} is at its limit there" if found.blocked else ""
     return Infeasible(
         f"{pose.name}: no joint positions reach it; the nearest that can be reached is "
-        f"{1e3 * found.distance:.3g} mm and {np.degrees(found.angle):.3g} deg away{held}",
+        f"{1e3 * found.distance:.4g} mm and {np.degrees(found.angle):.3g} deg away{held}",
         joint=found.blocked or None,
         limit="pose",
     )

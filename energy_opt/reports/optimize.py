@@ -11,7 +11,7 @@ from energy_opt.power.assumptions import Assumption, grouped
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
 from energy_opt.reports.page import Report
-from energy_opt.reports.words import clearance_words, input_words, limits_words, same, yearly
+from energy_opt.reports.words import clearance_words, goals_words, input_words, limits_words, same, yearly
 from energy_opt.robot import Robot
 
 BESIDE = "scaled"  # the baseline that savings are stated against
@@ -36,6 +36,8 @@ def page(
     """
     report = Report(f"{document['robot']}: {document['mode']} in {document['duration']:.4g} s")
     report.headline(headline(document)).numbers(_numbers(document))
+    if goals := goals_words(document):
+        report.text(f"{goals[0].upper()}{goals[1:]}.")
     for warning in document.get("warnings", ()):
         report.warning(warning)
     if document.get("message"):

@@ -29,6 +29,24 @@ def clearance_words(found: Mapping[str, Any]) -> str:
     return f"clearance not proven{near}"
 
 
+def goals_words(found: Mapping[str, Any]) -> str:
+    """How a result's goal was chosen, and what that saves against the nearest one; "" where the goal was given."""
+    if "candidates" not in found:
+        return ""
+    near, energy = found["nearest"], found["energy"]["total"]
+    words = f"goals: {len(found['candidates'])} looked at, {found['solves']['full']} solved in full; "
+    if near["energy"] is None:
+        return words + "no motion to the nearest one was found"
+    if near["saving_joules"] <= ALLOWED * abs(energy):
+        return words + "the nearest one is the cheapest"
+    percent = 100 * near["saving_joules"] / abs(near["energy"])
+    same = "in the same time" if abs(near["duration"] - found["duration"]) < 1e-6 else f"in {near['duration']:.4g} s"
+    return (
+        words
+        + f"the nearest one takes {near['energy']:.4f} J {same}: saved {near['saving_joules']:.4g} J, {percent:.3g} %"
+    )
+
+
 def limits_words(certificate: Mapping[str, Any], unit: Callable[[str, str], str]) -> str:
     """A certificate's limits: whether all are kept, and the one that is used most.
 

@@ -21,6 +21,7 @@ from energy_opt.poses.choose import Chooser
 from energy_opt.poses.estimate import curves
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.sets import Ring, layer
+from energy_opt.reports.words import goals_words
 from energy_opt.robot import load_robot
 
 
@@ -59,12 +60,31 @@ def test_the_chosen_goal_costs_no_more_than_the_nearest(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_of_several_goals_the_cheapest_is_taken(tmp_path: Path) -> None:
+def test_of_several_goals_the_cheapest_is_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     near, far = "0.1,-1.5,1.5,-1.5,-1.5,0.1", "2.9,-1.5,1.5,-1.5,-1.5,0.1"  # equally high
     options = [*START, "--goal", far, "--goal", near, "--duration", "2", "--starts", "2", "--out", str(tmp_path)]
+    options.remove("--quiet")
     assert main(["optimize", *options]) == 0
+    assert "; the nearest one is the cheapest" in capsys.readouterr().out
+    assert "Goals: 2 looked at" in (tmp_path / "report.html").read_text()
     found = json.loads((tmp_path / "result.json").read_text())
     assert np.allclose(found["candidates"][0]["goal"], [float(x) for x in near.split(",")])
+    assert [goal["status"] for goal in found["candidates"]] == ["solved", "screened"]  # each is listed once
+
+
+def test_the_saving_is_quoted_against_the_nearest_goal_at_equal_duration() -> None:
+    near = {"energy": 12.0, "saving_joules": 2.0, "duration": 1.5}
+    found = {
+        "candidates": [{}, {}, {}],
+        "solves": {"full": 2},
+        "nearest": near,
+        "energy": {"total": 10.0},
+        "duration": 1.5,
+    }
+    said = "goals: 3 looked at, 2 solved in full; the nearest one takes 12.0000 J in the same time: saved 2 J, 16.7 %"
+    assert goals_words(found) == said
+    assert "in 1.7 s" in goals_words({**found, "nearest": {**near, "duration": 1.7}})
+    assert goals_words({"energy": {"total": 10.0}}) == ""
 
 
 def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:

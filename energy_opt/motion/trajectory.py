@@ -192,8 +192,9 @@ class Trajectory:
         moves = (self.position[:-1] != self.position[1:]).any(axis=1) | ~at_rest[:-1] | ~at_rest[1:]
         moved = np.concatenate([[0], np.cumsum(moves)])
         time = self.time - self.time[0]
-        first = np.clip(np.searchsorted(time, begin + CLOSEST, side="right") - 1, 0, len(moves))
-        after = np.clip(np.searchsorted(time, end - CLOSEST, side="left"), 0, len(moves))
+        near = np.minimum(CLOSEST, (end - begin) / 4)  # a mean may be over microseconds
+        first = np.clip(np.searchsorted(time, begin + near, side="right") - 1, 0, len(moves))
+        after = np.clip(np.searchsorted(time, end - near, side="left"), 0, len(moves))
         return moved[after] <= moved[first]
 
     def _summed(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

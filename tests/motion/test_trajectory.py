@@ -209,3 +209,10 @@ def test_a_mean_over_time_stands_exactly_still_where_the_motion_does() -> None:
     inside = (out.time >= 1.025) & (out.time <= 1.97)
     assert inside.sum() > 70 and (out.position[inside] == q[40]).all() and not out.velocity[inside].any()
     assert out.time[(out.position == q[40]).all(axis=1)].min() > 1 and not out.acceleration[inside].any()
+
+
+def test_a_mean_over_microseconds_goes_on_moving() -> None:
+    x = np.linspace(0, 1, 41)[:, None]
+    out = Trajectory(("a",), x[:, 0], x**2 * (3 - 2 * x), 6 * x * (1 - x), 6 - 12 * x).averaged(4e-6)
+    inside = (out.time > 0.01) & (out.time < 0.99)
+    assert out.velocity[inside].min() > 0.05

@@ -267,7 +267,9 @@ class Planning(Stage):
         near, asked = between.min_distance or 0.0, self._two[a, b].asked
         touch = f"touch at {time:.4g} s{bodies}"
         if near > 0:
-            touch = f"come as near as {1e3 * near:.2g} mm at {time:.4g} s{bodies}; --clearance asks for {1e3 * asked:.2g}"
+            touch = (
+                f"come as near as {1e3 * near:.2g} mm at {time:.4g} s{bodies}; --clearance asks for {1e3 * asked:.2g}"
+            )
         return Infeasible(
             f"{names[0]}, step {steps[0]}, and {names[1]}, step {steps[1]}, {touch}; neither "
             f"other times nor a path around the other arm keep them apart: {help_}",

@@ -94,7 +94,9 @@ class Chooser:
         promising = self._improved(move, open_)
         tried = self._screened(move, promising)
         if tried:
-            tried += self._settled(move, *min(tried, key=_cost), False)
+            best = min(tried, key=_cost)
+            settled = self._settled(move, *best, False)  # within limits, which a sketch need not be: in its place
+            tried = [*settled, *(item for item in tried if item is not best)] if settled else tried
         answer, solved = self._full(move, promising, tried)
         better = self._settled(move, answer[0], answer[1].trajectory, True)
         worth = WORTH * sum(scorer.energy(answer[1].trajectory).loss for scorer in self.scorers) / len(self.scorers)
@@ -263,7 +265,7 @@ class Chooser:
             return answer
         at = replace(move, duration=answer[1].trajectory.duration, max_duration=None)
         found = self._attempt(at, nearest)
-        if isinstance(found, Infeasible):  # it takes longer than that
+        if isinstance(found, Infeasible) and move.duration is None:  # it takes longer than that
             found = self._attempt(move, nearest)
         return None if isinstance(found, Infeasible) else found
 

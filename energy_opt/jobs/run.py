@@ -153,9 +153,15 @@ def run_job(
     plain = _plain(work, legs, timings, shortest, time)
 
     def plan_of(durations: np.ndarray, first: float, last: float) -> Plan:
-        """Every leg solved; `first` and `last` are shares of the work."""
+        """Every leg solved; `first` and `last` are shares of the work.
+
+        Motions last whole nanoseconds: durations are rounded to these, and the longest takes the rest of their sum.
+        """
+        even = np.round(durations, 9)
+        if len(even):
+            even[int(np.argmax(even))] += durations.sum() - even.sum()
         out = []
-        for k, (leg, timing, duration) in enumerate(zip(legs, timings, durations.tolist(), strict=True)):
+        for k, (leg, timing, duration) in enumerate(zip(legs, timings, even.tolist(), strict=True)):
             progress(f"{k + 1}/{len(legs)} {leg.name}: {duration:.3f} s", first + (last - first) * k / len(legs))
             if stopped():
                 out.append(work.slowed(leg, timing, duration))

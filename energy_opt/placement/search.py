@@ -117,20 +117,27 @@ class Search:
         Args:
             ends: positions at the ends of steps; by default those that are chosen there.
         """
-        cell = self.at(point)
+        for chosen in self._choices(point) if ends is None else [ends]:
+            try:
+                found = run_posed(
+                    self.job, self.model, self.settings, cell=self.at(point), ends=chosen, compare=False, refine=False,
+                    stopped=self.stopped,
+                )  # fmt: skip
+            except Infeasible:
+                continue
+            self.path.append(Looked(self.place(point), found.energy, kind))
+            self.solved[self.place(point)] = chosen, found
+            return found
+        self.path.append(Looked(self.place(point), np.nan, kind))
+        return None
+
+    def _choices(self, point: np.ndarray) -> list[Ends]:
+        """Positions at the ends of steps: those that are likely to be cheapest, and the nearest where these fail."""
         try:
-            if ends is None:
-                ends = self.posed(point).estimated()[0]
-            found = run_posed(
-                self.job, self.model, self.settings, cell=cell, ends=ends, compare=False, refine=False,
-                stopped=self.stopped,
-            )  # fmt: skip
+            posed = self.posed(point)
         except Infeasible:
-            self.path.append(Looked(self.place(point), np.nan, kind))
-            return None
-        self.path.append(Looked(self.place(point), found.energy, kind))
-        self.solved[self.place(point)] = ends, found
-        return found
+            return []
+        return [posed.estimated()[0], posed.greedy()]
 
     def better(self, point: np.ndarray) -> tuple[np.ndarray, Ends, float]:
         """A placement near a solved one at which the bent motions cost less, positions there, and the gain [J]."""

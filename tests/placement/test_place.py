@@ -13,7 +13,7 @@ from tool_poses import JOB, by_pinocchio
 from energy_opt.cell.load import load_cell, scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.front.given import source_model
 from energy_opt.jobs import load_job
 from energy_opt.motion import Settings
@@ -120,3 +120,26 @@ def test_a_job_of_poses_costs_no_more_than_with_the_nearest_and_placed_no_more_t
     for row, wanted in zip(placed["goals"], ([0.45, 0.2, 0.1], [-0.2, 0.5, 0.2]), strict=True):
         at = by_pinocchio(load_robot("ur5e"), np.array(row["goal"]))[:3, 3] + placed["base"][:3]
         assert np.linalg.norm(at - wanted) <= (1e-3 if row["step"] == 2 else 1e-6)
+
+
+def test_a_placement_at_which_the_likely_positions_fail_is_solved_with_the_nearest(
+    tmp_path: Path, ur: ToolKinematics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    tried: list[dict[int, np.ndarray]] = []
+
+    def run(*given: object, ends: dict[int, np.ndarray], **more: object) -> SimpleNamespace:
+        tried.append(ends)
+        if len(tried) == 1:
+            raise Infeasible("too short")
+        return SimpleNamespace(solved=True, energy=3.0)
+
+    monkeypatch.setattr("energy_opt.placement.search.run_posed", run)
+    box = PlaceRequest((0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    job, model = load_job(path, lambda name: ur.robot), source_model(ur.robot)
+    search = Search(job, model, box, Settings(), CellRequest(), stopped=lambda: False, progress=lambda t, s: None)
+    found = search.solve(np.zeros(4), "given")
+    assert found is not None and found.energy == 3.0
+    nearest = search.posed(np.zeros(4)).greedy()
+    assert all(np.array_equal(tried[1][k], nearest[k]) for k in nearest)

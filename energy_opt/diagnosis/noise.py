@@ -211,14 +211,15 @@ def meter_noise(readings: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     """Standard deviation of a reading's noise, W, from third differences: what no smooth power explains.
 
     Robust twice: by the median within a run, so that kinks and steps of the true power do not count, and over the runs.
-    Coarse readings, whose median difference is zero, go by their rms. Between readings of a slow meter power is not
+    Rounded readings differ by few values: the median lies between these, by how often each occurs. Coarse readings,
+    whose median difference is zero, go by their rms. Between readings of a slow meter power is not
     smooth: there the noise is taken to be no more than `SLOW_NOISE` of the level, or 1 W, and the fit finds it.
     """
     levels, steps = [], []
     for t, x in readings:
         if len(x) > 12:
             third = np.diff(x, 3)
-            middle = float(np.median(np.abs(third))) / NORMAL_MEDIAN
+            middle = _grouped_median(np.abs(third)) / NORMAL_MEDIAN
             levels.append((middle if middle > 0 else float(np.sqrt(np.mean(third**2)))) / np.sqrt(20))
             steps.append(float(np.median(np.diff(t))))
     if not levels:
@@ -226,3 +227,12 @@ def meter_noise(readings: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     level = float(np.median(np.abs(np.concatenate([x for _, x in readings]))))
     most = max(1.0, SLOW_NOISE * level) if np.median(steps) > SLOW_METER else np.inf
     return max(min(float(np.median(levels)), most), 1e-3)
+
+
+def _grouped_median(x: np.ndarray) -> float:
+    """The median of values x >= 0, each value's share spread half-way to its neighbours; 0 where most are 0."""
+    values, counts = np.unique(np.round(x, 9), return_counts=True)
+    if values[0] == 0 and 2 * counts[0] > len(x):
+        return 0.0
+    edges = [0.0, *(values[1:] + values[:-1]) / 2, values[-1]]
+    return float(np.interp(len(x) / 2, [0, *np.cumsum(counts)], edges))

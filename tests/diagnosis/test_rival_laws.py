@@ -13,7 +13,7 @@ import pytest
 from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.claims import is_a_line
 from energy_opt.diagnosis.fit import Free
-from energy_opt.diagnosis.noise import Noise, standing_noise
+from energy_opt.diagnosis.noise import Noise, meter_noise, standing_noise
 from energy_opt.diagnosis.usable import Foreseen, foreseen
 from energy_opt.diagnosis.verdict import _left_open
 from energy_opt.diagnosis.words import headline
@@ -43,6 +43,14 @@ def test_noise_with_memory_is_as_large_as_it_is_where_single_readings_scatter_mo
     )
     found = standing_noise(still)
     assert np.hypot(found.white, found.wave) == pytest.approx(1.3, rel=0.15)
+
+
+@pytest.mark.parametrize(("rounding", "noise"), [(0.05, 0.46), (0.5, 0.25), (1.0, 0.46), (1.0, 1.0), (2.0, 0.25)])
+def test_noise_of_rounded_readings_holds_their_rounding(rounding, noise):
+    """Third differences of such readings have few values, and their plain median is off by up to a third."""
+    rng, t = np.random.default_rng(1), np.arange(800) * 0.012
+    runs = [(t, np.round((100 + 3 * np.sin(t) + noise * rng.normal(size=800)) / rounding) * rounding) for _ in range(9)]
+    assert meter_noise(runs) == pytest.approx(np.hypot(noise, rounding / 12**0.5), rel=0.15)
 
 
 @pytest.fixture(scope="module")

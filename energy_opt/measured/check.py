@@ -33,7 +33,7 @@ def inspect_set(
         log = read_log(folder, allow_outside)
         robot = robot_of(log, None, lock)
     except BadInput as error:
-        return [str(error)], []
+        return str(error).splitlines(), []
     runs, faults, remarks = collect(log, robot)
     for run in runs:
         faults += _plausible(run, robot, str(log.path.parent / run.file.partition("#")[0]))

@@ -36,7 +36,7 @@ from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
 from energy_opt.workcell.motion import Part, at_rest
 
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
-SOLVED = (1.15, 1.6, 2.5)  # and those at which a move is optimized before the first schedule
+SOLVED = (1.0, 1.35, 2.0, 3.2)  # and those at which a move is optimized before the first schedule; tight cells need 1
 BLEND, ROOM = 4e-3, 1.05  # [s] over which the acceleration rises at a move's ends, and that in jerk-limited ramps
 WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and limits are kept by all files
 USED = dict.fromkeys(("velocity", "acceleration", "jerk", "effort"), 0.9999)  # of limits: programs round numbers, too

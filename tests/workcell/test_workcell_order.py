@@ -122,7 +122,8 @@ def test_an_arm_takes_its_steps_in_the_shortest_order_and_waits_where_it_pays(tm
     assert list(levers) == ["as_is", "speeds", "modes", "order", "paths"]
     assert levers["order"] < levers["modes"] * 0.999
     waits = {s["name"]: s["duration"] for s in found["robots"][0]["steps"] if s["mode"]}
-    assert "to wait at up" in names and waits["wait after to wait at up"] == max(waits.values())
+    elsewhere = [time for name, time in waits.items() if name != "wait after to wait at up"]
+    assert "to wait at up" in names and max(elsewhere) < 1e-9  # it may as well go there and back slowly as wait there
 
 
 def test_moves_leave_room_for_the_rounding_of_programs(tmp_path: Path) -> None:

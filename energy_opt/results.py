@@ -50,20 +50,24 @@ def earlier(out: Path, own: str) -> set[Path]:
     out, found = Path(out), set()
     for answer in {own, *(name for name in ANSWERS if (out / name).is_file())}:
         found |= {path for name in (answer, *BESIDE.get(answer, ())) for path in out.glob(name) if not path.is_dir()}
-        found |= {out / name for name, digest in listed(out / answer).items() if digest == digest_of(out / name)}
+        found |= {
+            out / name for name, digest in (listed(out / answer) or {}).items() if digest == digest_of(out / name)
+        }
     return found
 
 
-def listed(answer: Path) -> dict[str, str]:
-    """The files that an answer lists, and their digests; none where it is no such document."""
+def listed(answer: Path) -> dict[str, str] | None:
+    """The files that an answer lists, and their digests; None where it has no such list."""
     if answer.suffix != ".json" or not answer.is_file():
-        return {}
+        return None
     try:
         document = read_json(answer)
     except BadInput:
-        return {}
+        return None
     records = document.get("files") if isinstance(document, dict) else None
-    records = [row for row in records if isinstance(row, dict)] if isinstance(records, list) else []
+    if not isinstance(records, list):
+        return None
+    records = [record for record in records if isinstance(record, dict)]
     own = {str(row.get("name")): str(row.get("sha256")) for row in records}
     return {name: digest for name, digest in own.items() if Path(name).name == name}
 
@@ -83,15 +87,15 @@ def faults_of_results(out: Path) -> list[str] | None:
     faults = []
     for answer in answers:
         files = listed(answer)
-        if answer.suffix == ".json" and not files:
+        if answer.suffix == ".json" and files is None:
             faults.append(f"{answer}: lists no files with their digests; what is beside it cannot be compared with it")
-        for name, digest in files.items():
+        for name, digest in (files or {}).items():
             found = digest_of(answer.parent / name)
             if found != digest:
                 what = "is missing" if found is None else "is not the file that was written"
                 faults.append(f"{answer.parent / name}: {what} with {answer.name} (by its SHA-256)")
-        foreign = earlier(out, answer.name) - {answer.parent / name for name in (*files, *ANSWERS)}
-        if files and len(answers) == 1:
+        foreign = earlier(out, answer.name) - {answer.parent / name for name in (*(files or ()), *ANSWERS)}
+        if files is not None and len(answers) == 1:
             faults += [f"{path}: not of the motion that {answer.name} describes" for path in sorted(foreign)]
     return faults if answers else None
 

@@ -82,6 +82,9 @@ def test_an_infeasible_move_leaves_nothing_of_another(written: Path, tmp_path: P
     out = copied(written, tmp_path / "out")
     assert run(out, "0.01", "--force") == 3
     assert {path.name for path in out.iterdir()} == {"result.json"} and listed(out) == set()
+    assert main(["check", str(out), "--quiet"]) == 0
+    (out / "trajectory.script").write_text("of another motion")
+    assert main(["check", str(out), "--quiet"]) == 2
 
 
 @pytest.mark.parametrize("name", ["trajectory.csv", "result.json"])

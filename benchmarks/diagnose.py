@@ -36,7 +36,7 @@ from energy_opt.effects import ALL_EFFECTS, Effect
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
 from energy_opt.reports.page import Report
-from energy_opt.virtual_arm.specials import SPECIALS
+from energy_opt.virtual_arm.plant import SPECIALS
 
 ROOM = 1e-9  # beyond an effect's bounds, in the fit that knows the truth
 NAMES = [e.name for e in ALL_EFFECTS if e in SIZES]  # those that the virtual arm can have

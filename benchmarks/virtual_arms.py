@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt import effects as e
 from energy_opt.effects import Effect
-from energy_opt.virtual_arm.specials import Backlash, Cogging, Fan, Special, SpeedRipple, StandbyStep
+from energy_opt.virtual_arm.plant import Backlash, Cogging, Fan, Special, SpeedRipple, StandbyStep
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from energy_opt.robot import Robot
-from energy_opt.virtual_arm.reference import Reference, pose
+from energy_opt.virtual_arm.simulate import Reference, pose
 
 SAMPLE = 2e-3  # [s] between the samples of a reference
 SPAN = 2.2  # [rad] poses lie within this of the middle of a joint's range

@@ -32,10 +32,8 @@ from energy_opt.effects import BY_NAME, CopperLoss, Effect, Standby
 from energy_opt.errors import BadInput
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, load_robot
-from energy_opt.virtual_arm.plant import Plant
-from energy_opt.virtual_arm.reference import Reference
-from energy_opt.virtual_arm.simulate import Instruments, Run, simulate
-from energy_opt.virtual_arm.specials import Special
+from energy_opt.virtual_arm.plant import Plant, Special
+from energy_opt.virtual_arm.simulate import Instruments, Reference, Run, simulate
 
 Weak = Literal["", "static_only", "still_joint"]
 

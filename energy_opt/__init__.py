@@ -75,7 +75,7 @@ _OWN_NAMES = {"load_scene": "read_scene"}
 _EARLIER = {
     **dict.fromkeys(("Move", "Settings"), "energy_opt.motion"),
     "Answer": "energy_opt.front.answer",
-    "PerYear": "energy_opt.power.per_year",
+    "PerYear": "energy_opt.power.worth",
     "Pose": "energy_opt.poses",
     "Tradeoff": "energy_opt.front.tradeoff",
     "check_effect": "energy_opt.effects.check",

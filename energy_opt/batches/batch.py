@@ -21,7 +21,7 @@ from energy_opt.batches.words import table
 from energy_opt.batches.work import solve_task
 from energy_opt.files import write_json
 from energy_opt.found import Found
-from energy_opt.power.per_year import PerYear
+from energy_opt.power.worth import PerYear
 from energy_opt.requests.option import Request
 
 log = logging.getLogger(__name__)

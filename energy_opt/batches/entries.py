@@ -14,7 +14,7 @@ from energy_opt.batches.task import MODES, OBJECTIVES, Duration, RobotSource
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text
 from energy_opt.power import PowerModel, load_model
-from energy_opt.power.named import NAMED, is_named
+from energy_opt.power.known import NAMED, is_named
 from energy_opt.robot import Robot, known_robots
 
 MEAN = "mean"  # the mean of source-method-2 and careful, which every verb plans under where no model is given

@@ -45,8 +45,8 @@ from energy_opt.batches.task import Duration, Task
 from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml, to_json
-from energy_opt.power.locked import of_joints
-from energy_opt.power.named import named_model
+from energy_opt.power.known import named_model
+from energy_opt.power.variants import of_joints
 from energy_opt.robot import Robot
 
 FORMAT = "energy-opt/suite/1"

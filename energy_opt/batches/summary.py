@@ -13,7 +13,7 @@ import numpy as np
 
 from energy_opt.batches.records import IDENTITY, Row
 from energy_opt.motion.result import ROUNDING
-from energy_opt.power.per_year import PerYear
+from energy_opt.power.worth import PerYear
 
 PACKAGES = ("energy-opt", "casadi", "pin", "toppra", "numpy", "scipy")
 WORST = 5  # records that a list of the worst holds

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from energy_opt.power.per_year import per_year_words
+from energy_opt.power.worth import per_year_words
 
 
 def table(summary: Mapping[str, Any], out: Path) -> str:

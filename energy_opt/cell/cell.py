@@ -9,20 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.cell import solids
-from energy_opt.cell.arm import arm_bodies, neighbours
 from energy_opt.cell.bodies import Bodies, Body, Scenery
 from energy_opt.cell.curve import MotionCurve
-from energy_opt.cell.pairs import POSES, Kept, OwnPairs, kept_apart, own_pairs
+from energy_opt.cell.pairs import POSES, Kept, OwnPairs, arm_bodies, kept_apart, neighbours, own_pairs
 from energy_opt.cell.proof import Proof, Touch, inside_at, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
 from energy_opt.cell.scene import TOOL, PlacedShape, Scene, Shape, out_of_scale
 from energy_opt.cell.solids import GJK_ERROR, Solid
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
-from energy_opt.robot.kinematics import Kinematics
-from energy_opt.robot.links import pose_of
-from energy_opt.robot.srdf import semantics
-from energy_opt.robot.tool import tool_of
+from energy_opt.robot.kinematics import Kinematics, pose_of
+from energy_opt.robot.tool import semantics, tool_of
 
 PAYLOAD = "payload"
 ALONG, NEARLY = (

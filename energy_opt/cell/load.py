@@ -1,14 +1,25 @@
-"""From what was asked for to the cell itself."""
+"""From what was asked for to the cell itself.
+
+Is a robot's description usable? It is loaded as a plan loads it, and held still under gravity.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import BadInput
-from energy_opt.robot import Robot
-from energy_opt.robot.links import pose_of
+from energy_opt.power.assumptions import grouped, rests_on
+from energy_opt.robot import Robot, load_robot
+from energy_opt.robot.kinematics import pose_of
+from energy_opt.robot.limits import postures
 from energy_opt.robot.tool import tool_of
 
 
@@ -46,3 +57,93 @@ def load_cell(robot: Robot, request: CellRequest) -> Cell | None:
         tool_of(robot.body, request.tool)
         return None
     return Cell(robot, request, scene_of(request))
+
+
+@dataclass(frozen=True)
+class RobotInspection:
+    """What to inspect: fields as of `load_robot`, and what it is kept clear of.
+
+    Attributes:
+        limits: a MoveIt joint_limits.yaml in place of what the URDF states.
+        lock: joints that take no part, with their positions [rad or m].
+        prefix: what is before joints' names in the limits file.
+    """
+
+    robot: str
+    limits: Path | None = None
+    lock: Mapping[str, float] = field(default_factory=dict)
+    prefix: str = ""
+    cell: CellRequest = field(default_factory=CellRequest)
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """A robot that loads, and a posture of it that its drives hold.
+
+    Attributes:
+        posture: (n,) [rad or m], where it touches nothing; torque: (n,) [N m or N] that holds it.
+        remarks: one line each, of bodies and masses, of what holding takes, and of what is doubtful or assumed.
+    """
+
+    robot: Robot
+    posture: np.ndarray
+    torque: np.ndarray
+    remarks: tuple[str, ...]
+
+
+def inspect_robot(request: RobotInspection) -> Inspected:
+    """Load a robot with its meshes, masses and limits, and find a posture that is held and touches nothing.
+
+    Raises:
+        BadInput: it does not load, or none of many postures is free, or held within the effort limits; says which
+            joint lacks how much.
+    """
+    robot = load_robot(request.robot, limits=request.limits, lock=request.lock, prefix=request.prefix)
+    cell = load_cell(robot, request.cell)
+    candidates = postures(robot.limits)
+    torque = robot.body.torque(candidates, 0 * candidates, 0 * candidates)
+    share = np.abs(torque) / robot.limits.effort
+    held = np.flatnonzero((share <= 1).all(axis=1))
+    if not len(held):
+        k = int(np.argmin(share.max(axis=1)))
+        j = int(np.argmax(share[k]))
+        unit = robot.unit("effort", robot.joints[j])
+        raise BadInput(
+            f"{robot.urdf}: no posture of {len(candidates)} is held under gravity; in the lightest {robot.joints[j]} "
+            f"needs {abs(torque[k, j]):.3g} {unit} of {robot.limits.effort[j]:g}: its masses or its "
+            "effort limits are wrong; --limits with max_effort gives the real ones"
+        )
+    free = next((k for k in held.tolist() if cell is None or cell.touching(candidates[k]) is None), None)
+    if free is None:
+        assert cell is not None
+        contact = cell.touching(candidates[held[0]])
+        assert contact is not None
+        raise BadInput(
+            f"{robot.urdf}: the arm touches itself in all of {len(held)} postures: {contact}; {contact.remedy}"
+        )
+    posture, holding = candidates[free], torque[free]
+    grounds = grouped(row for row in rests_on(robot) if row.source == "assumed")
+    assumed = (f"assumed: {what} {value} ({note})" for what, value, _, note in grounds)
+    said = (*robot.warnings, *(cell.warnings if cell else ()), *assumed)
+    return Inspected(robot, posture, holding, (_bodies(robot, cell), _held(robot, posture, holding), *said))
+
+
+def _bodies(robot: Robot, cell: Cell | None) -> str:
+    mass = sum(link.mass for link in robot.body.tree())
+    kept = (
+        "its body is not looked at (--self-collision off)"
+        if cell is None
+        else f"{cell.links} collision bodies, {len(cell.bodies.pairs)} pairs kept apart"
+    )
+    locked = f", {len(robot.locked)} locked" if robot.locked else ""
+    return f"{robot.n} joints{locked}; {mass:.4g} kg move; {kept}"
+
+
+def _held(robot: Robot, posture: np.ndarray, torque: np.ndarray) -> str:
+    share = np.abs(torque) / robot.limits.effort
+    j = int(np.argmax(share)) if share.any() else int(np.argmax(np.abs(torque)))
+    unit, limit = robot.unit("effort", robot.joints[j]), robot.limits.effort[j]
+    most = f"{abs(torque[j]):.3g} {unit} of {robot.joints[j]}" + (
+        f" ({100 * share[j]:.2g} % of its limit)" if np.isfinite(limit) else " (no limit)"
+    )
+    return f"held under gravity at {','.join(f'{x:.3g}' for x in posture)}: takes at most {most}"

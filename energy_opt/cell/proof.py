@@ -1,4 +1,23 @@
-"""The proof that a motion touches nothing, for every instant of it and not for samples.
+"""How low a convex body can come over a plane within an interval: a bound of second order in the joints' turns.
+
+Bodies that pass each other closely move along each other, not towards each other: their points travel far, their
+distance hardly changes. For a unit vector n fixed in body b, the bodies are apart by at least
+
+    s(q) = min over vertices v of a: n·p_v(q)  -  max over vertices of b: n·p
+
+whichever n is; the normal between their nearest points is a good one. With w_vj the velocity that joint j gives vertex
+v, n·p_v changes by n·w_vj per turn of j, and by Taylor's theorem, for turns of at most far_j about the middle,
+
+    s(q) >= min_v (n·p_v - sum_j |n·w_vj| far_j) - max_b - T F
+
+where T bounds how far points of a travel and F is the sum of far_j over joints that turn: second derivatives are
+n·(z_i x w_vj), at most |w_vj| in size, and the sum of far_j |w_vj| is at most T everywhere in the interval. Joints that
+follow others count in T and F as if each moved by itself, as far as its leader takes it; in the sum over j they are
+part of their leader's velocity w_vj.
+
+Is one body inside of another whose surface is a mesh? Distances between surfaces cannot tell.
+
+The proof that a motion touches nothing, for every instant of it and not for samples.
 
 Take an interval of time, and the arm in its middle. If two bodies are d apart there, and their points come towards each
 other by no more than s within the interval, they are at least d - s apart during all of it. Where this is not above the
@@ -13,14 +32,122 @@ not pass each other.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from energy_opt.cell.bodies import Bodies, Scenery
 from energy_opt.cell.curve import MotionCurve, Spans
-from energy_opt.cell.heights import least_heights, turns
-from energy_opt.cell.inside import one_inside_the_other
-from energy_opt.cell.solids import GJK_ERROR
+from energy_opt.cell.solids import GJK_ERROR, Ruler, Solid
+from energy_opt.robot.kinematics import into
+
+ROUNDING = 1e-9  # [m] that arithmetic may have added
+
+
+def turns(bodies: Bodies, pair: np.ndarray, far: np.ndarray) -> np.ndarray:
+    """F (M,) [rad]: the sum over joints between the bodies of pairs (M,) of how far each may turn, far (M, L)."""
+    return np.asarray(np.sum(far * (bodies.moves[0][pair] & ~bodies.kinematics.prismatic), axis=1))
+
+
+def least_heights(
+    scene: Scenery, k: np.ndarray, pair: np.ndarray, normal: np.ndarray, far: np.ndarray, rest: np.ndarray
+) -> np.ndarray:
+    """Lower bounds (M,) [m] of pairs' distances within intervals about configurations k (M,).
+
+    Args:
+        pair: (M,) of those that are `usable`.
+        normal: (M, 3) unit vectors in the base frame, from the second body towards the first.
+        far: (M, n) [rad, m] how far the joints that move by themselves go from the middle.
+        rest: (M,) [m] T F.
+    """
+    bodies, poses = scene.bodies, scene.poses
+    slides, (a, b) = bodies.kinematics.prismatic, bodies.pairs[pair].T
+    ja, jb = bodies.joint[a], bodies.joint[b]
+    flat = bodies.flat[b]  # a half-space is its own plane
+    own = np.matmul(poses.rotation[k[flat], jb[flat]], bodies.rotation[b[flat]][:, :, 2, None])[..., 0]
+    normal = normal.copy()
+    normal[flat] = own
+    turn, at, axis = poses.rotation[k, ja], poses.origin[k, ja], poses.axis[k]
+    x, y, z = normal.T[:, :, None]
+    lever = np.stack(  # n·(axis x r) = (n x axis)·r
+        [y * axis[..., 2] - z * axis[..., 1], z * axis[..., 0] - x * axis[..., 2], x * axis[..., 1] - y * axis[..., 0]],
+        axis=2,
+    )
+    level = np.sum(lever * (at[:, None] - poses.origin[k, :-1]), axis=2)
+    level[:, slides] = np.matmul(axis[:, slides], normal[:, :, None])[..., 0]
+    lever[:, slides] = 0.0
+    between, coupling = bodies.moves[0][pair], bodies.kinematics.coupling
+    level = coupling.joined(level * between)
+    lever, share = coupling.joined(np.matmul(lever, turn) * between[:, :, None], axis=1), far[:, None]
+    up_a, up_b = into(turn, normal), into(poses.rotation[k, jb], normal)
+    out = np.sum(normal * (at - poses.origin[k, jb]), axis=1) - rest - ROUNDING
+    order = np.argsort(pair, kind="stable")
+    for some in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1) if len(order) else []:
+        points, radius = bodies.corners_of(int(a[some[0]]))
+        support, more = bodies.corners_of(int(b[some[0]]))
+        slope = np.abs(lever[some] @ points.T + level[some, :, None])  # (M, n, V)
+        low = (up_a[some] @ points.T - np.matmul(share[some], slope)[:, 0]).min(axis=1)
+        out[some] += low - (up_b[some] @ support.T).max(axis=1) - radius - more
+    return np.asarray(out)
+
+
+def one_inside_the_other(ruler: Ruler, at: Any, bt: Any) -> bool:
+    """Whether a part of one body, away from all surfaces, lies within the other's mesh."""
+    a, b = ruler.a, ruler.b
+    if ruler.exact(at, bt) <= 0:
+        return False  # surfaces meet: that is found without help
+    return any(
+        not outer.convex and enclosed(_moved(_probes(inner), its, other), *outer.surface)
+        for inner, outer, its, other in ((a, b, at, bt), (b, a, bt, at))
+    )
+
+
+def enclosed(points: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether any of `points` (M, 3) is within a surface: it sees more than half of the sphere around it covered.
+
+    The solid angle of a triangle after van Oosterom and Strackee (1983); gaps in a surface do no harm.
+    """
+    corners = vertices[triangles]
+    for point in points:
+        a, b, c = np.moveaxis(corners - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+        triple = np.einsum("ti,ti->t", a, np.cross(b, c))
+        below = (
+            la * lb * lc
+            + np.einsum("ti,ti->t", a, b) * lc
+            + np.einsum("ti,ti->t", b, c) * la
+            + np.einsum("ti,ti->t", c, a) * lb
+        )
+        if abs(np.sum(np.arctan2(triple, below))) > np.pi:  # half of the solid angle; 2 pi inside, 0 outside
+            return True
+    return False
+
+
+def _probes(solid: Solid) -> np.ndarray:
+    """A point of every connected part of a body."""
+    if solid.convex:
+        return solid.hull.points.mean(axis=0, keepdims=True)
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    vertices, triangles = solid.surface
+    used, ends = np.unique(triangles, return_inverse=True)  # files have vertices that no triangle takes
+    vertices, triangles = vertices[used], ends.reshape(triangles.shape)
+    _, same = np.unique(vertices.round(9), axis=0, return_inverse=True)  # STL repeats corners
+    ends = same.ravel()[triangles]
+    size = int(ends.max()) + 1
+    links = np.vstack([ends[:, :2], ends[:, 1:]])
+    graph = coo_matrix((np.ones(len(links)), links.T), shape=(size, size))
+    _, part = connected_components(graph, directed=False)
+    _, first = np.unique(part[same.ravel()], return_index=True)
+    return vertices[first]
+
+
+def _moved(points: np.ndarray, at: Any, bt: Any) -> np.ndarray:
+    """Points (M, 3) of a body placed `at`, in the frame of one placed `bt`."""
+    world = points @ np.asarray(at.getRotation()).T + np.asarray(at.getTranslation())
+    return (world - np.asarray(bt.getTranslation())) @ np.asarray(bt.getRotation())
+
 
 SHORTEST = 1e-5  # [s] an interval below is not halved again
 FIRST = 8  # intervals to begin with

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.robot.links import pose_of
+from energy_opt.robot.kinematics import pose_of
 
 PlannerName = Literal["auto", "none", "ompl"]
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import importlib
+from pathlib import Path
 
-# Kind -> the module whose EXAMPLE is printed.
+# Kind -> the file that is printed, in the package of its reader.
 EXAMPLES = {
-    "model": "energy_opt.power.example",
-    "log": "energy_opt.measured.example",
-    "job": "energy_opt.jobs.example",
-    "suite": "energy_opt.batches.example",
-    "limits": "energy_opt.robot.example",
-    "scene": "energy_opt.cell.scene_files.example",
+    "model": "power/example.toml",
+    "log": "measured/example.toml",
+    "job": "jobs/example.toml",
+    "suite": "batches/example.toml",
+    "limits": "robot/example.yaml",
+    "scene": "cell/scene_files/example.yaml",
 }
 
 
 def example(kind: str) -> str:
     """The text of the example file of a kind."""
-    return str(importlib.import_module(EXAMPLES[kind]).EXAMPLE)
+    return (Path(__file__).parents[1] / EXAMPLES[kind]).read_text(encoding="utf-8")

@@ -13,8 +13,7 @@ from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.noise import Shared
 from energy_opt.diagnosis.recordings import per_bin
 from energy_opt.measured import MeasuredSet, Run
-from energy_opt.measured.meter import nodes
-from energy_opt.measured.segment import cut_at_standstill, pieces
+from energy_opt.measured.run import cut_at_standstill, nodes, pieces
 
 POINTS = 24  # of a run's path, by which motions are compared
 SAME = 0.05  # [rad] motions whose paths are this near at all points are repeats

@@ -18,7 +18,7 @@ from energy_opt.diagnosis.hypothesis import ROTOR
 from energy_opt.diagnosis.links import USUAL_SPREAD, deviations_of
 from energy_opt.measured import MeasuredSet, Run, choose_smoothing, coarse, kinematics
 from energy_opt.power import PowerModel
-from energy_opt.power.rigid import body_of, rigid_torque
+from energy_opt.power.law import body_of, rigid_torque
 from energy_opt.robot import Limits
 
 STEP = 0.03  # [s] between samples; readings in between are averaged

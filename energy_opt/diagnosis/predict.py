@@ -22,7 +22,7 @@ from energy_opt.effects import (
 )
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
-from energy_opt.power.past import heated, returned_power, store_of
+from energy_opt.power.law import heated, returned_power, store_of
 
 MOST_RIGID = 6  # torques of rigid bodies that are kept
 STORE_STEP = 1e-3  # share of a store's capacity, or of a time constant, by which a derivative is taken

@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.diagnosis.data import Samples, laid
 from energy_opt.diagnosis.noise import meter_noise
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
-from energy_opt.measured.meter import nodes, operator
+from energy_opt.measured.run import nodes, operator
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix

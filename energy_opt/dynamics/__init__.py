@@ -11,7 +11,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from energy_opt.dynamics import compact
+from energy_opt.dynamics import compact, templates
 from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.robot import PointMass, RigidBody
 
@@ -19,21 +19,9 @@ TOLERANCE = 1e-9  # relative to the largest torque of each state
 SOURCES = ("auto", "pinocchio", "templates", "compact")
 
 
-def _pinocchio(body: RigidBody) -> ca.Function | None:
-    from energy_opt.dynamics import pinocchio_casadi
-
-    return pinocchio_casadi.torque_function(body)
-
-
-def _templates(body: RigidBody) -> ca.Function | None:
-    from energy_opt.dynamics import templates
-
-    return templates.torque_function(body)
-
-
 _BUILDERS: dict[str, Callable[[RigidBody], ca.Function | None]] = {
-    "pinocchio": _pinocchio,
-    "templates": _templates,
+    "pinocchio": templates.from_pinocchio,
+    "templates": templates.from_templates,
     "compact": lambda body: compact.torque_function(body.tree()),
 }
 

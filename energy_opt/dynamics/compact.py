@@ -16,11 +16,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from energy_opt.dynamics.canonical import canonical
-from energy_opt.dynamics.coupled import NAMES, coupled
-from energy_opt.dynamics.frames import JointFrame, Vector, cross, plus, times
-from energy_opt.robot.coupling import Coupling
-from energy_opt.robot.links import Link, outermost
+from energy_opt.dynamics.canonical import NAMES, JointFrame, Vector, canonical, coupled, cross, plus, times
+from energy_opt.robot.kinematics import Coupling, Link, outermost
 
 
 def _wrench(

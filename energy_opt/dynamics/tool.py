@@ -15,10 +15,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from energy_opt.dynamics.canonical import canonical, snapped
-from energy_opt.dynamics.frames import JointFrame, Vector, all_joints, cross, plus, times
+from energy_opt.dynamics.canonical import JointFrame, Vector, all_joints, canonical, cross, plus, snapped, times
 from energy_opt.robot import Link, Tool
-from energy_opt.robot.coupling import Coupling
+from energy_opt.robot.kinematics import Coupling
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """The physical effects that a power model can hold, by their names in model files."""
 
 from energy_opt.effects.base import Effect, Signals
-from energy_opt.effects.curve import FrictionCurve
 from energy_opt.effects.electrics import (
     CopperLoss,
     InverterLoss,
@@ -17,21 +16,21 @@ from energy_opt.effects.electrics import (
 from energy_opt.effects.friction import (
     AsymmetricFriction,
     CoulombFriction,
+    DailyFriction,
+    FrictionCurve,
     GearEfficiency,
     LoadFriction,
     PowerLawFriction,
     SigmoidFriction,
     StribeckFriction,
+    TemperatureFriction,
     ThermalViscous,
     ViscousFriction,
 )
-from energy_opt.effects.kinks import EXACT, Exact, Kinks, Smooth
-from energy_opt.effects.links import LinkInertia
-from energy_opt.effects.mechanics import Armature, GravitySpring
+from energy_opt.effects.mechanics import Armature, BaseTilt, GravitySpring, LinkInertia, Payload, PayloadChange
 from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain, MeterWindow
-from energy_opt.effects.parameter import Parameter
-from energy_opt.effects.past import DcLink, IdleHold, RunOffset
-from energy_opt.effects.payload_change import PayloadChange
+from energy_opt.effects.parameter import EXACT, Exact, Kinks, Parameter, Smooth
+from energy_opt.effects.recorded import DcLink, IdleHold, RunOffset, SignalPower, WindingSelfHeating
 from energy_opt.effects.registry import (
     ALL_EFFECTS,
     BY_NAME,
@@ -45,9 +44,6 @@ from energy_opt.effects.registry import (
     unregister,
     words_of,
 )
-from energy_opt.effects.rigid import BaseTilt, Payload
-from energy_opt.effects.self_heating import WindingSelfHeating
-from energy_opt.effects.signal_power import SignalPower
 from energy_opt.effects.stages import (
     DriveEffect,
     HeatEffect,
@@ -59,7 +55,6 @@ from energy_opt.effects.stages import (
     TorqueEffect,
     WindingEffect,
 )
-from energy_opt.effects.temperature_friction import DailyFriction, TemperatureFriction
 
 __all__ = [
     "ALL_EFFECTS", "BY_NAME", "EXACT", "Armature", "AsymmetricFriction", "BaseTilt", "CopperLoss",

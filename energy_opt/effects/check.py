@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects.base import Effect, Signals
-from energy_opt.effects.kinks import EXACT, Kinks, Smooth
 from energy_opt.effects.meter import MeterEffect
+from energy_opt.effects.parameter import EXACT, Kinks, Smooth
 from energy_opt.effects.stages import (
     DriveEffect,
     HeatEffect,

@@ -8,9 +8,14 @@ import casadi as ca
 
 from energy_opt.effects.base import Signals
 from energy_opt.effects.friction import SIGN_WIDTH, SOAKING, SOAKING_TRIALS, TORQUE_WIDTH
-from energy_opt.effects.kinks import Kinks
-from energy_opt.effects.parameter import Parameter
-from energy_opt.effects.stages import DriveEffect, HeatEffect, PowerEffect, SupplyEffect, WindingEffect
+from energy_opt.effects.parameter import Kinks, Parameter
+from energy_opt.effects.stages import (
+    DriveEffect,
+    HeatEffect,
+    PowerEffect,
+    SupplyEffect,
+    WindingEffect,
+)
 
 POWER_WIDTH = 0.5  # [W]
 

@@ -1,16 +1,24 @@
-"""Torque effects that store energy rather than lose it."""
+"""Torque effects that store energy rather than lose it.
+
+Effects that change the rigid body itself; they enter the inverse dynamics, not its result.
+
+A payload that is picked up or put down in mid-run, while the arm is at rest.
+
+Links that are not quite as the URDF says: every arm's masses and centres of mass are off by some percent.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from energy_opt.effects.base import Effect, Signals
-from energy_opt.effects.kinks import Kinks
-from energy_opt.effects.parameter import Parameter
-from energy_opt.effects.stages import TorqueEffect
+from energy_opt.effects.parameter import Kinks, Parameter
+from energy_opt.effects.stages import Link, RigidEffect, TorqueEffect
 
 SMALL = 1e-9  # [N m/rad] a spring's stiffness is kept this far from 0 while its rest position is sought
 
@@ -80,3 +88,148 @@ class GravitySpring(TorqueEffect):
 
 def _away(k: np.ndarray) -> np.ndarray:
     return np.where(np.abs(k) < SMALL, SMALL, k)
+
+
+class Payload(RigidEffect):
+    """A point mass at `com` in the last joint's frame."""
+
+    name = "payload"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("mass", "kg", 0.0, 0.0, 1e3, fit=(1e-4, 200.0)),
+        Parameter("com", "m", 0.0, -10.0, 10.0, 3, shapes=True),
+    )
+
+    @classmethod
+    def inertia(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Mass m, first moment h = m c (3, 1) and second moment S = m c c^T (3, 3) about the last joint's origin."""
+        return p.mass, p.mass * p.com, p.mass * (p.com @ p.com.T)
+
+    @classmethod
+    def point_mass(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX] | None:
+        return p.mass, p.com
+
+    @classmethod
+    def idle(cls, joints: int, **words: str | int) -> Effect:
+        return cls(mass=1e-3, com=np.zeros(3))
+
+    @classmethod
+    def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
+        """(m, m c): the torque is linear in these but for the second moment."""
+        return np.concatenate([full[:1], full[1:] * full[0]])
+
+    @classmethod
+    def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        return np.concatenate([x[:1], x[1:] / x[0]])
+
+    @classmethod
+    def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        out = np.eye(4)
+        out[1:, 1:] = np.eye(3) / x[0]
+        out[1:, 0] = -x[1:] / x[0] ** 2
+        return out
+
+    @classmethod
+    def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = super().chart_bounds(joints)
+        return np.append(lower[:1], [-100.0] * 3), np.append(upper[:1], [100.0] * 3)  # [kg], [kg m]
+
+
+class BaseTilt(RigidEffect):
+    """The base is turned by `roll` about x, then by `pitch` about y; gravity in the base frame turns the other way."""
+
+    name = "base_tilt"
+    parameters = (
+        Parameter("roll", "rad", 0.0, -3.2, 3.2, fit=(-1.5, 1.5)),
+        Parameter("pitch", "rad", 0.0, -3.2, 3.2, fit=(-1.5, 1.5)),
+    )
+
+    @classmethod
+    def gravity(cls, gravity: ca.SX, p: SimpleNamespace) -> ca.SX:
+        """Gravity (3, 1) seen from the turned base: (Ry(pitch) Rx(roll))^T g."""
+        cr, sr, cp, sp = ca.cos(p.roll), ca.sin(p.roll), ca.cos(p.pitch), ca.sin(p.pitch)
+        x, y, z = gravity[0], gravity[1], gravity[2]
+        u, w = cp * x - sp * z, sp * x + cp * z  # Ry^T g
+        return ca.vertcat(u, cr * y + sr * w, -sr * y + cr * w)  # Rx^T (Ry^T g)
+
+
+ALWAYS = 1e3  # dwells: until the run's end
+
+
+class PayloadChange(Payload):
+    """A point mass at `com` in the last joint's frame, from the `first` dwell of every run on, for `lasts` dwells.
+
+    A dwell is a standstill between two motions of one run; the payload changes in its middle. It belongs to a
+    recording: in a plan the payload is the move's own.
+    """
+
+    name = "payload_change"
+    parameters = (
+        *Payload.parameters,
+        Parameter("first", "1", 1.0, 1.0, ALWAYS, shapes=True, steps=True, trials=(1.0, 2.0)),
+        Parameter("lasts", "1", ALWAYS, 1.0, ALWAYS, shapes=True, steps=True, trials=(1.0, ALWAYS)),
+    )
+    follows = ("dwell",)
+
+    @classmethod
+    def point_mass(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX] | None:
+        return None
+
+    @classmethod
+    def held(cls, x: Signals, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX] | None:
+        if x.dwell is None:
+            return None
+        there = ca.logic_and(x.dwell >= p.first, x.dwell < p.first + p.lasts)
+        return p.mass, p.com, ca.if_else(there, 1, 0)
+
+    @classmethod
+    def idle(cls, joints: int, **words: str | int) -> Effect:
+        return cls(mass=1e-3, com=np.zeros(3), first=1.0, lasts=ALWAYS)
+
+    @classmethod
+    def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:
+        return np.array([*rng.uniform(0.05, 0.15, 4), 2.0, 2.0])
+
+    @classmethod
+    def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
+        return np.concatenate([super().to_chart(full[:4], joints), full[4:]])
+
+    @classmethod
+    def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        return np.concatenate([super().from_chart(x[:4], joints), x[4:]])
+
+    @classmethod
+    def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
+        out = np.eye(6)
+        out[:4, :4] = super().chart_slope(x[:4], joints)
+        return out
+
+    @classmethod
+    def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
+        low, high = Payload.chart_bounds(joints)
+        return np.append(low, [1.0, 1.0]), np.append(high, [ALWAYS, ALWAYS])
+
+
+class LinkInertia(RigidEffect):
+    """Deviation of every link from the URDF: its mass, its centre of mass and its inertia about that centre.
+
+    Links are those that the joints carry, in the joints' order; what is welded to a link belongs to it. Links of joints
+    that follow others (mimic) stay as the URDF has them.
+    """
+
+    name = "link_inertia"
+    parameters = (
+        Parameter("mass", "kg", 0.0, -1e3, 1e3, "joint"),
+        Parameter("com", "m", 0.0, -10.0, 10.0, ("joint", 3)),
+        Parameter("inertia", "kg m^2", 0.0, -1e3, 1e3, ("joint", 6)),
+    )
+    same_on_all_joints = False
+    bakes = True
+
+    @classmethod
+    def links(cls, nominal: Sequence[Link], p: SimpleNamespace) -> list[Link] | None:
+        out = []
+        for j, (mass, com, inertia) in enumerate(nominal):
+            xx, xy, yy, xz, yz, zz = (p.inertia[6 * j + i] for i in range(6))
+            turned = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+            out.append((mass + p.mass[j], com + p.com[3 * j : 3 * j + 3], inertia + turned))
+        return out

@@ -1,4 +1,6 @@
-"""The effects known by name: the package's own, those of installed packages, and those that a user registers.
+"""What an effect's class says of itself, as a document: for the command line and the documentation.
+
+The effects known by name: the package's own, those of installed packages, and those that a user registers.
 
 An installed package names its effects under the entry point group `energy_opt.effects`; each entry is an effect's class
 or a module that holds some. `load_file` does the same for one file.
@@ -7,6 +9,7 @@ or a module that holds some. `load_file` does the same for one file.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import sys
 from collections.abc import Iterable
 from functools import lru_cache
@@ -15,39 +18,76 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from energy_opt.effects import (
-    curve,
-    electrics,
-    friction,
-    links,
-    mechanics,
-    meter,
-    past,
-    payload_change,
-    rigid,
-    self_heating,
-    signal_power,
-    stages,
-    temperature_friction,
-)
-from energy_opt.effects.base import Effect
+from energy_opt.effects import electrics, friction, mechanics, meter, recorded, stages
+from energy_opt.effects.base import Effect, described
 from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_text
+
+STAGES = {
+    "rigid": "changes the rigid body",
+    "torque": "adds to the motor's torque",
+    "heat": "heat of a joint's drive",
+    "winding": "multiplies a joint's heat",
+    "drive": "between joints and bus",
+    "power": "adds to the arm's power",
+    "supply": "between bus and meter",
+    "meter": "what the meter makes of it",
+}
+
+
+def described_effect(kind: type[Effect]) -> dict[str, Any]:
+    """name, stage, law (the first paragraph of its text), parameters, options and traits of an effect."""
+    text = inspect.getdoc(kind) or ""
+    traits = [STAGES.get(kind.stage, kind.stage)]
+    if kind.overhead:
+        traits.append("counted as standby")
+    if kind.stores:
+        traits.append("stores energy")
+    if kind.dissipates:
+        traits.append("never gives energy")
+    if kind.drifts:
+        traits.append("depends on time")
+    if kind.needs:
+        traits.append(f"needs {' and '.join(kind.needs)}")
+    if not kind.convex_in_retiming:
+        traits.append("retiming is not convex with it")
+    return {
+        "name": kind.name,
+        "class": kind.__name__,
+        "stage": kind.stage,
+        "law": " ".join(text.split("\n\n")[0].split()),
+        "text": text,
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "words": described(p),
+                "size": p.size,
+                "neutral": p.neutral,
+                "lower": p.lower,
+                "upper": p.upper,
+            }
+            for p in kind.parameters
+        ],
+        "options": {key: list(words) for key, words in kind.options.items()},
+        "traits": traits,
+    }
+
 
 LARGEST = 10**6  # bytes of a file of effects
 GROUP = "energy_opt.effects"
 
 ALL_EFFECTS: tuple[type[Effect], ...] = (
     electrics.Standby, electrics.CopperLoss, friction.CoulombFriction, friction.ViscousFriction,
-    friction.StribeckFriction, friction.LoadFriction, mechanics.Armature, rigid.Payload, rigid.BaseTilt,
+    friction.StribeckFriction, friction.LoadFriction, mechanics.Armature, mechanics.Payload, mechanics.BaseTilt,
     mechanics.GravitySpring, electrics.Regeneration, friction.GearEfficiency, electrics.InverterLoss,
     electrics.SupplyEfficiency, electrics.MotionPower, electrics.WindingTemperature, electrics.StandbyDrift,
-    meter.MeterDelay, meter.MeterFilter, meter.MeterGain, meter.MeterWindow, curve.FrictionCurve,
+    meter.MeterDelay, meter.MeterFilter, meter.MeterGain, meter.MeterWindow, friction.FrictionCurve,
     friction.AsymmetricFriction, friction.PowerLawFriction, friction.SigmoidFriction, friction.ThermalViscous,
-    electrics.PsuLoss, electrics.IronLoss, past.DcLink, past.IdleHold, past.RunOffset, links.LinkInertia,
-    self_heating.WindingSelfHeating, temperature_friction.TemperatureFriction, temperature_friction.DailyFriction,
-    signal_power.SignalPower, payload_change.PayloadChange,
+    electrics.PsuLoss, electrics.IronLoss, recorded.DcLink, recorded.IdleHold, recorded.RunOffset,
+    mechanics.LinkInertia, recorded.WindingSelfHeating, friction.TemperatureFriction, friction.DailyFriction,
+    recorded.SignalPower, mechanics.PayloadChange,
 )  # fmt: skip
 BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECTS}
 

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects.base import Effect, Signals
-from energy_opt.effects.kinks import Kinks
+from energy_opt.effects.parameter import Kinks
 
 # Mass [kg], centre of mass (3, 1) [m], inertia (3, 3) [kg m^2] about it: numbers or symbols.
 Link = tuple[Any, Any, Any]

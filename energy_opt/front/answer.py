@@ -12,7 +12,7 @@ from energy_opt.folders import written_whole
 from energy_opt.formats.output import Written
 from energy_opt.found import Found
 from energy_opt.motion import Move, Result
-from energy_opt.power.per_year import per_year_words
+from energy_opt.power.worth import per_year_words
 from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.robot import Robot
 

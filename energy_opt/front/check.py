@@ -97,12 +97,12 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     if file.suffix in (".yaml", ".yml", ".json", ".scene"):
         return _document(file, request, notes)
     if file.suffix == ".srdf":
-        from energy_opt.robot.srdf import read_srdf
+        from energy_opt.robot.tool import read_srdf
 
         read_srdf(file)
         return []
     if file.suffix in (".urdf", ".xml", ".xacro"):
-        from energy_opt.cell.usable import RobotInspection, inspect_robot
+        from energy_opt.cell.load import RobotInspection, inspect_robot
 
         notes += inspect_robot(
             RobotInspection(
@@ -191,7 +191,7 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 def _limits(file: Path, request: CheckRequest) -> list[str]:
     from energy_opt.robot import known_robots, load_robot
-    from energy_opt.robot.limits_file import names_in
+    from energy_opt.robot.limits import names_in
 
     names = names_in(file)
     candidates = [str(request.robot)] if request.robot else list(known_robots())

@@ -28,7 +28,7 @@ from energy_opt.next_motion import propose, rivals_of
 from energy_opt.next_motion.worth import add_worth, worth_words
 from energy_opt.passports import changes_since
 from energy_opt.power import PowerModel, load_model, source_method_2
-from energy_opt.power.locked import of_joints
+from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import DiagnoseRequest
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.effects import effect_class, known_effects
-from energy_opt.effects.describe import described_effect
+from energy_opt.effects.registry import described_effect
 from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.requests.verbs import EffectsRequest

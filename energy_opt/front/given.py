@@ -18,9 +18,9 @@ from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, near
 from energy_opt.files import finite_number, words_of
 from energy_opt.power import PowerModel
-from energy_opt.power.locked import of_joints
+from energy_opt.power.known import is_named, model_of, named_model
 from energy_opt.power.model import model_from_document
-from energy_opt.power.named import is_named, model_of, named_model
+from energy_opt.power.variants import of_joints
 from energy_opt.requests.groups import CellGroup, RobotGroup
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot.limits import look_like_degrees
@@ -188,7 +188,7 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
         word = given.strip()
         if not word or any(c in word for c in ",=") or _NUMBER.match(word):
             return _in_words(given, robot.joints, f"--{name}")
-        from energy_opt.robot.srdf import semantics
+        from energy_opt.robot.tool import semantics
 
         try:
             return semantics(robot, srdf).pose(word, robot.joints)

@@ -14,8 +14,8 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.motion.travel import detours
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions
-from energy_opt.power.break_even import break_even, until
 from energy_opt.power.known import has_friction
+from energy_opt.power.worth import break_even, until
 from energy_opt.robot import Robot
 
 COARSER = 2  # places between two samples: what friction adds is smooth but for the joints' turning points

@@ -15,7 +15,7 @@ from energy_opt.formats.recordings import unpack
 from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import robot_of
-from energy_opt.measured.by_hand import ByHand
+from energy_opt.measured.columns import ByHand
 from energy_opt.measured.importing import Imported, import_files
 from energy_opt.requests.verbs import ImportRequest
 

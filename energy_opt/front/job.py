@@ -24,7 +24,7 @@ from energy_opt.jobs import JobResult, run_job, run_posed
 from energy_opt.jobs.models import compared, grounded, mean_of, stated
 from energy_opt.jobs.program import with_room, write_programs
 from energy_opt.power.assumptions import said as assumed
-from energy_opt.power.per_year import per_year_words
+from energy_opt.power.worth import per_year_words
 from energy_opt.requests.moves import JobRequest
 
 ANSWER = "job.json"

@@ -19,7 +19,7 @@ from energy_opt.jobs.models import mean_of, stated
 from energy_opt.jobs.over_time import document, over_time
 from energy_opt.jobs.resume import Answers
 from energy_opt.power.assumptions import assumptions, said
-from energy_opt.power.per_year import per_year_words
+from energy_opt.power.worth import per_year_words
 from energy_opt.requests.moves import TradeoffRequest
 
 ANSWER = "tradeoff.json"

@@ -17,8 +17,8 @@ from energy_opt.motion import Result
 from energy_opt.motion.judge.by_joint import loss_by_joint
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.timing.toppra import INTERVALS
-from energy_opt.power.break_even import until
 from energy_opt.power.model import model_from_document
+from energy_opt.power.worth import until
 from energy_opt.reports import plots
 from energy_opt.reports.optimize import page
 from energy_opt.reports.solids import drawn

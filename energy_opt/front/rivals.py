@@ -16,8 +16,8 @@ from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Kind, Rival, row_of
 from energy_opt.power import PowerModel
-from energy_opt.power.draws import draws_of
-from energy_opt.power.named import is_named
+from energy_opt.power.known import is_named
+from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot
 
 CAREFUL = "careful"

@@ -18,7 +18,7 @@ from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, robot_of
 from energy_opt.front.moves import payload_document
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.power.locked import of_joints
+from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
 from energy_opt.robot import Robot, robot_named
 from energy_opt.virtual_arm import Instruments, Plant, Reference, Run, load_plant, pose, reference_of

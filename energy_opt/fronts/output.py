@@ -16,7 +16,7 @@ from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import Front, Point
-from energy_opt.power.per_year import per_year_words
+from energy_opt.power.worth import per_year_words
 from energy_opt.reports.solids import drawn
 from energy_opt.reports.tradeoff import page
 from energy_opt.robot import Robot

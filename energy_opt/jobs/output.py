@@ -19,7 +19,7 @@ from energy_opt.jobs.run import JobResult
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.judge import pose_document
-from energy_opt.power.per_year import PerYear
+from energy_opt.power.worth import PerYear
 from energy_opt.reports.job import page
 from energy_opt.reports.solids import drawn
 

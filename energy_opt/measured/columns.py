@@ -1,15 +1,22 @@
-"""Which column of a file holds what: headers, units, products of columns."""
+"""Which column of a file holds what: headers, units, products of columns.
+
+Columns of known recorders: Universal Robots' RTDE, Franka's state, and `sensor_msgs/JointState` out of bags.
+
+Columns that a user names because their headers say too little, and headers as messages quote them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from energy_opt.errors import BadInput, near
+from energy_opt.measured.names import UNITS, joint_columns, known_unit, power_column
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
-from energy_opt.measured.units import UNITS, known_unit
+from energy_opt.robot import Robot
 
 WHOLE = ("time", "power", "energy", "power.time")  # quantities that belong to no joint
 LOGGED = "signal"  # signal.<name>: what else is recorded, 0 and 1 or a number
@@ -102,3 +109,171 @@ def plain_rules(joints: Sequence[str]) -> dict[str, Rule]:
     """CONTRACT's own headers: every quantity in the column of its name."""
     names = ["time", "power", *(f"{joint}.{signal}" for joint in joints for signal in JOINT_SIGNALS)]
     return {name: Rule((name,)) for name in names}
+
+
+# Columns in which a recorder states the payload that the arm was given: mass [kg], centre of mass [m].
+PAYLOAD = {"ur_rtde": ("payload", "payload_cog_0", "payload_cog_1", "payload_cog_2")}
+AUTO = float("nan")  # a time's factor that the stamps themselves tell
+
+
+def ur_rtde(joints: Sequence[str], table: Table) -> dict[str, Rule]:
+    """Universal Robots' RTDE recorder: joints by number, arm power as supply voltage times current."""
+    rules = {
+        "time": Rule(("timestamp",)),
+        "power": Rule(("actual_robot_voltage", "actual_robot_current")),
+    }
+    for k, joint in enumerate(joints):
+        rules[f"{joint}.position"] = Rule((f"actual_q_{k}",))
+        rules[f"{joint}.velocity"] = Rule((f"actual_qd_{k}",))
+        rules[f"{joint}.current"] = Rule((f"actual_current_{k}",))
+        rules[f"{joint}.temperature"] = Rule((f"joint_temperatures_{k}",))
+    return rules
+
+
+def franka_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
+    """Franka's state: libfranka's log (`state.q[0]`, time in ms) or a bag's `FrankaState` (`field.q0`, `.../q[0]`).
+
+    Position `q`, velocity `dq` and link-side torque `tau_J`, whatever is before them and however they are numbered.
+    """
+    rules = _stamps(table)
+    for signal, stem in (("position", "q"), ("velocity", "dq"), ("effort", "tau_J")):
+        pattern = re.compile(rf"(?:.*[./ ]|){stem}[\[._/ ]?(\d)\]?")
+        found = {int(m.group(1)): name for name in table.header if (m := pattern.fullmatch(name))}
+        for k, joint in enumerate(joints):
+            rules[f"{joint}.{signal}"] = Rule((found.get(k, f"{stem}[{k}]"),), 1.0)
+    return rules
+
+
+def joint_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
+    """`sensor_msgs/JointState` as a bag's or plotter's export writes it: by name, or by number in the order of `name`.
+
+    `/joint_states/elbow_joint/position`, `/joint_states/position/elbow_joint`, `field.position2` with `field.name2`,
+    `/joint_states/position[2]`, `position_2`. Numbers without names mean the robot's own order.
+    """
+    rules = _stamps(table)
+    found = joint_columns(table.header, joints, given_names(table))
+    for signal in ("position", "velocity", "effort"):
+        for joint, name in found.get(signal, {}).items():
+            rules[f"{joint}.{signal}"] = Rule((name,))
+    if "position" not in found:
+        raise BadInput(
+            f"{table.path}: row 1: no positions of {', '.join(joints)} among {', '.join(table.header[:12])}"
+            + (" ..." if len(table.header) > 12 else "")
+        )
+    return rules
+
+
+def given_names(table: Table) -> dict[int, str]:
+    """Joint names by number where a message's array `name` is exported beside its positions."""
+    if not table.layout.sample:
+        return {}
+    out = {}
+    for k, header in enumerate(table.header):
+        match = re.fullmatch(r"(?:.*[./ ]|)name[\[._/ ]?(\d+)\]?", header)
+        if match and k < len(table.layout.sample[0]):
+            out[int(match.group(1))] = table.layout.sample[0][k].strip().strip('"')
+    return out
+
+
+def _stamps(table: Table) -> dict[str, Rule]:
+    """Time and, where there is one, power."""
+    names = ("__time", "%time", "time", "Time", "timestamp", "rosbagTimestamp", "_time", "t")
+    bare = {re.sub(r"^[%#]\s*", "", name): name for name in table.header}
+    name = next((bare[n] for n in (re.sub(r"^[%#]\s*", "", m) for m in names) if n in bare), "time")
+    rules = {"time": Rule((name,), AUTO)}
+    power = power_column(table.header)
+    if power is not None:
+        rules["power"] = Rule((power,))
+    return rules
+
+
+PRESETS: Mapping[str, Callable[[Sequence[str], Table], dict[str, Rule]]] = {
+    "ur_rtde": ur_rtde,
+    "franka_state": franka_state,
+    "joint_state": joint_state,
+}
+
+
+QUOTED = 12  # headers that a message quotes
+HINT = "name columns with --time COLUMN, --power COLUMN, --joint JOINT=COLUMN"
+
+
+@dataclass(frozen=True)
+class ByHand:
+    """Columns named by hand, each as COLUMN or COLUMN:UNIT.
+
+    Attributes:
+        time: the stamps. power: the whole robot's power; COLUMN*COLUMN is voltage times current.
+        joints: the column of each joint's position, by the joint's name.
+    """
+
+    time: str | None = None
+    power: str | None = None
+    joints: Mapping[str, str] = field(default_factory=dict)
+
+    def within(self, tables: Sequence[Table], robot: Robot | None) -> ByHand:
+        """The same without units, which go to the tables.
+
+        Raises:
+            BadInput: no file has such a column, or the robot no such joint.
+        """
+        for joint in self.joints:
+            if robot is None:
+                raise BadInput("--joint needs --robot: whose joints are they?")
+            if joint not in robot.joints:
+                hint = near(joint, robot.joints)
+                raise BadInput(f"--joint {joint}: no such joint{hint}; the robot's are {', '.join(robot.joints)}")
+        time = None if self.time is None else _column(tables, "--time", "time", self.time)
+        power = self.power
+        if power is not None and not any(power in table.header for table in tables) and "*" in power:
+            kinds = zip(power.split("*", 1), ("voltage", "current"), strict=True)
+            power = "*".join(_column(tables, "--power", kind, part.strip()) for part, kind in kinds)
+        elif power is not None:
+            power = _column(tables, "--power", "power", power)
+        joints = {j: _column(tables, f"--joint {j}", "position", word) for j, word in self.joints.items()}
+        return replace(self, time=time, power=power, joints=joints)
+
+    def positions(self, table: Table, found: Mapping[str, str]) -> dict[str, str]:
+        """Position columns by joint: those found, and in their place those named that this table has."""
+        return {**found, **{joint: column for joint, column in self.joints.items() if column in table.header}}
+
+
+def _column(tables: Sequence[Table], option: str, kind: str, word: str) -> str:
+    """The header that a word names; its unit goes to the tables that have it."""
+    column, _, unit = word.rpartition(":")
+    known = known_unit(kind, unit) if column else None
+    for name, named in ((word, None), (column, known)):
+        having = [table for table in tables if name and name in table.header]
+        if having and (name == word or known is not None):
+            for table in having:
+                table.units |= {} if named is None else {name: named}
+            return name
+    headers = list(dict.fromkeys(name for table in tables for name in table.header))
+    if column in headers:
+        raise BadInput(f"{option} {word}: {unit!r} is no unit of {kind}")
+    raise BadInput(f"{option} {word}: no such column{near(word, headers)}; there are {quoted(headers)}")
+
+
+def quoted(headers: Iterable[str]) -> str:
+    """Headers between quotes, the first of many."""
+    names = list(headers)
+    more = f" and {len(names) - QUOTED} more" if len(names) > QUOTED else ""
+    return ", ".join(repr(name) for name in names[:QUOTED]) + more
+
+
+def understood(table: Table, columns: Mapping[str, object]) -> str:
+    """What was understood of a table's headers, and what was not.
+
+    Args:
+        columns: entries of [columns]: a header, {"column": header} or {"product": [header, header]}.
+    """
+    used: dict[str, str] = {}
+    for key, entry in columns.items():
+        rule = entry if isinstance(entry, dict) else {"column": entry}
+        product = rule.get("product")
+        names = product if isinstance(product, list) else [rule.get("column")]
+        used |= {str(name): key for name in names}
+    unknown = [name for name in table.header if name and name not in used]
+    known = ", ".join(f"{name!r} as {key}" for name, key in list(used.items())[:QUOTED])
+    left = f"; not understood: {quoted(unknown)}; {HINT}" if unknown else ""
+    return f"{table.path.name}: understood: {known or 'nothing'}{left}"

@@ -9,22 +9,23 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.by_hand import ByHand, understood
+from energy_opt.measured.columns import ByHand, given_names, understood
 from energy_opt.measured.joints import degrees_fault, stamp_factor
 from energy_opt.measured.names import (
+    BY_SIGNAL,
+    UNITS,
     alternating,
     cut,
     energy_column,
     joint_columns,
+    known_unit,
     power_column,
     product_columns,
     robots_own,
     time_columns,
     unit_in,
 )
-from energy_opt.measured.presets import given_names
 from energy_opt.measured.table import Table
-from energy_opt.measured.units import BY_SIGNAL, UNITS, known_unit
 from energy_opt.robot import Robot, known_robots, load_robot
 
 LOOKED_AT = 20_000  # lines that guesses are made from

@@ -15,12 +15,11 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import write_toml
-from energy_opt.measured.by_hand import ByHand, understood
+from energy_opt.measured.columns import ByHand, understood
 from energy_opt.measured.guess import Guess, guess_joints, guess_meter, guess_robot, is_motion, same_columns
 from energy_opt.measured.joints import EPOCH
 from energy_opt.measured.log import FORMAT, NAME, read_log
-from energy_opt.measured.run import Run
-from energy_opt.measured.segment import cut_at_standstill, is_at_rest
+from energy_opt.measured.run import Run, cut_at_standstill, is_at_rest
 from energy_opt.measured.sets import collect
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
@@ -110,8 +109,8 @@ def _distinct(files: Sequence[Path]) -> list[Path]:
 
 def _sorted(tables: Sequence[Table], robot: Robot, hand: ByHand) -> tuple[dict[Table, Guess], dict[Table, Guess]]:
     """Files with the joints of the robot, and meters' files."""
+    from energy_opt.measured.columns import given_names
     from energy_opt.measured.names import joint_columns
-    from energy_opt.measured.presets import given_names
 
     joints: dict[Table, Guess] = {}
     meters: dict[Table, Guess] = {}

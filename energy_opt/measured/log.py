@@ -1,4 +1,7 @@
-"""`log.toml`: which runs a set has, where their columns are, what the meter does, and whether a recording is cut."""
+"""`log.toml`: which runs a set has, where their columns are, what the meter does, and whether a recording is cut.
+
+A commented log.toml that works: what `--example log` prints.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,8 @@ from pydantic import Field, StringConstraints, model_validator
 
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_toml
-from energy_opt.measured.columns import Rule, rule_from
+from energy_opt.measured.columns import PRESETS, Rule, rule_from
 from energy_opt.measured.layout import Csv, layout_of
-from energy_opt.measured.presets import PRESETS
 from energy_opt.schema import Number, Table, parse
 
 FORMAT = "energy-opt/log/1"

@@ -1,4 +1,8 @@
-"""What a header's words mean, in the conventions of the field: `actual_q_0`, `state.dq[3]`, `J1 Angle (deg)`, ...
+"""Units of measured columns: factors to SI, as people and recorders write them.
+
+Words of headers, in the conventions of the field and some languages of meters' software.
+
+What a header's words mean, in the conventions of the field: `actual_q_0`, `state.dq[3]`, `J1 Angle (deg)`, ...
 
 A header is cut into words, numbers and a unit. Headers that differ by a number only are a vector over the joints; a
 joint's own name among the words makes the header that joint's.
@@ -6,14 +10,101 @@ joint's own name among the words makes the header that joint's.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from energy_opt.measured import words as w
-from energy_opt.measured.units import UNITS, known_unit
+# Factors to SI, by the kind of quantity; the first is SI's own.
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "position": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "m": 1.0, "mm": 1e-3},
+    "velocity": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180,
+        "rpm": math.pi / 30,
+        "rev/s": 2 * math.pi,
+        "m/s": 1.0,
+        "mm/s": 1e-3,
+    },
+    "acceleration": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180, "m/s^2": 1.0, "mm/s^2": 1e-3},
+    "effort": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "N": 1.0},
+    "current": {"A": 1.0, "mA": 1e-3},
+    "temperature": {"degC": 1.0},
+    "power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+    "energy": {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Ws": 1.0, "mWh": 3.6, "Wh": 3600.0, "kWh": 3.6e6},
+}
+BY_SIGNAL = {"position": "", "velocity": "/s", "acceleration": "/s^2"}  # what an angle's unit gets
+OTHER = {
+    "°": "deg", "º": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
+    "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "turn": "rev",
+    "turns": "rev", "1/min": "rpm", "u/min": "rpm", "°c": "degC", "c": "degC", "celsius": "degC", "watt": "W",
+    "watts": "W", "ampere": "A", "amps": "A", "amp": "A", "joule": "J", "joules": "J", "n*m": "N m", "n.m": "N m",
+    "n-m": "N m", "n·m": "N m", "nm": "N m", "mnm": "mN m",
+}  # fmt: skip
+
+
+def known_unit(kind: str, word: str) -> str | None:
+    """The unit of UNITS[kind] that a word of a header or a unit row means, None where it means none.
+
+    >>> known_unit("position", "[°]"), known_unit("velocity", "deg/s"), known_unit("energy", "(kWh)")
+    ('deg', 'deg/s', 'kWh')
+    """
+    word = word.strip().strip("[](){}<> ").strip()
+    if not word or kind not in UNITS:
+        return None
+    lower = {name.lower(): name for name in UNITS[kind]}
+    if word in UNITS[kind]:
+        return word
+    word = word.lower()
+    angle = re.fullmatch(r"(\D+?)\s*(/|_per_|\.)\s*s(?:ec)?(?:\^?(-?2)|²)?\s*", word)
+    if angle and kind in BY_SIGNAL:
+        stem = OTHER.get(angle.group(1), angle.group(1))
+        return lower.get(f"{stem}{BY_SIGNAL[kind]}".lower())
+    return lower.get(OTHER.get(word, word).lower())
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+# Words that tell the signal of a joint, the most telling signals first ("joint" is in many a header).
+SIGNALS: dict[str, frozenset[str]] = {
+    "acceleration": _words("qdd ddq acc accel acceleration accelerations ddtheta beschleunigung"),
+    "velocity": _words("qd dq vel velocity velocities speed speeds omega qdot dtheta rate geschwindigkeit"),
+    "effort": _words("tau effort efforts torque torques moment moments drehmoment"),
+    "current": _words("current currents cur strom ampere i"),
+    "temperature": _words("temp temps temperature temperatures temperatur"),
+    "position": _words(
+        "q pos position positions angle angles theta encoder joint joints j axis axes a achse winkel jpos"
+    ),
+}
+# What is measured is meant; these are commanded values.
+COMMANDED = _words(
+    "computed calculated calc model modelled modeled simulated sim estimated est theoretical feedforward predicted "
+    "target desired des command commanded cmd ref reference setpoint goal d soll error err planned nominal"
+)
+STRANGE = _words(  # beside these words the others mean no joint's signal
+    "tcp cartesian tool pose wrench force ext external hat output register registers bit bits mode digital analog "
+    "voltage volt voltages limit limits max min seq covariance contact collision name names accelerometer gripper "
+    "finger momentum factor fraction scaling time stamp"
+)
+MEASURED = _words("actual measured state states act ist real feedback fb meas joint")
+TIME = ("time", "timestamp", "stamp", "t", "zeit", "datetime", "date", "clock", "elapsed", "secs", "seconds")
+NOT_TIME = _words("execution frame nsecs nanosec control run cycle delta")
+POWER = _words("power watt watts leistung puissance p pwr")
+ENERGY = _words("energy joule joules wh kwh energie counter arbeit")
+VOLT = _words("voltage volt volts u v spannung")
+AMPERE = _words("current ampere amperes amps amp i a strom")
+# One motor's, and not the robot's, unless the header says so.
+SINGLE = _words(
+    "joint motor axis axes achse actuator drive servo gripper tool finger elbow shoulder wrist antrieb j m link"
+)
+WHOLE = _words("robot arm total whole sum main gesamt")
+ALTERNATING = _words("pf cos phi apparent reactive frequency hz va var")
+NOT_POWER = _words("apparent reactive factor max min peak limit state mode on off status button")
 
 
 @dataclass(frozen=True)
@@ -66,11 +157,11 @@ def unit_in(kind: str, header: str) -> str | None:
 def signal_of(words: Iterable[str]) -> str | None:
     """The joint signal that words tell, None for none."""
     have = set(words)
-    if have & w.STRANGE:
+    if have & STRANGE:
         return None
     if {"q", "dot"} <= have or {"theta", "dot"} <= have:
         return "velocity"
-    return next((signal for signal, known in w.SIGNALS.items() if have & known), None)
+    return next((signal for signal, known in SIGNALS.items() if have & known), None)
 
 
 def joint_columns(
@@ -84,7 +175,7 @@ def joint_columns(
     by_name = _by_name(header, joints)
     by_number = _by_number(header, joints, given or {})
     out = {}
-    for signal in w.SIGNALS:
+    for signal in SIGNALS:
         found = by_name.get(signal) or by_number.get(signal)
         if found is not None:
             out[signal] = found
@@ -155,7 +246,7 @@ def _by_number(header: Sequence[str], joints: Sequence[str], given: Mapping[int,
 def _rank(words: Sequence[str]) -> float:
     """How likely words mean what was measured: commanded values below 0, said to be measured above."""
     have = set(words)
-    return len(have & w.MEASURED) * 0.3 - (2.0 if have & w.COMMANDED else 0.0) - 0.01 * len(words)
+    return len(have & MEASURED) * 0.3 - (2.0 if have & COMMANDED else 0.0) - 0.01 * len(words)
 
 
 def time_columns(header: Sequence[str]) -> list[str]:
@@ -163,10 +254,10 @@ def time_columns(header: Sequence[str]) -> list[str]:
     ranked = []
     for k, text in enumerate(header):
         h = cut(text)
-        have = [w.TIME.index(word) for word in h.words if word in w.TIME]
+        have = [TIME.index(word) for word in h.words if word in TIME]
         if not have and re.fullmatch(r"_*(id|index|ms|s|t|sec)_*", text.strip().lower()):
-            have = [len(w.TIME)]
-        if have and not set(h.words) & w.NOT_TIME:
+            have = [len(TIME)]
+        if have and not set(h.words) & NOT_TIME:
             ranked.append((min(have) + (3 if "header" in h.words else 0) + len(h.words) / 10 + k / 1e4, text))
     return [text for _, text in sorted(ranked)]
 
@@ -174,14 +265,14 @@ def time_columns(header: Sequence[str]) -> list[str]:
 def power_column(header: Sequence[str]) -> str | None:
     """The header of the whole robot's power, None where none says so."""
     good = {"total": 2.0, "robot": 1.0, "arm": 1.0, "active": 1.0, "whole": 1.0, "sum": 1.0, "main": 0.5, "input": 0.5}
-    return _best(header, w.POWER, w.NOT_POWER, good, "power")
+    return _best(header, POWER, NOT_POWER, good, "power")
 
 
 def energy_column(header: Sequence[str]) -> str | None:
     """The header of a counter of energy."""
     good = {"total": 1.0, "import": 1.0, "robot": 1.0, "active": 0.5}
-    found = _best(header, w.ENERGY, w.NOT_POWER | {"kinetic", "potential", "reactive"}, good, "energy")
-    return found if found is None or set(cut(found).words) & (w.ENERGY - {"counter"}) else None
+    found = _best(header, ENERGY, NOT_POWER | {"kinetic", "potential", "reactive"}, good, "energy")
+    return found if found is None or set(cut(found).words) & (ENERGY - {"counter"}) else None
 
 
 def _best(
@@ -197,7 +288,7 @@ def _best(
             continue
         value = 1 + (1.0 if unit else 0.0) + sum(good.get(word, 0) for word in h.words) - 0.1 * len(h.words)
         value += 0.5 if have - {"p"} else 0.0
-        value -= 0.5 * len(h.numbers) + (2.0 if set(h.words) & w.COMMANDED else 0.0)
+        value -= 0.5 * len(h.numbers) + (2.0 if set(h.words) & COMMANDED else 0.0)
         if value > score:
             best, score = text, value
     return best
@@ -206,10 +297,10 @@ def _best(
 def _whole(h: Header, header: Sequence[str], good: Iterable[str]) -> bool:
     """Whether a meter's column may be the whole robot's: no single motor's, nor one of several of its kind."""
     words = set(h.words)
-    if words & w.WHOLE & set(good):
+    if words & WHOLE & set(good):
         return True
     alike = [other for other in map(cut, header) if other.words == h.words and other.numbers != h.numbers]
-    return not words & w.SINGLE and not (h.numbers and alike)
+    return not words & SINGLE and not (h.numbers and alike)
 
 
 def robots_own(pair: Sequence[str]) -> bool:
@@ -219,7 +310,7 @@ def robots_own(pair: Sequence[str]) -> bool:
 
 def alternating(header: Iterable[str]) -> bool:
     """Whether a table has what is known of an alternating supply only."""
-    return any(set(cut(text).words) & w.ALTERNATING for text in header)
+    return any(set(cut(text).words) & ALTERNATING for text in header)
 
 
 def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
@@ -228,17 +319,17 @@ def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
     best, score = None, 0.0
     cells = [cut(text) for text in header]
     for volt in cells:
-        if not (set(volt.words) & w.VOLT or volt.unit == "V"):
+        if not (set(volt.words) & VOLT or volt.unit == "V"):
             continue
         for ampere in cells:
-            named = set(ampere.words) & w.AMPERE or known_unit("current", ampere.unit)
+            named = set(ampere.words) & AMPERE or known_unit("current", ampere.unit)
             if not named or ampere.text == volt.text or ampere.numbers != volt.numbers:
                 continue
-            if set(ampere.words) & w.COMMANDED or set(volt.words) & w.COMMANDED:
+            if set(ampere.words) & COMMANDED or set(volt.words) & COMMANDED:
                 continue
             if not _whole(volt, header, good) or not _whole(ampere, header, good):
                 continue
-            other_v, other_a = set(volt.words) - w.VOLT, set(ampere.words) - w.AMPERE
+            other_v, other_a = set(volt.words) - VOLT, set(ampere.words) - AMPERE
             if other_v != other_a:
                 continue
             value = 1 + sum(good.get(word, 0) for word in other_v) - len(volt.numbers)

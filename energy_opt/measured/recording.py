@@ -9,14 +9,11 @@ from typing import Any
 import numpy as np
 
 from energy_opt.measured.clock import activity, align
-from energy_opt.measured.columns import Rule, plain_rules
-from energy_opt.measured.further import further_signals
+from energy_opt.measured.columns import PRESETS, Rule, plain_rules
 from energy_opt.measured.joints import EPOCH, FEWEST, Joints, read_joints
 from energy_opt.measured.log import LogFile, RunEntry
-from energy_opt.measured.presets import PRESETS
-from energy_opt.measured.readings import Readings, read_meter, total
-from energy_opt.measured.run import Run
-from energy_opt.measured.segment import cut_at_standstill, pieces
+from energy_opt.measured.readings import Readings, further_signals, read_meter, total
+from energy_opt.measured.run import Run, cut_at_standstill, pieces
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
@@ -110,8 +107,8 @@ def _readings(
 
 def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
     """Rules for a meter's own file beside a recorder's: its own headers."""
+    from energy_opt.measured.columns import AUTO
     from energy_opt.measured.names import energy_column, power_column, time_columns
-    from energy_opt.measured.presets import AUTO
 
     rules = {}
     stamps, power, energy = time_columns(table.header), power_column(table.header), energy_column(table.header)

@@ -1,14 +1,37 @@
-"""A measured set as arrays: one `Run` per run, joints in the robot's order, SI units."""
+"""A measured set as arrays: one `Run` per run, joints in the robot's order, SI units.
+
+Cutting one long recording into runs where the arm is at rest.
+
+From a model's power over time to what the meter reads: means over windows, differences of counters, totals.
+
+A model is evaluated at `nodes(run)` and `observe` gives what the meter would have shown:
+
+    at = nodes(run)                          # (K,) s on the run's clock, evenly spaced
+    expected = observe(run, at, power)       # (M,) W beside run.power, (M, P) for slopes (K, P)
+
+Between nodes power is taken to be linear, so a reading over [b - w, b] is, exactly,
+
+    1/w * sum over intervals [t_k, t_k+1] of the integral of p_k (t_k+1 - t)/h + p_k+1 (t - t_k)/h over their overlap,
+
+a row of a sparse matrix. What the meter does besides (delay, lag, gain) acts on the power at the nodes, before the
+mean.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from energy_opt.robot import PointMass, Robot
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 JOINT_SIGNALS = ("position", "velocity", "acceleration", "effort", "current", "temperature")
 
@@ -85,3 +108,174 @@ class MeasuredSet:
     clock: bool
     payload: PointMass | None = None
     remarks: tuple[str, ...] = ()
+
+
+STILL_SPEED = 0.01  # [rad/s] below this, over `SHORTEST`, the arm is at rest
+SHORTEST = 0.25  # [s] a shorter halt does not part two runs
+LONG = 1.5  # [s] a standstill this long is a static run of its own
+MARGIN = 0.15  # [s] of it left to the motions on either side
+FEW_READINGS = 4  # of the meter that a piece has at least
+MOVES = 0.005  # [rad] a piece in which no joint moves further is static
+FEWEST_SAMPLES = 8  # joint samples a piece has beyond its first
+
+
+def is_at_rest(time: np.ndarray, position: np.ndarray) -> bool:
+    """Whether no joint moves further than `MOVES` over samples (N,), (N, n); noise of single samples is no motion."""
+    wide = max(1, min(len(time), round(0.1 / max(float(np.median(np.diff(time))), 1e-9)))) if len(time) > 1 else 1
+    sums = np.cumsum(np.vstack([np.zeros(position.shape[1]), position - position[0]]), axis=0)
+    return bool(np.ptp((sums[wide:] - sums[:-wide]) / wide, axis=0).max() <= MOVES)
+
+
+def standstills(time: np.ndarray, position: np.ndarray) -> list[tuple[int, int]]:
+    """Index ranges [first, last] in which no joint moves for at least `SHORTEST`.
+
+    Speed is the slope over a window of about 0.1 s, so that encoder steps do not count as motion.
+    """
+    step = float(np.median(np.diff(time)))
+    half = max(1, round(0.05 / step))
+    lo = np.clip(np.arange(len(time)) - half, 0, None)
+    hi = np.clip(np.arange(len(time)) + half, None, len(time) - 1)
+    speed = np.abs(position[hi] - position[lo]).max(axis=1) / (time[hi] - time[lo])
+    still = np.concatenate([[False], speed < STILL_SPEED, [False]])
+    edges = np.flatnonzero(np.diff(still.astype(int)))
+    pairs = zip(edges[::2], edges[1::2] - 1, strict=True)
+    return [(int(a), int(b)) for a, b in pairs if time[b] - time[a] >= SHORTEST]
+
+
+def cut_at_standstill(run: Run) -> list[Run]:
+    """The pieces of a recording; long standstills become static runs, everything else motion runs.
+
+    No piece is left with fewer readings of the meter than `FEW_READINGS`: a slow meter's recording is cut less often.
+    """
+    begin, end = run.power_time - run.window, run.power_time
+
+    def enough(first: int, last: int, whole: bool = False) -> bool:
+        below = int(np.searchsorted(begin if whole else end, run.time[first]))
+        return not len(end) or int(np.searchsorted(end, run.time[last], side="right")) - below >= FEW_READINGS
+
+    cuts: list[int] = [0]
+    final = len(run.time) - 1
+    margin = max(1, round(MARGIN / float(np.median(np.diff(run.time)))))
+    for first, last in standstills(run.time, run.position):
+        low, high, middle = first + margin, last - margin, (first + last) // 2
+        if run.time[last] - run.time[first] >= LONG and enough(low, high, whole=True):
+            if first > 0 and enough(cuts[-1], low):
+                cuts.append(low)
+            if last < final and enough(high, final):
+                cuts.append(high)
+        elif enough(cuts[-1], middle) and enough(middle, final):
+            cuts.append(middle)
+    cuts = sorted({*cuts, final})
+    return pieces(run, [(a, b) for a, b in pairwise(cuts) if b - a >= FEWEST_SAMPLES])
+
+
+def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> list[Run]:
+    """Parts of a run between joint samples, first and last included.
+
+    Every reading goes to one piece: a still one takes those whose window lies in it; of the rest each goes where most
+    of its window lies, and that piece's joint samples reach back as far as the window does. Where `strict`, readings
+    whose window lies in no piece are left out.
+    """
+    still = [is_at_rest(run.time[a : b + 1], run.position[a : b + 1]) for a, b in spans]
+    end = run.power_time
+    begin = np.maximum.accumulate(end - run.window) if len(end) else end
+    most, owner = np.full(len(end), -np.inf), np.full(len(end), -1)
+    for k, (a, b) in enumerate(spans):
+        low, high = run.time[a], run.time[b]
+        near = slice(int(np.searchsorted(end, low - 1e-9)), int(np.searchsorted(begin, high, side="right")))
+        shared = np.minimum(end[near], high) - np.maximum(begin[near], low)
+        whole = (begin[near] >= low - 1e-9) & (end[near] <= high + 1e-9)
+        shared = np.where(whole | ((shared > 0) & (not strict and not still[k])), shared, -np.inf)
+        better = shared > most[near]
+        most[near], owner[near] = np.where(better, shared, most[near]), np.where(better, k, owner[near])
+    by_owner = np.argsort(owner, kind="stable")
+    edges = np.searchsorted(owner[by_owner], np.arange(len(spans) + 1))
+    out: list[Run] = []
+    for k, (a, b) in enumerate(spans):
+        readings = by_owner[edges[k] : edges[k + 1]]
+        if len(end) and not readings.size:
+            continue
+        if readings.size and not strict:
+            a = min(a, max(0, int(np.searchsorted(run.time, begin[readings].min(), side="right")) - 1))
+            b = max(b, min(len(run.time) - 1, int(np.searchsorted(run.time, end[readings[-1]], side="left"))))
+        out.append(
+            _piece(run, a, b, readings, (run.kind if strict else "static" if still[k] else "motion"), len(out) + 1)
+        )
+    return out
+
+
+def _piece(run: Run, first: int, last: int, readings: np.ndarray, kind: str, number: int) -> Run:
+    samples = slice(first, last + 1)
+    joints: dict[str, Any] = {name: values[samples] for name, values in run.joint_signals()}
+    zero = float(run.time[first])
+    return dataclasses.replace(
+        run,
+        file=f"{run.file}#{number}",
+        kind=kind,
+        start=run.start + zero,
+        time=run.time[samples] - zero,
+        lines=run.lines[samples],
+        logged=run.logged_at(samples),
+        power_time=run.power_time[readings] - zero,
+        power=run.power[readings],
+        window=run.window[readings],
+        **joints,
+    )
+
+
+STEP = 0.02  # [s] between nodes; drives' power has little above 10 Hz that a mean over a window would show
+FEWEST_NODES = 4  # nodes that a window has at least
+
+
+def nodes(run: Run) -> np.ndarray:
+    """Times (K,) [s] at which to evaluate a model of the run's power: the stamps, or an even grid under the windows."""
+    if not len(run.power) or not run.window.any():
+        return run.power_time
+    first = max(float(np.min(run.power_time - run.window)), float(run.time[0]))
+    last = min(float(run.power_time[-1]), float(run.time[-1]))
+    step = min(STEP, float(run.window[run.window > 0].min()) / FEWEST_NODES)
+    return np.linspace(first, last, max(2, int(np.ceil((last - first) / step)) + 1))
+
+
+def operator(run: Run, at: np.ndarray) -> csr_matrix:
+    """The matrix (M, K) that takes power at times `at` (K,) [s, increasing] to the run's readings.
+
+    Every row sums to 1. Windows that reach out of `at` count with the part that lies inside; stamps outside take the
+    nearest value.
+    """
+    from scipy.sparse import csr_matrix
+
+    at = np.asarray(at, dtype=float)
+    last = np.clip(run.power_time, at[0], at[-1])
+    first = np.clip(run.power_time - run.window, at[0], at[-1])
+    count = len(at)
+    if count == 1:
+        return csr_matrix(np.ones((len(last), 1)))
+    at_once = last - first <= 1e-9
+    low = np.clip(np.searchsorted(at, first, side="right") - 1, 0, count - 2)
+    high = np.clip(np.searchsorted(at, last, side="left") - 1, low, count - 2)
+    low = np.where(at_once, high, low)
+    per_reading = high - low + 1
+    row = np.repeat(np.arange(len(last)), per_reading)
+    offset = np.arange(len(row)) - np.repeat(np.cumsum(per_reading) - per_reading, per_reading)
+    k = low[row] + offset
+    left, right = at[k], at[k + 1]
+    a, b = np.maximum(first[row], left), np.minimum(last[row], right)
+    length = np.where(at_once[row], 1.0, last[row] - first[row])
+    middle = np.where(at_once[row], last[row], (a + b) / 2)
+    share = np.where(at_once[row], 1.0, (b - a) / length)
+    to_right = share * (middle - left) / (right - left)
+    data = np.concatenate([share - to_right, to_right])
+    return csr_matrix((data, (np.concatenate([row, row]), np.concatenate([k, k + 1]))), shape=(len(last), count))
+
+
+def observe(run: Run, at: np.ndarray, power: np.ndarray) -> np.ndarray:
+    """What the meter would have read, (M, ...) [W], of a power (K, ...) [W] at times `at` (K,) [s on the run's clock].
+
+    Linear in the power, so derivatives go through it column by column.
+    """
+    power = np.asarray(power, dtype=float)
+    if not run.window.any() and len(at) == len(run.power_time) and np.array_equal(at, run.power_time):
+        return power
+    flat = operator(run, at) @ power.reshape(len(at), -1)
+    return flat.reshape(len(run.power), *power.shape[1:])

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.dates import NUMBER, date_form, seconds
-from energy_opt.measured.layout import Csv, Layout, layout_of, split, text
+from energy_opt.measured.layout import NUMBER, Csv, Layout, date_form, layout_of, seconds, split, text
 
 MAX_FAULTS = 5  # named per column; the rest is counted
 BLOCK = 1 << 24  # [bytes] parsed at a time; a row must be shorter

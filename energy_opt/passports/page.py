@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.passports.changes import Change
-from energy_opt.passports.drives import friction, loss
-from energy_opt.passports.sources import Arm, Number
+from energy_opt.passports.sources import Arm, Number, friction, loss
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.page import Report, shown
 from energy_opt.reports.plots import heat_maps, png

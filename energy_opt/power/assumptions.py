@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.power.known import Known, electrical, friction
+from energy_opt.power.known import Known, careful, electrical, friction, source_method_2
 from energy_opt.power.model import PowerModel
-from energy_opt.power.named import careful, source_method_2
 from energy_opt.robot import Robot
-from energy_opt.robot.units import sliding
+from energy_opt.robot.limits import sliding
 
 BOUNDS = ("velocity", "acceleration", "jerk", "effort")
 NOTES = {

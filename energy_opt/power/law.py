@@ -8,6 +8,10 @@ P     = supply(p)                       at the meter, meter effects aside
 Where friction `holds`, a joint at rest is held by it as far as it goes, and only the rest of its load is the motor's:
 plans are made and judged so, as friction that is nothing at v = 0 makes creeping cheaper than standing still. That help
 is in the heat alone: friction never does work, and what limits hold is tau_m without it.
+
+What the past adds to a motion that is known in order: time since motion ended, and what a store gives back.
+
+Numeric values of the effects that change the rigid body, in the form that Pinocchio's numbers need.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from energy_opt.effects import (
     EXACT,
@@ -23,14 +28,17 @@ from energy_opt.effects import (
     HeatEffect,
     Kinks,
     PowerEffect,
+    RigidEffect,
     Signals,
+    SoakingEffect,
     StoreEffect,
     SupplyEffect,
     TorqueEffect,
     WindingEffect,
 )
-from energy_opt.effects.kinks import Along
+from energy_opt.effects.parameter import MOVING_SPEED, Along
 from energy_opt.power.model import PowerModel
+from energy_opt.robot import PointMass, RigidBody
 
 
 @dataclass(frozen=True)
@@ -157,3 +165,103 @@ def drive_function(
         ["tau_m", "power", "parts", *(["bus"] if past else [])],
     )
     return function, tuple(terms.parts)
+
+
+BRIEF = 0.1  # [s]
+
+
+def idle_time(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Time (N,) [s] since the last motion ended; -1 while any joint moves and before it first does.
+
+    Args:
+        time: (N,) s, increasing. v: (N, n) rad/s.
+    """
+    moving = np.abs(v).max(axis=1) > MOVING_SPEED
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(time)), -1))
+    return np.where(moving | (last < 0), -1.0, time - time[np.maximum(last, 0)])
+
+
+def dwells(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """How many standstills between two motions of a run have passed their middle at each instant (N,).
+
+    Motions and standstills of less than `BRIEF` s are none: speeds from positions have noise.
+
+    Args:
+        time: (N,) s, increasing. v: (N, n) rad/s.
+    """
+    moving = np.abs(v).max(axis=1) > MOVING_SPEED
+    for state in (True, False):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], moving == state, [0]])))
+        for first, last in edges.reshape(-1, 2):
+            if time[min(last, len(time) - 1)] - time[first] < BRIEF:
+                moving[first:last] = not state
+    ends, begins = np.flatnonzero(moving[:-1] & ~moving[1:]), np.flatnonzero(~moving[:-1] & moving[1:])
+    begins = begins[np.searchsorted(begins, ends[0]) :] if ends.size else begins[:0]
+    count = min(len(ends), len(begins))
+    middles = (time[ends[:count]] + time[begins[:count]]) / 2
+    return np.searchsorted(middles, time, side="right").astype(float)
+
+
+def heated(model: PowerModel, time: np.ndarray, tau_m: np.ndarray) -> np.ndarray:
+    """What `Signals.heated` is of the model's soaking effect, (N, n) W; zeros where it has none.
+
+    Args:
+        time: (N,) s, increasing. tau_m: (N, n) N m of the motors.
+    """
+    n = tau_m.shape[1]
+    soaking = next((e for e in model.effects if isinstance(e, SoakingEffect)), None)
+    if soaking is None:
+        return np.zeros_like(tau_m)
+    torque, none = ca.SX.sym("tau_m", n), ca.SX.zeros(n)
+    x = Signals(none, none, none, torque, ca.SX(0))
+    sources = [e for e in model.effects if isinstance(e, HeatEffect) and e.name in soaking.needs]
+    heat = sum((e.heat(x, torque, e.named(ca.DM(e.full(n)), n), EXACT) for e in sources), ca.SX.zeros(n))
+    by_joint = np.array(ca.Function("heat", [torque], [ca.densify(heat)])(tau_m.T)).T
+    return soaking.soaked(time, by_joint, soaking.full(n))
+
+
+def store_of(model: PowerModel) -> StoreEffect | None:
+    """The effect of a model that stores negative power, or None."""
+    return next((e for e in model.effects if isinstance(e, StoreEffect)), None)
+
+
+def returned_power(model: PowerModel, step: np.ndarray, bus: np.ndarray) -> np.ndarray:
+    """Power (N,) [W] that the model's store gives back at each of N instants that stand for `step` (N,) s."""
+    store = store_of(model)
+    if store is None:
+        return np.zeros_like(bus)
+    value = float(store.full(1)[0])
+    return np.asarray(store.supplied(step, bus, 0.0) - store.supplied(step, bus, value))
+
+
+def body_of(model: PowerModel, body: RigidBody) -> RigidBody:
+    """The rigid body with its links as the model says they are; the URDF's where it says nothing of them."""
+    nominal = [(link.mass, ca.DM(link.lever), ca.DM(link.inertia)) for link in body.plain.own_links()]
+    for effect in model.effects:
+        if isinstance(effect, RigidEffect):
+            links = effect.links(nominal, effect.named(ca.DM(effect.full(body.n)), body.n))
+            if links is not None:
+                return body.with_links(
+                    *(np.stack([np.array(x).squeeze() for x in part]) for part in zip(*links, strict=True))
+                )
+    return body
+
+
+def rigid_inputs(model: PowerModel, body: RigidBody) -> tuple[PointMass | None, np.ndarray]:
+    """The model's payload (None where it has none) and gravity (3,) [m/s^2] in the robot's base frame."""
+    gravity, mass = ca.DM(body.gravity), None
+    for effect in model.effects:
+        if isinstance(effect, RigidEffect):
+            p = effect.named(ca.DM(effect.full(body.n)), body.n)
+            gravity = effect.gravity(gravity, p)
+            point = effect.point_mass(p)
+            mass = mass if point is None else PointMass(float(point[0]), np.array(point[1]).ravel())
+    return mass, np.array(gravity).ravel()
+
+
+def rigid_torque(model: PowerModel, body: RigidBody, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Rigid-body torque (N, n) [N m] with the model's payload, tilt and links, by Pinocchio."""
+    body = body_of(model, body)
+    payload, gravity = rigid_inputs(model, body)
+    changed = None if np.array_equal(gravity, body.gravity) else gravity
+    return body.torque(q, v, a, payload, changed)

@@ -1,9 +1,8 @@
 """Standard moves: what controllers take that know joint moves with a speed and an acceleration only."""
 
-from energy_opt.profiles.answer import standard_moves
+from energy_opt.profiles.answer import robust_moves, standard_moves
 from energy_opt.profiles.chain import Chain
 from energy_opt.profiles.plan import MovesPlanner, StandardMoves, as_result
-from energy_opt.profiles.robust import robust_moves
 
 __all__ = [
     "Chain", "MovesPlanner", "StandardMoves", "as_result", "robust_moves", "standard_moves",

@@ -1,4 +1,7 @@
-"""The standard moves with the least energy for a move, and how much of what a free trajectory saves they keep."""
+"""What keeps standard moves clear of the arm's own body and its cell: planes, more where a proof failed.
+
+The standard moves with the least energy for a move, and how much of what a free trajectory saves they keep.
+"""
 
 from __future__ import annotations
 
@@ -7,27 +10,45 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.cell.cell import Cell
+from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.clearance import ClearanceRows
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.reshape.clear import REACH, Margins, Places
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.motion.result import Result
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.compile import compiled
 from energy_opt.profiles.chain import Chain
-from energy_opt.profiles.keep import Keep
 from energy_opt.profiles.program import SHARP, Program, Shape
+
+
+class Keep:
+    """The constraints for moves between two poses `ends` (2, n); they learn from proofs that fail."""
+
+    def __init__(self, cell: Cell, near: Near, ends: np.ndarray) -> None:
+        self._near, self._margins = near, Margins(cell, ends)
+        self._places = Places.evenly(len(self._margins.wanted))
+
+    def learn(self, proof: Clearance, duration: float) -> None:
+        """Look where a proof failed, and keep more distance there."""
+        self._places.learn(proof, duration)
+
+    def rows(self) -> ClearanceRows:
+        """The limit to be added to the others."""
+        return ClearanceRows(self._near, self._places.u, self._margins.at(self._places), REACH)
+
 
 MOST_VIAS = 5
 MORE = 2  # via points beyond what was asked for, where moves cost more than the evenly slowed move
 TURNS = 5  # solves with what the judge found broken in view
-REACH = 0.3  # [rad] that via points go at most while the planes between bodies stay where they are
+VIA_REACH = 0.3  # [rad] that via points go at most while the planes between bodies stay where they are
 ROUNDS = 6  # solves with numeric constraints that are asked for anew where the one before ended
 SETTLED = 1e-4  # [rad, s] change of all unknowns from round to round at which nothing new is asked for
 LONGEST = 10.0  # a free duration ends at this multiple of the reference's
@@ -217,7 +238,7 @@ class MovesPlanner:
         shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
         values = self.p.model.values(self.robot.n)
         for _ in range(ROUNDS):
-            program = Program(shape, self._nodes(objective), ends, limits, values, durations, chain, REACH)
+            program = Program(shape, self._nodes(objective), ends, limits, values, durations, chain, VIA_REACH)
             x = program.unknowns(chain)
             program.scale = 1 / max(abs(program.cost(x) - self._overhead(durations, objective)), 1e-6)
             answer = ipopt.solve(program, x, program.box, program.row_bounds, OPTIONS)

@@ -1,4 +1,13 @@
-"""Where an arm's links are, for many configurations at once, in NumPy alone.
+"""What is known of an arm, as plain numbers: its links, a payload, stated limits.
+
+Joints that follow others: from the joints that move by themselves to all of them, and back.
+
+With q the n joints that move by themselves, the positions of all L joints of an arm are G q + g, with a row of G for
+each: a unit for a joint of its own, its ratio in the leader's column for one that follows. Velocities and accelerations
+are G v and G a. By virtual work, torques (and gradients, and the columns of Jacobians) of all joints act on the n as
+G^T tau: that of a leader is its own plus its followers', each times its ratio.
+
+Where an arm's links are, for many configurations at once, in NumPy alone.
 
 L links have a joint each, of which n move by themselves and take the others along (see `coupling`). Arrays over links
 have one entry more than there are: the last, which index -1 reaches, is the base.
@@ -11,8 +20,148 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.robot.coupling import Coupling
-from energy_opt.robot.links import Link
+
+@dataclass(frozen=True)
+class PointMass:
+    """A mass [kg] at `com` (3,) [m] in the last joint's frame."""
+
+    mass: float
+    com: np.ndarray
+
+
+@dataclass(frozen=True)
+class Follows:
+    """How a joint follows another: its position is `ratio` times that of joint `leader`, an index, plus `offset`."""
+
+    leader: int
+    ratio: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Link:
+    """One moving link and the joint that carries it, as plain numbers.
+
+    Attributes:
+        name: the joint's name.
+        prismatic: slides along `axis` where True, else turns about it.
+        continuous: a revolute joint without an end.
+        parent: index of the parent link, -1 for the base.
+        placement: (4, 4) pose of the joint's frame in the parent's at q = 0.
+        axis: (3,) unit vector in the joint's frame.
+        mass, lever, inertia: kg, (3,) m to the centre of mass, (3, 3) kg m^2 about the centre of mass.
+        armature: reflected rotor inertia, kg m^2 (0 unless the model states it).
+        follows: the joint that moves by itself and takes this one along; None where this one is such a joint.
+    """
+
+    name: str
+    prismatic: bool
+    continuous: bool
+    parent: int
+    placement: np.ndarray
+    axis: np.ndarray
+    mass: float
+    lever: np.ndarray
+    inertia: np.ndarray
+    armature: float
+    follows: Follows | None = None
+
+
+def pose_of(position: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """(4, 4) pose from a position [m] and roll, pitch, yaw [rad] as URDF has them: Rz(yaw) Ry(pitch) Rx(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    out = np.eye(4)
+    out[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    out[:3, 3] = position
+    return out
+
+
+def pseudo_inertia(mass: float, lever: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """(4, 4) second moments from mass, centre of mass (3,) and inertia (3, 3) about it.
+
+    They add up over bodies and move to another frame as T J T^T (Wensing, Kim, Slotine 2018).
+    """
+    centre = np.append(lever, 1.0)
+    out = mass * np.outer(centre, centre)
+    out[:3, :3] += np.trace(inertia) / 2 * np.eye(3) - inertia
+    return out
+
+
+def outermost(links: Sequence[Link]) -> int:
+    """Index of the link with most joints between it and the base, the last of several: what "the last joint" means.
+
+    On a chain it is the last; beside one, rods of a linkage do not take its place.
+    """
+    depth: list[int] = []
+    for link in links:
+        depth.append(1 + (depth[link.parent] if link.parent >= 0 else 0))
+    return max(range(len(links)), key=lambda k: (depth[k], k))
+
+
+@dataclass(frozen=True)
+class UrdfLimits:
+    """What the URDF states, (n,) each, untouched: position [rad], velocity [rad/s], effort [N m]."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """How all joints of an arm hang on those that move by themselves.
+
+    Attributes:
+        matrix: G (L, n).
+        offset: g (L,) [rad, m].
+        own: (n,) indices, among all L, of the joints that move by themselves.
+    """
+
+    matrix: np.ndarray
+    offset: np.ndarray
+    own: np.ndarray
+
+    @classmethod
+    def of(cls, links: Sequence[Link]) -> Coupling:
+        """That of an arm's links."""
+        own = np.array([k for k, link in enumerate(links) if link.follows is None], dtype=int)
+        matrix, offset = np.zeros((len(links), len(own))), np.zeros(len(links))
+        matrix[own, np.arange(len(own))] = 1.0
+        for k, link in enumerate(links):
+            if link.follows is not None:
+                matrix[k] = link.follows.ratio * matrix[link.follows.leader]
+                offset[k] = link.follows.offset
+        return cls(matrix, offset, own)
+
+    @property
+    def trivial(self) -> bool:
+        """Whether every joint moves by itself."""
+        return len(self.matrix) == len(self.own)
+
+    def positions(self, q: np.ndarray) -> np.ndarray:
+        """All joints' (..., L), from those of the joints that move by themselves (..., n)."""
+        return q if self.trivial else q @ self.matrix.T + self.offset
+
+    def rates(self, v: np.ndarray) -> np.ndarray:
+        """All joints' velocities or accelerations (..., L) from (..., n)."""
+        return v if self.trivial else v @ self.matrix.T
+
+    def reach(self, far: np.ndarray) -> np.ndarray:
+        """How far each joint can go (..., L) while those that move by themselves go at most `far` (..., n)."""
+        return far if self.trivial else far @ np.abs(self.matrix).T
+
+    def reach_back(self, x: np.ndarray) -> np.ndarray:
+        """How large torques by the n joints can be (..., n) where those of all joints are at most x (..., L)."""
+        return x if self.trivial else x @ np.abs(self.matrix)
+
+    def joined(self, x: np.ndarray, axis: int = -1) -> np.ndarray:
+        """G^T x along an axis of length L: torques or derivatives, by the n joints that move by themselves."""
+        return x if self.trivial else np.moveaxis(np.moveaxis(x, axis, -1) @ self.matrix, -1, axis)
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,63 @@
-"""Joint limits: the URDF's, overlaid by published ones, overlaid by the user's file with MoveIt's keys."""
+"""Units of joints: what is rad and N m for a joint that turns is m and N for one that slides.
+
+Joint limits: the URDF's, overlaid by published ones, overlaid by the user's file with MoveIt's keys.
+
+Postures of an arm, seeded: where a question about all of them is answered by many.
+
+MoveIt's joint_limits.yaml: limits by joint name, and the scaling factors of speed and acceleration.
+
+    default_velocity_scaling_factor: 1.0         in (0, 1]; all limits on velocity (acceleration) are multiplied by it
+    default_acceleration_scaling_factor: 1.0
+    joint_limits:
+      <joint>:
+        has_position_limits, min_position, max_position
+        has_velocity_limits, max_velocity (and min_velocity, below 0)
+        has_acceleration_limits, max_acceleration (and min_acceleration, below 0)
+        has_deceleration_limits, max_deceleration (its size counts)
+        has_jerk_limits, max_jerk
+        has_effort_limits, max_effort
+        has_soft_limits, soft_lower_limit, soft_upper_limit, k_position, k_velocity
+        angle_wraparound
+
+A number counts unless its `has_...` says false, which takes the limit away. Limits hold both ways here, so of two sizes
+for the two directions the smaller is taken. A soft range narrows the position's; its gains k_... are the controller's.
+The table may stand by itself, or where ROS parameters have it (robot_description_planning, ros__parameters).
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from energy_opt.robot.units import unit_of
+from energy_opt.errors import BadInput, near
+from energy_opt.files import read_yaml
+
+TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "effort": "N m"}
+PLAIN = {"power": "W", "tool_speed": "m/s", "tool_acceleration": "m/s^2"}  # of what is no joint's
+
+
+def sliding(unit: str) -> str:
+    """The unit of a sliding joint in place of a turning one's.
+
+    >>> sliding("N m s/rad"), sliding("rad/s^2"), sliding("W/(N m)^2")
+    ('N s/m', 'm/s^2', 'W/N^2')
+    """
+    return unit.replace("(N m)", "N").replace("N m", "N").replace("rad", "m")
+
+
+def unit_of(kind: str, slides: bool = False) -> str:
+    """Unit of a joint's position, velocity, ..., or of another bounded quantity; empty where it is not known."""
+    unit = TURNING.get(kind)
+    if unit is None:
+        return PLAIN.get(kind, "")
+    return sliding(unit) if slides else unit
+
 
 ASSUMED_VELOCITY = np.pi  # [rad/s] where no limit is known
 RAMP = 5.0  # [1/s] acceleration over velocity limit where none is known: full speed in no less than 0.2 s
@@ -89,3 +138,176 @@ def with_assumptions(limits: Limits, joints: Sequence[str], slides: Sequence[boo
     acceleration = np.where(np.isfinite(limits.acceleration), limits.acceleration, np.minimum(RAMP * velocity, FASTEST))
     jerk = np.where(np.isfinite(limits.jerk), limits.jerk, SHARPNESS * acceleration)
     return Limits(lower, upper, velocity, acceleration, jerk, limits.effort), warnings
+
+
+TURN = np.pi  # [rad or m]
+
+
+def postures(limits: Limits, count: int = 100, seed: int = 0) -> np.ndarray:
+    """(count, n) [rad or m]: the middle of all ranges, then random ones; at most half a turn from what is nearest 0."""
+    nearest = np.clip(0.0, limits.lower, limits.upper)
+    low, high = np.maximum(limits.lower, nearest - TURN), np.minimum(limits.upper, nearest + TURN)
+    q = np.random.default_rng(seed).uniform(low, high, (count, len(low)))
+    q[0] = (low + high) / 2
+    return q
+
+
+KINDS = {"velocity": "min_velocity", "acceleration": "min_acceleration", "jerk": None, "effort": None}
+FACTORS = {
+    "default_velocity_scaling_factor": "velocity", "default_acceleration_scaling_factor": "acceleration",
+}  # fmt: skip
+FLAGS = (
+    *(f"has_{kind}_limits" for kind in ("position", *KINDS, "deceleration", "soft")), "angle_wraparound",
+)  # fmt: skip
+NUMBERS = (
+    *("min_position", "max_position"), *(f"max_{kind}" for kind in KINDS), *(key for key in KINDS.values() if key),
+    *("max_deceleration", "soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
+)  # fmt: skip
+WRAPPERS = ("/**", "ros__parameters", "robot_description_planning", "move_group")
+OTHERS = ("cartesian_limits",)  # of other planners' files, in the same place
+
+
+def overlay(
+    limits: Limits, joints: Sequence[str], path: Path, prefix: str = "", others: Collection[str] = ()
+) -> tuple[Limits, list[str]]:
+    """`limits` with those of a joint_limits.yaml in their place, and a warning for each factor that scales them.
+
+    Args:
+        prefix: what is before the robot's joint names in the file.
+        others: joints of the robot that do not move; limits for them are passed over.
+
+    Raises:
+        BadInput: the file is malformed, or none of the joints it names is the robot's; an unknown key, or a joint's
+            name that comes near to one of the robot's, is refused with what was probably meant.
+    """
+    factors, table = _document(path)
+    names = [prefix + joint for joint in joints]
+    known = {joint: table[name] for joint, name in zip(joints, names, strict=True) if name in table}
+    if not known:
+        shown = ", ".join(map(str, table))
+        before = [str(name).removesuffix(joints[0]) for name in table if str(name).endswith(joints[0])]
+        hint = f"; they fit with --joint-prefix {before[0]!r}" if before and before[0] != prefix else ""
+        raise BadInput(f"{path}: names {shown}; the robot's joints are {', '.join(joints)}{hint}")
+    for name in map(str, table):
+        meant = _misspelt(name, [n for n in names if n not in table])
+        if name not in names and name not in others and meant:
+            raise BadInput(f"{path}: joint_limits.{name}: the robot has no such joint; did you mean {meant!r}?")
+    arrays = {field.name: getattr(limits, field.name).copy() for field in dataclasses.fields(Limits)}
+    for j, joint in enumerate(joints):
+        if joint in known:
+            _apply(arrays, j, known[joint], f"{path}: joint_limits.{prefix}{joint}")
+    warnings = []
+    for key, factor in factors.items():
+        arrays[FACTORS[key]] *= factor
+        if factor != 1:
+            warnings.append(f"{path.name}: {key} {factor:g}: all limits on {FACTORS[key]} are multiplied by it")
+    return Limits(**arrays), warnings
+
+
+def _misspelt(name: str, joints: Sequence[str]) -> str | None:
+    """The joint that a name comes very near to, with the same digits: another number is another joint."""
+    digits = [c for c in name if c.isdigit()]
+    found = get_close_matches(name, [j for j in joints if [c for c in j if c.isdigit()] == digits], 1, 0.75)
+    return found[0] if found else None
+
+
+def names_in(path: Path) -> list[str]:
+    """The joints that a limits file names."""
+    return [str(name) for name in _document(path)[1]]
+
+
+def _document(path: Path) -> tuple[dict[str, float], dict[str, Mapping[str, Any]]]:
+    """Scaling factors that are given, and the table of joints; every key of both is known."""
+    document = read_yaml(path)
+    for _ in range(len(WRAPPERS)):
+        if isinstance(document, dict) and "joint_limits" not in document:
+            inner = [document[key] for key in WRAPPERS if isinstance(document.get(key), dict)]
+            document = inner[0] if inner else document
+    table = document.get("joint_limits") if isinstance(document, dict) else None
+    if not isinstance(document, dict) or not isinstance(table, dict) or not table:
+        raise BadInput(f"{path}: no joint_limits table; expected MoveIt's joint_limits.yaml")
+    _known(document, (*FACTORS, "joint_limits", *OTHERS), f"{path}")
+    factors = {}
+    for key in FACTORS:
+        value = _number(document, key, f"{path}: ")
+        if value is not None:
+            if not 0 < value <= 1:
+                raise BadInput(f"{path}: {key} = {value:g}; expected a factor above 0 and at most 1")
+            factors[key] = value
+    for name, row in table.items():
+        where = f"{path}: joint_limits.{name}"
+        if not isinstance(row, dict):
+            raise BadInput(f"{where}: not a table of limits")
+        _known(row, (*FLAGS, *NUMBERS), where)
+        for key in FLAGS:
+            if not isinstance(row.get(key, False), bool):
+                raise BadInput(f"{where}.{key} = {row[key]!r}; expected true or false, without quotes")
+        for key in NUMBERS:
+            _number(row, key, f"{where}.")
+    return factors, table
+
+
+def _known(table: Mapping[Any, Any], keys: Sequence[str], where: str) -> None:
+    for key in table:
+        if key not in keys:
+            raise BadInput(f"{where}: unknown key {key!r}{near(str(key), keys) or '; known are ' + ', '.join(keys)}")
+
+
+def _apply(arrays: dict[str, np.ndarray], j: int, row: Mapping[str, Any], where: str) -> None:
+    """Put what one joint's row says into the bounds of joint j."""
+    low, high = _number(row, "min_position"), _number(row, "max_position")
+    if row.get("has_position_limits", low is not None or high is not None):
+        arrays["lower"][j] = arrays["lower"][j] if low is None else low
+        arrays["upper"][j] = arrays["upper"][j] if high is None else high
+    elif "has_position_limits" in row:
+        arrays["lower"][j], arrays["upper"][j] = -np.inf, np.inf
+    if row.get("has_soft_limits", False):
+        for key, side, narrower in (("soft_lower_limit", "lower", max), ("soft_upper_limit", "upper", min)):
+            if (value := _number(row, key)) is not None:
+                arrays[side][j] = narrower(arrays[side][j], value)
+    if ("has_position_limits" in row or low is not None or high is not None) and not (
+        arrays["lower"][j] < arrays["upper"][j]
+    ):
+        raise BadInput(f"{where}: min_position is not below max_position")
+    for kind, lowest in KINDS.items():
+        size = _size(row, kind, lowest, where)
+        if row.get(f"has_{kind}_limits", size is not None):
+            if size is None:
+                raise BadInput(f"{where}: has_{kind}_limits is true, but max_{kind} is missing")
+            arrays[kind][j] = size
+        elif f"has_{kind}_limits" in row:
+            arrays[kind][j] = np.inf
+    braking = _number(row, "max_deceleration")
+    if row.get("has_deceleration_limits", braking is not None):
+        if not braking or abs(braking) < SMALLEST:
+            raise BadInput(f"{where}: has_deceleration_limits is true, but max_deceleration is missing or as good as 0")
+        arrays["acceleration"][j] = min(arrays["acceleration"][j], abs(braking))
+
+
+def _size(row: Mapping[str, Any], kind: str, lowest: str | None, where: str) -> float | None:
+    """The bound on a magnitude, from max_<kind> and what means the other direction; None where there is none."""
+    if row.get(f"has_{kind}_limits") is False:
+        return None
+    largest = _number(row, f"max_{kind}")
+    other = None if lowest is None else _number(row, lowest)
+    if largest is not None and largest <= 0:
+        raise BadInput(f"{where}.max_{kind} = {largest:g}; expected a number above 0")
+    if other is not None and other >= 0:
+        raise BadInput(f"{where}.{lowest} = {other:g}; expected a number below 0")
+    given = [abs(value) for value in (largest, other) if value is not None]
+    if given and min(given) < SMALLEST:
+        raise BadInput(f"{where}.max_{kind} = {min(given):g}; expected {SMALLEST:g} or more")
+    return min(given) if given else None
+
+
+def _number(row: Mapping[str, Any], key: str, where: str = "") -> float | None:
+    """A number of the row, None where it is not there; `where` is what is before the key in a message."""
+    value = row.get(key)
+    if value is None:
+        return None
+    try:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or np.isnan(value):
+            raise TypeError
+        return float(value)
+    except (TypeError, OverflowError):
+        raise BadInput(f"{where}{key} = {str(value)[:40]!r} is not a number") from None

@@ -8,11 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.robot.coupling import Coupling
 from energy_opt.robot.description import Description
-from energy_opt.robot.limits import PLACEHOLDER, SMALLEST, Limits
-from energy_opt.robot.links import Link
-from energy_opt.robot.units import unit_of
+from energy_opt.robot.kinematics import Coupling, Link
+from energy_opt.robot.limits import PLACEHOLDER, SMALLEST, Limits, unit_of
 
 SAME = 1e-9  # share by which a follower's bound must be tighter than its leader's to count; less is rounding
 

@@ -15,11 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput, near
-from energy_opt.robot.coupling import Coupling
-from energy_opt.robot.description import Description
-from energy_opt.robot.held import check_held
-from energy_opt.robot.links import Follows, Link, PointMass, UrdfLimits, outermost
-from energy_opt.robot.plain_urdf import plain_urdf
+from energy_opt.robot.checks import check_held
+from energy_opt.robot.description import Description, plain_urdf
+from energy_opt.robot.kinematics import Coupling, Follows, Link, PointMass, UrdfLimits, outermost
 
 FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
 

@@ -1,7 +1,14 @@
-"""A robot: its joints, limits and rigid body, and what had to be assumed about them."""
+"""The robots known by name: where their URDF is, and which joints (grippers) stay locked.
+
+What an arm's drives are rated for: measures of size for friction and electrical values that nobody has published.
+
+A robot: its joints, limits and rigid body, and what had to be assumed about them.
+"""
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -12,19 +19,151 @@ import numpy as np
 
 from energy_opt.errors import BadInput, near
 from energy_opt.files import inside, write_text
-from energy_opt.robot.catalog import CATALOG, published_limits, urdf_of
-from energy_opt.robot.description import Description, read_description
-from energy_opt.robot.efforts import believed_efforts, doubtful_masses
-from energy_opt.robot.limits import Limits, with_assumptions
-from energy_opt.robot.limits_file import overlay
-from energy_opt.robot.masses import check_masses
+from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses
+from energy_opt.robot.description import Description, plain_urdf, read_description
+from energy_opt.robot.limits import (
+    ASSUMED_VELOCITY,
+    DOUBTFUL_VELOCITY,
+    Limits,
+    overlay,
+    postures,
+    unit_of,
+    with_assumptions,
+)
 from energy_opt.robot.meshes import mesh_files
 from energy_opt.robot.mimic import followers, leaders_limits
-from energy_opt.robot.plain_urdf import plain_urdf
-from energy_opt.robot.postures import postures
-from energy_opt.robot.rating import Rating, rating_of
 from energy_opt.robot.rigid_body import RigidBody
-from energy_opt.robot.units import unit_of
+
+DATA = Path(__file__).parent / "data"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A robot by name; its files are relative to example-robot-data's folder, or to this package's own where `own`."""
+
+    file: str
+    own: bool = False
+    lock: dict[str, float] = field(default_factory=dict)
+    srdf: str | None = None
+
+
+CATALOG: dict[str, Entry] = {
+    "panda": Entry(
+        "panda_description/urdf/panda.urdf",
+        lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0},
+        srdf="panda_description/srdf/panda.srdf",
+    ),
+    "ur3": Entry("ur_description/urdf/ur3_robot.urdf"),
+    "ur5": Entry("ur_description/urdf/ur5_robot.urdf", srdf="ur_description/srdf/ur5.srdf"),
+    "ur10": Entry("ur_description/urdf/ur10_robot.urdf"),
+    "kinova": Entry("kinova_description/robots/kinova.urdf", srdf="kinova_description/srdf/kinova.srdf"),
+    "xarm7": Entry("xarm_description/urdf/xarm7.urdf", srdf="xarm_description/srdf/xarm7.srdf"),
+    "z1": Entry("z1_description/urdf/z1.urdf", lock={"jointGripper": 0.0}, srdf="z1_description/srdf/z1.srdf"),
+    "ur3e": Entry("urdf/ur3e.urdf", own=True),
+    "ur5e": Entry("urdf/ur5e.urdf", own=True),
+    "ur10e": Entry("urdf/ur10e.urdf", own=True),
+}
+
+
+def known_robots() -> tuple[str, ...]:
+    """The names that `load_robot` takes beside paths of URDF files."""
+    return tuple(CATALOG)
+
+
+def urdf_of(entry: Entry) -> Path:
+    """Where the URDF of a catalogue entry lies on this machine."""
+    if entry.own:
+        return DATA / entry.file
+    found = _installed(entry.file)
+    if found is None:
+        raise BadInput(f"{entry.file} is not installed; expected from the package example-robot-data")
+    return found
+
+
+def srdf_beside(name: str, urdf: Path) -> Path | None:
+    """The SRDF that comes with a robot by name; None where there is none, or where `urdf` is another robot's file."""
+    entry = CATALOG.get(name)
+    if entry is None or entry.srdf is None or urdf != urdf_of(entry):
+        return None
+    return _installed(entry.srdf)
+
+
+def _installed(file: str) -> Path | None:
+    """A file of example-robot-data on this machine."""
+    beside = importlib.util.find_spec("cmeel")
+    roots = [Path(sys.prefix) / "share/example-robot-data/robots"]
+    if beside is not None and beside.submodule_search_locations:
+        site = Path(next(iter(beside.submodule_search_locations))).parent
+        roots.insert(0, site / "cmeel.prefix/share/example-robot-data/robots")
+    return next((root / file for root in roots if (root / file).is_file()), None)
+
+
+def published_limits(name: str) -> Path | None:
+    """Published limits of a robot by name, kept in this package, where there are any."""
+    path = DATA / "limits" / f"{name}.yaml"
+    return path if path.is_file() else None
+
+
+POSES = 64  # postures in which an arm without effort limits is looked at
+ROOM = 1.5  # times the largest torque that holding and accelerating take there; strongest joints have 0.9 to 3.3
+WEAKEST = 0.1  # no joint's rating is below this share of the strongest one's; a UR5e's wrist has 0.19, a Panda's 0.14
+
+
+@dataclass(frozen=True)
+class Rating:
+    """Speed (n,) [rad/s, m/s] and effort (n,) [N m, N] that the drives are rated for; always finite.
+
+    User's limits that are lower do not change them: a slowed arm has the same motors. `estimated` (n,) tells efforts
+    that no file states and that are estimated from the arm's own weight.
+    """
+
+    velocity: np.ndarray
+    effort: np.ndarray
+    estimated: np.ndarray
+
+    @property
+    def power(self) -> float:
+        """The sum of effort times speed, W: no arm's drives give more."""
+        return float(self.effort @ self.velocity)
+
+
+def rating_of(own: Limits, known: np.ndarray, held: Limits, body: RigidBody) -> Rating:
+    """The rating from the arm's own limits and those in force.
+
+    Args:
+        own: as URDF and publications state them, assumptions filled in.
+        known: (n,) the joints whose own velocity is stated.
+        held: the limits in force; what the arm's own files do not state is taken from here.
+    """
+    velocity = np.where(known, np.maximum(own.velocity, held.velocity), held.velocity)
+    velocity = np.where(velocity < DOUBTFUL_VELOCITY, velocity, ASSUMED_VELOCITY)  # no drive turns a joint so fast
+    stated = [np.where(np.isfinite(limits.effort), limits.effort, 0.0) for limits in (own, held)]
+    effort = np.maximum(*stated)
+    missing = effort <= 0
+    if missing.any():
+        effort = np.where(missing, _estimated(body, held), effort)
+        for slides in (False, True):  # newtons and newton metres do not compare
+            alike = np.array(body.slides) == slides
+            if alike.any():
+                effort[alike & missing] = np.maximum(effort, WEAKEST * effort[alike].max())[alike & missing]
+    return Rating(velocity, effort, missing)
+
+
+def _estimated(body: RigidBody, limits: Limits) -> np.ndarray:
+    """(n,) N m: `ROOM` times the largest torque that holds each joint, plus what accelerates it as fast as it may."""
+    rng = np.random.default_rng(0)
+    low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
+    high = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
+    q = rng.uniform(np.minimum(low, high), np.maximum(low, high), (POSES, body.n))
+    still = np.zeros_like(q)
+    holding = body.torque(q, still, still)
+    out = np.empty(body.n)
+    for j in range(body.n):
+        push = still.copy()
+        push[:, j] = limits.acceleration[j]
+        moved = body.torque(q, still, push)[:, j] - holding[:, j]
+        out[j] = ROOM * (np.abs(holding[:, j]).max() + np.abs(moved).max())
+    return out
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,13 +1,22 @@
-"""A tool: a frame that moves with one of an arm's links: the last joint's, a flange, a point on a gripper."""
+"""A tool: a frame that moves with one of an arm's links: the last joint's, a flange, a point on a gripper.
+
+SRDF files: which pairs of links may touch, and poses that have a name.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.files import finite_number
 from energy_opt.robot.rigid_body import RigidBody
+from energy_opt.robot.robot import Robot, srdf_beside
+from energy_opt.robot.xml import read_robot_xml
 
 
 @dataclass(frozen=True)
@@ -56,3 +65,82 @@ def tool_of(body: RigidBody, words: str | None = None) -> Tool:
         pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
         pose[:3, :3] = pose[:3, :3] @ np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]) @ pitch @ roll
     return Tool(name, joint, tuple(tuple(float(x) for x in row) for row in pose))
+
+
+@dataclass(frozen=True)
+class Srdf:
+    """What an SRDF file says that concerns us.
+
+    Attributes:
+        disabled: pairs of links (in alphabetical order) that are not checked against each other, with the reason given.
+        silent: links that are not checked against any link but those of `enabled`.
+        enabled: pairs that are checked though one of them is silent.
+        states: named poses: joint's name to position [rad or m].
+    """
+
+    source: str = ""
+    disabled: dict[tuple[str, str], str] = field(default_factory=dict)
+    silent: tuple[str, ...] = ()
+    enabled: tuple[tuple[str, str], ...] = ()
+    states: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def allows(self, a: str, b: str) -> bool:
+        """Whether links a and b are not checked against each other."""
+        pair = (a, b) if a <= b else (b, a)
+        return pair in self.disabled or (pair not in self.enabled and (a in self.silent or b in self.silent))
+
+    def pose(self, name: str, joints: Sequence[str]) -> np.ndarray:
+        """Positions (n,) of a named state.
+
+        Raises:
+            BadInput: no such state, or it leaves joints out.
+        """
+        if name not in self.states:
+            known = ", ".join(self.states) or "none"
+            raise BadInput(f"no pose is named {name!r}; {self.source or 'this robot'} has {known}")
+        state = self.states[name]
+        missing = [joint for joint in joints if joint not in state]
+        if missing:
+            raise BadInput(f"{self.source}: the pose {name!r} does not say where {', '.join(missing)} is")
+        return np.array([state[joint] for joint in joints])
+
+
+def read_srdf(path: Path) -> Srdf:
+    """An SRDF file.
+
+    Raises:
+        BadInput: not readable, or an element lacks what it must say; names file and element.
+    """
+    root = read_robot_xml(path)
+
+    def of(element: Element, key: str) -> str:
+        value = element.get(key)
+        if not value:
+            raise BadInput(f"{path}: <{element.tag}> without {key}")
+        return str(value)
+
+    def pairs(tag: str) -> list[tuple[str, str, str]]:
+        found = [(of(e, "link1"), of(e, "link2"), str(e.get("reason", ""))) for e in root.iter(tag)]
+        return [(min(a, b), max(a, b), reason) for a, b, reason in found]
+
+    states: dict[str, dict[str, float]] = {}
+    for state in root.iter("group_state"):
+        joints = states.setdefault(of(state, "name"), {})
+        for joint in state.iter("joint"):
+            words = of(joint, "value").split()
+            where = f"{path}: group_state {state.get('name')}, joint {of(joint, 'name')}"
+            if len(words) == 1:  # joints of several degrees of freedom are none of an arm's
+                joints[of(joint, "name")] = finite_number(words[0], where, "a position [rad or m]")
+    return Srdf(
+        str(path),
+        {(a, b): reason for a, b, reason in pairs("disable_collisions")},
+        tuple(of(e, "link") for e in root.iter("disable_default_collisions")),
+        tuple((a, b) for a, b, _ in pairs("enable_collisions")),
+        states,
+    )
+
+
+def semantics(robot: Robot, file: Path | None = None) -> Srdf:
+    """What `file` says of the robot; without one, the SRDF beside a robot by name; an empty one where there is none."""
+    file = file or srdf_beside(robot.name, robot.urdf)
+    return Srdf() if file is None else read_srdf(file)

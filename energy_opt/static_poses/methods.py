@@ -20,7 +20,7 @@ from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
 from energy_opt.found import Found
 from energy_opt.measured import MeasuredSet
-from energy_opt.measured.segment import LONG, standstills
+from energy_opt.measured.run import LONG, standstills
 from energy_opt.power import PowerModel
 from energy_opt.robot import PointMass, RigidBody
 

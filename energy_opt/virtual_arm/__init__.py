@@ -4,10 +4,18 @@
 MuJoCo (extra `sim`) is imported when an arm is built, not before.
 """
 
-from energy_opt.virtual_arm.plant import Plant, load_plant
-from energy_opt.virtual_arm.reference import Reference, pose, reference_of
-from energy_opt.virtual_arm.simulate import Instruments, Run, play, simulate
-from energy_opt.virtual_arm.specials import SPECIALS, Backlash, Cogging, Fan, Special, SpeedRipple, StandbyStep
+from energy_opt.virtual_arm.plant import (
+    SPECIALS,
+    Backlash,
+    Cogging,
+    Fan,
+    Plant,
+    Special,
+    SpeedRipple,
+    StandbyStep,
+    load_plant,
+)
+from energy_opt.virtual_arm.simulate import Instruments, Reference, Run, play, pose, reference_of, simulate
 
 __all__ = [
     "SPECIALS", "Backlash", "Cogging", "Fan", "Instruments", "Plant", "Reference", "Run", "Special", "SpeedRipple",

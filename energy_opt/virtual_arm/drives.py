@@ -1,10 +1,21 @@
-"""Electrical power of the virtual arm: drives, supply and meter, in numpy, apart from the library's expressions."""
+"""Electrical power of the virtual arm: drives, supply and meter, in numpy, apart from the library's expressions.
+
+Torques in the joints of the virtual arm, split so that a time step can treat friction implicitly.
+
+What opposes motion is written as D(v, tau) v with a secant damping D >= 0; the simulator takes v at the end of the step
+there, which is stable for any friction at any step and comes to rest without chatter. At rest friction is zero, as
+sign(0) is in the library's laws. What does not oppose motion is an explicit torque.
+
+The numbers here are numpy and share no code with the library's expressions.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from energy_opt.virtual_arm.plant import Plant
+from energy_opt.virtual_arm.plant import Plant, Special
 
 MOVING = 1e-3  # [rad/s] a joint that is faster moves
 
@@ -86,3 +97,89 @@ def reading(plant: Plant, time: np.ndarray, power: np.ndarray, step: float) -> n
         before = np.concatenate([np.full(width, power[0]), power])
         power = np.convolve(before, np.ones(width) / width, "valid")[1:]
     return plant.number("meter_gain", "gain", 1.0) * power
+
+
+REST_SPEED = 1e-3  # [rad/s] below this dry friction goes to zero in proportion to v
+
+
+class JointLaws:
+    """Friction and other joint torques of a plant on an arm of n joints."""
+
+    def __init__(self, plant: Plant, joints: int) -> None:
+        def per_joint(effect: str, parameter: str) -> np.ndarray | None:
+            return plant.value(effect, parameter, joints)
+
+        self.dry = per_joint("coulomb_friction", "tau_c")
+        self.viscous = per_joint("viscous_friction", "b")
+        self.breakaway = per_joint("stribeck_friction", "tau_s")
+        self.breakaway_speed = plant.number("stribeck_friction", "v_s", 1.0)
+        self.load = per_joint("load_friction", "mu")
+        self.forward = per_joint("asymmetric_friction", "tau_plus")
+        self.backward = per_joint("asymmetric_friction", "tau_minus")
+        self.power_law = per_joint("power_law_friction", "c")
+        self.exponent = plant.number("power_law_friction", "exponent", 1.0)
+        self.curve = _curve(plant, joints)
+        eta = per_joint("gear_efficiency", "eta")
+        self.gear_half = None if eta is None else (1 / eta - eta) / 2
+        self.gear_mean = None if eta is None else (1 / eta + eta) / 2 - 1
+        self.stiffness = per_joint("gravity_spring", "stiffness")
+        self.rest = per_joint("gravity_spring", "rest")
+        self.specials = tuple(s for s in plant.specials if type(s).added_torque is not Special.added_torque)
+        dry = (self.dry, self.breakaway, self.load, self.gear_half, self.forward, self.power_law, self.curve)
+        self.frictionless = self.viscous is None and all(part is None for part in dry)
+
+    def damping(self, v: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
+        """Secant damping D [N m s/rad], shape (n,): friction torque is D v. `tau` is the rigid-body torque."""
+        if self.frictionless:
+            return 0.0
+        dry: np.ndarray | float = 0.0 if self.dry is None else self.dry
+        if self.breakaway is not None:
+            dry = dry + self.breakaway * np.exp(-np.square(v / self.breakaway_speed))
+        if self.load is not None:
+            dry = dry + self.load * np.abs(tau)
+        if self.gear_half is not None:
+            dry = dry + self.gear_half * np.abs(tau)
+        if self.forward is not None and self.backward is not None:
+            dry = dry + np.where(v > 0, self.forward, self.backward)
+        if self.power_law is not None:
+            dry = dry + self.power_law * np.abs(v) ** self.exponent
+        if self.curve is not None:
+            dry = dry + self.curve(np.abs(v))
+        out = dry / np.sqrt(v * v + REST_SPEED**2)
+        return out if self.viscous is None else out + self.viscous
+
+    def known(self, q: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
+        """Torque that the motor must add and the controller knows of, N m, shape (n,): springs and gear losses."""
+        out: np.ndarray | float = 0.0
+        if self.stiffness is not None and self.rest is not None:
+            out = -self.stiffness * (q - self.rest)
+        if self.gear_mean is not None:
+            out = out + self.gear_mean * tau
+        return out
+
+    def unknown(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
+        """Torque that the motor must add and the controller learns of only by its error: the specials, N m, (n,)."""
+        out: np.ndarray | float = 0.0
+        for special in self.specials:
+            out = out + special.added_torque(q, v, travel)
+        return out
+
+
+def _curve(plant: Plant, joints: int) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Friction torque (n,) [N m] over speed (n,) by SciPy's monotone interpolation, straight beyond the last point."""
+    found = plant.model.get("friction_curve")
+    if found is None:
+        return None
+    from scipy.interpolate import PchipInterpolator
+
+    speed = found.values["speed"]
+    torque = np.broadcast_to(found.values["torque"], (joints, len(speed)))
+    curves = [PchipInterpolator(speed, row) for row in torque]
+    ends = np.array([max(float(c.derivative()(speed[-1])), 0.0) for c in curves])
+
+    def at(v: np.ndarray) -> np.ndarray:
+        past = np.maximum(v - speed[-1], 0.0)
+        inside = [float(c(min(x, speed[-1]))) for c, x in zip(curves, v, strict=True)]
+        return np.array(inside) + ends * past
+
+    return at

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.virtual_arm.joint_laws import JointLaws
+from energy_opt.virtual_arm.drives import JointLaws
 from energy_opt.virtual_arm.plant import Plant
 from energy_opt.virtual_arm.urdf_tree import Body, read_bodies, rotation
 

@@ -1,10 +1,15 @@
-"""The plant of a virtual arm: a power model that is true by decree, and specials that no model knows."""
+"""Effects of a plant that the library does not know: they test that `diagnose` says so.
+
+A plant file lists them in [[special]] tables. Per-joint parameters take one number or one per joint.
+
+The plant of a virtual arm: a power model that is true by decree, and specials that no model knows.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,7 +17,120 @@ from energy_opt.errors import BadInput
 from energy_opt.files import read_toml
 from energy_opt.power import PowerModel
 from energy_opt.power.model import model_from_document
-from energy_opt.virtual_arm.specials import Special, special_from_row, special_to_row
+
+
+@dataclass(frozen=True)
+class Special:
+    """Base of the specials; each adds to a joint's motor torque or to the arm's power, or to neither here."""
+
+    name: ClassVar[str] = ""
+
+    def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
+        """Added motor torque, N m; q, v (n,), `travel` (n,) is the way since each joint last turned back, rad."""
+        return 0.0
+
+    def added_power(self, t: np.ndarray) -> np.ndarray | float:
+        """Added power, W, at the set times t, s."""
+        return 0.0
+
+
+@dataclass(frozen=True)
+class Cogging(Special):
+    """A torque amplitude * sin(periods * q + phase) on the joint, which the motor must hold; [N m], [1], [rad]."""
+
+    amplitude: Any
+    periods: Any = 9.0
+    phase: Any = 0.2
+    name: ClassVar[str] = "cogging"
+
+    def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
+        return -self.amplitude * np.sin(self.periods * q + self.phase)
+
+
+@dataclass(frozen=True)
+class SpeedRipple(Special):
+    """amplitude * sin(2 pi v / period): torque that waves with speed, as resonances do; [N m], [rad/s]."""
+
+    amplitude: Any
+    period: Any = 0.35
+    name: ClassVar[str] = "speed_ripple"
+
+    def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
+        return self.amplitude * np.sin(2 * np.pi * v / self.period)
+
+
+@dataclass(frozen=True)
+class Backlash(Special):
+    """After a joint has turned back, the drive closes its play: extra torque that fades over `gap` rad of travel.
+
+    torque * exp(-travel / gap) * tanh(v / 0.01 rad/s), per joint [N m], [rad].
+    """
+
+    amplitude: Any
+    gap: Any = 0.05
+    name: ClassVar[str] = "backlash"
+
+    def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
+        return self.amplitude * np.exp(-travel / self.gap) * np.tanh(v / 0.01)
+
+
+@dataclass(frozen=True)
+class Fan(Special):
+    """A fan that draws `power` [W] for the first `duty` of every `period` s."""
+
+    power: float
+    period: float = 7.0
+    duty: float = 0.5
+    offset: float = 0.0
+    name: ClassVar[str] = "fan"
+
+    def added_power(self, t: np.ndarray) -> np.ndarray:
+        return np.where(np.mod(t + self.offset, self.period) < self.duty * self.period, float(self.power), 0.0)
+
+
+@dataclass(frozen=True)
+class StandbyStep(Special):
+    """From set time `time` [s] on, overhead is `power` [W] higher."""
+
+    power: float
+    time: float = 100.0
+    name: ClassVar[str] = "standby_step"
+
+    def added_power(self, t: np.ndarray) -> np.ndarray:
+        return np.where(t >= self.time, float(self.power), 0.0)
+
+
+SPECIALS: dict[str, type[Special]] = {s.name: s for s in (Cogging, SpeedRipple, Backlash, Fan, StandbyStep)}
+
+
+def special_from_row(row: Any, where: str) -> Special:
+    """A special from a [[special]] table; BadInput names what is wrong."""
+    if not isinstance(row, dict) or row.get("name") not in SPECIALS:
+        name = row.get("name") if isinstance(row, dict) else row
+        raise BadInput(f"{where}: unknown name {name!r}; known: {', '.join(SPECIALS)}")
+    kind = SPECIALS[row["name"]]
+    values = {key: value for key, value in row.items() if key != "name"}
+    known = [f.name for f in fields(kind)]
+    for key, value in values.items():
+        if key not in known:
+            raise BadInput(f"{where}: {kind.name}: unknown parameter {key!r}; it has {', '.join(known)}")
+        try:
+            values[key] = np.asarray(value, dtype=float) if isinstance(value, list) else float(value)
+        except (TypeError, ValueError):
+            raise BadInput(f"{where}: {kind.name}: {key} = {value!r} is not a number or a list of numbers") from None
+        if not np.isfinite(values[key]).all():
+            raise BadInput(f"{where}: {kind.name}: {key} = {value!r} is not finite")
+    try:
+        return kind(**values)
+    except TypeError:
+        missing = [key for key in known if key not in values]
+        raise BadInput(f"{where}: {kind.name}: parameter {missing[0]!r} is missing") from None
+
+
+def special_to_row(special: Special) -> dict[str, Any]:
+    """The [[special]] table of a special."""
+    return {"name": special.name, **{f.name: getattr(special, f.name) for f in fields(special)}}
+
 
 # Effects that the forward simulation has laws of its own for; all others it would have to ignore.
 PLAYED = frozenset(

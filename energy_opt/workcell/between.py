@@ -17,8 +17,7 @@ from energy_opt.cell.bodies import Bodies, Body
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.curve import MotionCurve, Spans
 from energy_opt.cell.proof import prove
-from energy_opt.robot.kinematics import Kinematics
-from energy_opt.robot.links import Follows, Link
+from energy_opt.robot.kinematics import Follows, Kinematics, Link
 from energy_opt.workcell.motion import PeriodicMotion
 
 SHORTEST = 2e-4  # [s] an interval of lateness below is not halved again

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.files import plain, write_json
-from energy_opt.power.per_year import PerYear
+from energy_opt.power.worth import PerYear
 from energy_opt.reports.workcell import page
 from energy_opt.workcell.curves import zones_of
 from energy_opt.workcell.picture import power_of, scene_of

@@ -12,9 +12,11 @@ import pytest
 
 from energy_opt.cell.scene import TOOL, Scene
 from energy_opt.cell.scene_files import check_scene, read_scene
-from energy_opt.cell.scene_files.example import EXAMPLE
+from energy_opt.cli.examples import example
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
+
+EXAMPLE = example("scene")
 
 MBM = Path(__file__).parents[3] / "shared" / "data" / "mbm" / "scenes"
 TURN = [0.0, 0.0, 0.7071067811865476, 0.7071067811865476]  # a quarter about z

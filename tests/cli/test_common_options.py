@@ -10,6 +10,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import read_scene
+from energy_opt.cli.examples import example
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json
@@ -17,11 +18,12 @@ from energy_opt.formats import write
 from energy_opt.front.given import cell_of
 from energy_opt.front.sets import request_of_set
 from energy_opt.front.verbs import VERBS
-from energy_opt.jobs.example import EXAMPLE
 from energy_opt.motion import Settings
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import DiagnoseRequest
 from energy_opt.robot import Robot
+
+EXAMPLE = example("job")
 
 SMALL = START + 0.05 * (GOAL - START)
 

@@ -93,7 +93,7 @@ def test_effects_are_listed_with_units_and_laws(capsys):
 
 @pytest.mark.parametrize("kind", ALL_EFFECTS, ids=lambda kind: kind.name)
 def test_every_effect_says_what_it_is(kind):
-    from energy_opt.effects.describe import described_effect
+    from energy_opt.effects.registry import described_effect
 
     row = described_effect(kind)
     assert len(row["law"]) > 20 and row["traits"] and all(p["unit"] for p in row["parameters"])

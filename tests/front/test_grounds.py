@@ -16,7 +16,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Rival
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.motion.travel import detours
-from energy_opt.power.named import careful, source_method_2
+from energy_opt.power.known import careful, source_method_2
 
 START, GOAL = [0.78, -2.42, 0.6, -0.4, -2.4, 1.1], [-0.5, -1.2, 1.9, -1.9, -1.2, -0.9]
 QUICK = {"starts": 2, "controls": 20, "compile": "never"}

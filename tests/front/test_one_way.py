@@ -14,14 +14,16 @@ import numpy as np
 import pytest
 
 import energy_opt as eo
+from energy_opt.cli.examples import example
 from energy_opt.cli.main import main
 from energy_opt.errors import speaking_of_options
 from energy_opt.files import to_json, write_table
 from energy_opt.front.effects import effects as described
 from energy_opt.front.run import asked_in
 from energy_opt.front.verbs import VERBS
-from energy_opt.jobs.example import EXAMPLE
 from energy_opt.requests.option import options_of
+
+EXAMPLE = example("job")
 
 # What differs from run to run, or is about files: times, the words of the command line, digests.
 VOLATILE = {"command", "files", "written", "seconds", "build_seconds", "solve_seconds", "moves_per_second", "out", "set",

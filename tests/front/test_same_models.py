@@ -12,7 +12,7 @@ from energy_opt.batches import load_suite
 from energy_opt.batches.work import solve_task
 from energy_opt.cli.main import main
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.power.named import careful
+from energy_opt.power.known import careful
 
 START, GOAL = [0.3, -1.9, 1.5, -1.2, -1.6, 0.2], [-0.6, -1.2, 0.9, -1.6, -1.1, 0.9]
 JOB = """format = "energy-opt/job/1"

@@ -15,17 +15,19 @@ import pytest
 
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
+from energy_opt.cli.examples import example
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.jobs import check_job, load_job, run_job
 from energy_opt.jobs.allocate import Front, Solved, allocate
-from energy_opt.jobs.example import EXAMPLE
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
+
+EXAMPLE = example("job")
 
 RETIMED = EXAMPLE.replace('mode = "reshape" ', 'mode = "retime"  ')
 

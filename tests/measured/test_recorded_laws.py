@@ -14,7 +14,7 @@ from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.effects import EXACT, Signals
 from energy_opt.measured import read_set
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.power.past import dwells
+from energy_opt.power.law import dwells
 from energy_opt.robot import PointMass
 
 N = 6

@@ -10,9 +10,9 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.measured import nodes, observe, read_set
 from energy_opt.measured.importing import import_files
+from energy_opt.measured.joints import clean, held
 from energy_opt.measured.layout import Csv, layout_of
 from energy_opt.measured.names import cut, energy_column, joint_columns, power_column, product_columns, time_columns
-from energy_opt.measured.stamps import clean, held
 from energy_opt.measured.table import Table
 
 

@@ -19,7 +19,7 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
-from energy_opt.power.named import named_model
+from energy_opt.power.known import named_model
 from energy_opt.robot import Robot, tool_of
 
 STANDBY, COPPER = 88.04, 0.0036  # of the source paper's model

@@ -64,7 +64,7 @@ def parts_imported(module: Path) -> set[str]:
         ("rosbags", "formats/bags.py"),
         ("energy_opt_pinsx", "dynamics/templates.py"),
         ("ompl", "motion/ways/ompl.py"),
-        ("trimesh", "cell/scene_files/mesh_file.py"),
+        ("trimesh", "cell/scene_files/parts.py"),
         ("yaml", "files.py"),
         ("tomllib", "files.py"),
     ],

@@ -18,9 +18,9 @@ from energy_opt.motion.plan.robust import Rival, RobustPlanner
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
-from energy_opt.power.draws import draws_of
+from energy_opt.power.known import named_model
 from energy_opt.power.model import Uncertainty
-from energy_opt.power.named import named_model
+from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot
 
 START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])

@@ -14,7 +14,7 @@ from energy_opt.front.bench import overrides_of
 from energy_opt.front.given import model_from
 from energy_opt.front.rivals import rivals_from
 from energy_opt.power import drive_function
-from energy_opt.power.named import careful, model_of, named_model
+from energy_opt.power.known import careful, model_of, named_model
 from energy_opt.requests.verbs import BenchRequest
 from energy_opt.robot import load_robot
 

@@ -18,7 +18,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.plan.robust import Rival, RobustPlanner
 from energy_opt.power import PowerModel
-from energy_opt.power.named import named_model
+from energy_opt.power.known import named_model
 from energy_opt.profiles import (
     Chain,
     MovesPlanner,

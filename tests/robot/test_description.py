@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from damaged_descriptions import run
 
-from energy_opt.cell.arm import neighbours
 from energy_opt.cell.cell import Cell
+from energy_opt.cell.pairs import neighbours
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
-from energy_opt.robot import Robot, load_robot
-from energy_opt.robot import held as held_
+from energy_opt.robot import Robot, checks, load_robot
 from energy_opt.robot.description import read_description
 
 INERTIA = '<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/>'
@@ -158,7 +157,7 @@ def test_a_model_that_differs_from_the_description_is_refused(tmp_path: Path) ->
     """Each number that Pinocchio holds is compared."""
     path = chain(tmp_path, ball(), ball(), ball())
     body, said = load_robot(path).body, read_description(path)
-    held_.check_held(said, body.tree(), body.link_frames(), body.urdf_limits())
+    checks.check_held(said, body.tree(), body.link_frames(), body.urdf_limits())
     for before, after, what in (
         ('mass value="1.5"', 'mass value="1.5001"', "mass and inertia"),
         ('iyy="0.02"', 'iyy="0.021"', "mass and inertia"),
@@ -172,7 +171,7 @@ def test_a_model_that_differs_from_the_description_is_refused(tmp_path: Path) ->
         other = tmp_path / "other.urdf"
         other.write_text(path.read_text().replace(before, after))
         with pytest.raises(BadInput, match=what):
-            held_.check_held(read_description(other), body.tree(), body.link_frames(), body.urdf_limits())
+            checks.check_held(read_description(other), body.tree(), body.link_frames(), body.urdf_limits())
 
 
 @pytest.fixture(scope="module")

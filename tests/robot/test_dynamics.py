@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from energy_opt.dynamics import SOURCES, compact, pinocchio_casadi, torque_function, verify
+from energy_opt.dynamics import SOURCES, compact, templates, torque_function, verify
 from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.motion import Planner, Settings
 from energy_opt.power import source_method_2
@@ -214,6 +214,6 @@ def test_pinocchio_casadi_is_driven_rightly(name: str, monkeypatch: pytest.Monke
     stub = _Stub(body.tree())
     monkeypatch.setitem(sys.modules, "pinocchio.casadi", stub)
     monkeypatch.setattr(pin, "casadi", stub, raising=False)
-    function = pinocchio_casadi.torque_function(body)
+    function = templates.from_pinocchio(body)
     assert function is not None
     assert verify(function, body) < 1e-11

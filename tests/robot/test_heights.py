@@ -5,7 +5,7 @@ from poses import GOAL, START
 
 from energy_opt.cell.bodies import Scenery
 from energy_opt.cell.cell import Cell
-from energy_opt.cell.heights import least_heights, turns
+from energy_opt.cell.proof import least_heights, turns
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.robot import Robot

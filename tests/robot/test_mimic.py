@@ -15,8 +15,8 @@ from mimic_arms import ODD, ODD_OWN, PALLETIZER, PALLETIZER_ALL, odd_arm
 from energy_opt import load_robot
 from energy_opt.cell.bodies import Scenery
 from energy_opt.cell.cell import Cell
-from energy_opt.cell.heights import least_heights, turns
 from energy_opt.cell.planes import Near
+from energy_opt.cell.proof import least_heights, turns
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cli.main import main
@@ -33,7 +33,7 @@ from energy_opt.motion.limits.tube import Tube
 from energy_opt.motion.path import through
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
-from energy_opt.power.rigid import rigid_torque
+from energy_opt.power.law import rigid_torque
 from energy_opt.reports.motion import Played, player
 from energy_opt.reports.solids import drawn
 from energy_opt.robot import PointMass, Robot, tool_of

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from test_description import ball, chain
 
-from energy_opt.cell.usable import RobotInspection, inspect_robot
+from energy_opt.cell.load import RobotInspection, inspect_robot
 from energy_opt.cli.main import main
 
 

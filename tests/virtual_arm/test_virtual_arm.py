@@ -25,14 +25,14 @@ from energy_opt.effects import (
 )
 from energy_opt.errors import BadInput
 from energy_opt.power import PowerModel, drive_function
-from energy_opt.power.rigid import rigid_inputs, rigid_torque
+from energy_opt.power.law import rigid_inputs, rigid_torque
 from energy_opt.robot import load_robot
 from energy_opt.virtual_arm import Cogging, Fan, Instruments, Plant, StandbyStep, load_plant, play, pose, simulate
 from energy_opt.virtual_arm.drives import electrical_power, reading
 
 pytest.importorskip("mujoco")
 
-from energy_opt.virtual_arm.joint_laws import JointLaws
+from energy_opt.virtual_arm.drives import JointLaws
 from energy_opt.virtual_arm.mujoco_arm import STEP, MujocoArm
 
 REST = 1e-3  # [rad/s] below this the plant's dry friction fades out

@@ -9,7 +9,7 @@ from typing import Any
 from energy_opt.cell.scene import AllowedPairs, Scene
 from energy_opt.cell.scene_files import message, short
 from energy_opt.cell.scene_files.parts import Reading
-from energy_opt.cell.scene_files.text import read_text_scene
+from energy_opt.cell.scene_files.short import read_text_scene
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json, read_text, read_yaml_documents
 

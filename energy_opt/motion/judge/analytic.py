@@ -20,7 +20,7 @@ from math import factorial
 import numpy as np
 
 from energy_opt.power import PowerModel
-from energy_opt.power.rigid import body_of, rigid_inputs
+from energy_opt.power.law import body_of, rigid_inputs
 from energy_opt.robot import RigidBody
 
 RADII = (1.5, 3.0, 6.0, 12.0)  # of the neighbourhood, in pieces' lengths

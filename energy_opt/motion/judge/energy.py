@@ -9,14 +9,13 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects.kinks import MOVING_SPEED
+from energy_opt.effects.parameter import MOVING_SPEED
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.analytic import TorqueBound
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_function
-from energy_opt.power.past import idle_time, returned_power, store_of
-from energy_opt.power.rigid import body_of, rigid_inputs, rigid_torque
+from energy_opt.power.law import body_of, idle_time, returned_power, rigid_inputs, rigid_torque, store_of
 from energy_opt.robot import Robot
 
 DENSER = 10  # places between two rows at which a trajectory is judged; even, for Simpson's rule

@@ -34,7 +34,7 @@ from energy_opt.motion.reshape.evaluation import OpenGoal
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
-from energy_opt.power.rigid import rigid_inputs
+from energy_opt.power.law import rigid_inputs
 from energy_opt.robot import Robot
 
 log = logging.getLogger(__name__)

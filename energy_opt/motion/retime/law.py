@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects import EXACT, Signals
-from energy_opt.effects.kinks import bearing
+from energy_opt.effects.parameter import bearing
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.numerics.batch import Batch

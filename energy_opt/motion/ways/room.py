@@ -13,7 +13,7 @@ from energy_opt.cell.curve import MotionCurve
 from energy_opt.cell.proof import prove
 from energy_opt.motion.path import JointPath
 from energy_opt.robot import Link
-from energy_opt.robot.coupling import Coupling
+from energy_opt.robot.kinematics import Coupling
 
 STEP = 0.04  # [m] that the farthest point moves, about, between poses that are looked at along a line
 WIDEST = 0.12  # [rad] and no joint turns further than this

@@ -1,0 +1,293 @@
+"""Does the library hold what the description says? Masses, inertias, joints, limits and frames are compared.
+
+Are the masses and inertias of a description those of an arm? What no plan can rest on is refused, the rest named.
+
+Which effort limits of a URDF are real? A placeholder shows beside the others, and beside what gravity takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.robot.description import MOVING, Description, Inertial, Pose
+from energy_opt.robot.kinematics import Link, UrdfLimits, pose_of, pseudo_inertia
+from energy_opt.robot.limits import unit_of
+
+ROUNDING = 1e-9  # share (of placements: m, rad) by which numbers may differ that took another way of rounding
+
+
+def placed(pose: Pose) -> np.ndarray:
+    """(4, 4) of a description's pose."""
+    return pose_of(pose.xyz, pose.rpy)
+
+
+def inertia_matrix(moments: Sequence[float]) -> np.ndarray:
+    """(3, 3) from ixx, ixy, ixz, iyy, iyz, izz."""
+    xx, xy, xz, yy, yz, zz = moments
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def carriers(description: Description, still: Collection[str] = ()) -> dict[str, tuple[str, np.ndarray]]:
+    """For each link the joint that moves it ("" for the base), and its (4, 4) pose in that joint's frame.
+
+    Joints in `still` move nothing; poses beyond them are those at position 0.
+    """
+    children: dict[str, list[str]] = {}
+    for name, joint in description.joints.items():
+        children.setdefault(joint.parent, []).append(name)
+    out, edge = {description.base: ("", np.eye(4))}, [description.base]
+    while edge:
+        link = edge.pop()
+        for name in children.get(link, []):
+            joint = description.joints[name]
+            on, at = out[link]
+            moves = joint.kind in MOVING and name not in still
+            out[joint.child] = (name, np.eye(4)) if moves else (on, at @ placed(joint.pose))
+            edge.append(joint.child)
+    return out
+
+
+def check_held(
+    description: Description,
+    links: Sequence[Link],
+    frames: Mapping[str, tuple[int, np.ndarray]],
+    limits: UrdfLimits,
+) -> None:
+    """Compare a model of all joints, as if each moved by itself, with the description that it was made from.
+
+    Args:
+        links: the moving links; frames: each link's joint (-1: the base) and (4, 4) pose in that joint's frame.
+
+    Raises:
+        BadInput: they differ; names link or joint, and what.
+    """
+    carried = carriers(description)
+    moving = {name: joint for name, joint in description.joints.items() if joint.kind in MOVING}
+    names = [link.name for link in links]
+    if sorted(names) != sorted(moving) or set(frames) != set(carried):
+        raise BadInput(f"{description.path}: the model's joints or links are not those of the description")
+    sums = {name: np.zeros((4, 4)) for name in ("", *names)}
+    for name, (on, at) in carried.items():
+        _same(description, f"link {name!r}, frame", frames[name][1], at)
+        if (names[frames[name][0]] if frames[name][0] >= 0 else "") != on:
+            raise BadInput(f"{description.path}: link {name!r} hangs on another joint in the model than in the file")
+        inertial = description.links[name].inertial
+        if inertial is not None:
+            sums[on] += at @ _of(inertial) @ at.T
+    for k, link in enumerate(links):
+        joint, where = moving[link.name], f"joint {link.name!r}"
+        on, at = carried[joint.parent]
+        _same(description, f"{where}, origin", link.placement, at @ placed(joint.pose))
+        _same(description, f"{where}, axis", link.axis, np.array(joint.axis) / np.linalg.norm(joint.axis))
+        kind = "prismatic" if link.prismatic else "continuous" if link.continuous else "revolute"
+        if kind != joint.kind or (names[link.parent] if link.parent >= 0 else "") != on:
+            raise BadInput(f"{description.path}: {where} is of another kind or at another place in the model")
+        found = pseudo_inertia(link.mass, link.lever, link.inertia)
+        _same(description, f"{where}: mass and inertia of what it carries", found, sums[link.name])
+        of = {"lower": limits.lower, "upper": limits.upper, "velocity": limits.velocity, "effort": limits.effort}
+        for bound, values in of.items():
+            if kind != "continuous" or bound in ("velocity", "effort"):
+                _same(description, f"{where}, limit, {bound}", values[k], joint.bounds.get(bound, 0.0))
+
+
+def _of(inertial: Inertial) -> np.ndarray:
+    pose = placed(inertial.pose)
+    turn = pose[:3, :3]
+    return pseudo_inertia(inertial.mass, pose[:3, 3], turn @ inertia_matrix(inertial.moments) @ turn.T)
+
+
+def _same(description: Description, what: str, held: np.ndarray | float, said: np.ndarray | float) -> None:
+    size = max(float(np.abs(said).max()), float(np.abs(held).max()))
+    if not np.abs(np.asarray(held) - said).max() <= ROUNDING * size:
+        raise BadInput(
+            f"{description.path}: {what}: the description says {np.round(said, 6).tolist()}, the model built from it "
+            f"holds {np.round(held, 6).tolist()}"
+        )
+
+
+MASSLESS = 1e-6  # [kg] moving mass below which an arm has none
+LIGHTEST = 0.1  # [kg] moving mass below which an arm is worth a warning
+GRAMS = 0.2  # [kg] mass of a link below which its inertia is
+ROUNDED = 1e-3  # share by which the largest principal moment may exceed the sum of the others: rounded files do
+SLIGHT = 0.2  # share up to which it is a warning: an xArm6 as shipped has 16 %
+NOISE = 1e-9  # [kg m^2] that a moment may be negative by
+
+
+def check_masses(description: Description, still: Collection[str], links: Sequence[Link]) -> list[str]:
+    """What is doubtful of the moving links' masses and inertias, one line each.
+
+    An inertia that belongs to no body is refused where it matters: on a link that moves, of more than 0.2 kg, by more
+    than a fifth, and not made good by what is fixed to the link.
+
+    Args:
+        still: joints that do not move.
+        links: the moving links with all that is fixed to them.
+
+    Raises:
+        BadInput: nothing that moves has a mass, or an inertia is that of no body.
+    """
+    carried = {name: on for name, (on, _) in carriers(description, still).items()}
+    moving = [name for name, on in carried.items() if on]
+    mass = sum(link.mass for link in links)
+    if mass <= MASSLESS:
+        raise BadInput(
+            f"{description.path}: none of the moving links has a mass: {', '.join(moving)}; energy needs a description "
+            "with <inertial> elements (mass, centre of mass, inertia)"
+        )
+    said = []
+    if mass < LIGHTEST:
+        said.append(f"{description.path.stem}: all that moves weighs {1e3 * mass:.3g} g; are the masses in kg?")
+    whole = {link.name: _excess(link.inertia) for link in links}
+    odd = []
+    for name, on in carried.items():
+        inertial = description.links[name].inertial
+        if inertial is None or (inertial.mass == 0 and not any(inertial.moments)):
+            continue
+        inertia = inertia_matrix(inertial.moments)
+        moments, excess = np.linalg.eigvalsh(inertia), _excess(inertia)
+        if excess <= ROUNDED:
+            continue
+        odd.append(name)
+        if on and excess > SLIGHT and inertial.mass > GRAMS and whole[on] > ROUNDED:
+            at = f"{description.path}: link {name!r}, inertia: "
+            if moments[0] < -NOISE:
+                raise BadInput(f"{at}a principal moment of {moments[0]:.3g} kg m^2 is negative (ixx … izz)")
+            raise BadInput(
+                f"{at}principal moments {', '.join(f'{m:.3g}' for m in moments)} kg m^2 are those of no body: the "
+                "largest exceeds the sum of the others (ixx … izz)"
+            )
+    if odd:
+        shown = ", ".join(odd[:6]) + (f" and {len(odd) - 6} more" if len(odd) > 6 else "")
+        said.append(f"{shown}: inertia of no body, too slight, too light or too still to matter; used as it is")
+    return [*said, *_doubtful(links)]
+
+
+def _excess(inertia: np.ndarray) -> float:
+    """By what share the largest principal moment exceeds the sum of the others; inf where one is negative."""
+    low, middle, high = np.linalg.eigvalsh(inertia)
+    if low < -max(NOISE, ROUNDED * high):
+        return np.inf
+    return float((high - low - middle - NOISE) / max(low + middle, NOISE))
+
+
+def _doubtful(links: Sequence[Link]) -> list[str]:
+    """Masses and inertias of whole moving links that cannot be those of real parts; used as they are."""
+    out = []
+    for k, link in enumerate(links):
+        if link.mass <= MASSLESS:
+            if not any(child.parent == k for child in links):
+                out.append(f"{link.name}: its link has no mass; assumed: massless")
+            continue
+        largest = float(np.linalg.eigvalsh(link.inertia)[-1])
+        size = max(0.125, float(np.linalg.norm(link.lever)), _reach(links, k, 2))
+        gyration = float(np.sqrt(max(largest, 0.0) / link.mass))
+        if gyration > 2 * size:
+            out.append(
+                f"{link.name}: radius of gyration {gyration:.2g} m of a link {size:.2g} m long is implausible "
+                "(a placeholder inertia?); used as it is"
+            )
+        elif largest <= 0:
+            out.append(f"{link.name}: its link has mass but no inertia; assumed: a point mass")
+    return out
+
+
+def _reach(links: Sequence[Link], k: int, depth: int) -> float:
+    """Summed offsets of the next `depth` joints after link k, m: how far the link may extend."""
+    children = [c for c, other in enumerate(links) if other.parent == k]
+    if depth == 0 or not children:
+        return 0.0
+    return max(float(np.linalg.norm(links[c].placement[:3, 3])) + _reach(links, c, depth - 1) for c in children)
+
+
+SMALLEST = 1e-6  # [N m or N] weaker than this nothing moves
+EQUAL = 100.0  # limits that are equal on all joints and this many times what gravity ever takes are placeholders
+DOUBTFUL, ABSURD = 100.0, 1e4  # times what holds the arm out straight: named but used, and a placeholder if one alone
+MOST = 0.5  # share of postures: a drive that cannot hold its arm in more of them is another one
+DENSEST = 150.0  # [kg/m^2] mass over squared reach: industrial arms have 10 to 70
+SHORTEST = 0.3  # [m] below it the rule says nothing of use
+LIGHTEST_OF_SIZE = (
+    4.0  # [kg/m^3] mass over cubed length: the lightest arms sold have 5 (Kinova Jaco), most have 10 to 20
+)
+REMEDY = "--limits with max_effort gives the real one"
+
+
+def believed_efforts(
+    effort: np.ndarray, given: np.ndarray, gravity: np.ndarray, holding: float, joints: Sequence[str],
+    slides: Sequence[bool],
+) -> tuple[np.ndarray, list[str]]:  # fmt: skip
+    """Effort limits (n,) with inf in place of placeholders, and a line for each that is replaced or doubtful.
+
+    Args:
+        effort: stated (n,) [N m or N].
+        given: (n,) those that a limits file states: nobody's number is overruled.
+        gravity: (N, n) what holds the arm in postures all over its range.
+        holding: what holds the whole arm out straight [N m].
+    """
+    out, said = effort.copy(), []
+    most = float(np.abs(gravity).max()) or holding
+    turning = ~np.asarray(slides, dtype=bool) & ~given
+    same = turning.sum() > 1 and bool((effort[turning] == effort[turning][0]).all())
+    short = np.mean(np.abs(gravity) > effort, axis=0)  # share of postures that each joint does not hold
+    one_for_all = same and bool((short[turning] > MOST).any())
+    for j, joint in enumerate(joints):
+        unit = unit_of("effort", slides[j])
+        stated, times = f"{joint}: effort limit {effort[j]:g} {unit}", effort[j] / max(holding, SMALLEST)
+        large = f"{stated}, {times:.0f} times what holds the arm out straight"
+        alike = same and bool(turning[j]) and effort[j] >= EQUAL * most
+        weak = float(short[j])
+        if not np.isfinite(effort[j]) or effort[j] < SMALLEST:
+            said.append(f"{stated}; assumed: none")
+        elif given[j]:
+            continue
+        elif alike:
+            said.append(
+                f"{stated}, the same on all joints and {effort[j] / most:.0f} times what gravity takes at most: a "
+                f"placeholder; assumed: none; {REMEDY}"
+            )
+        elif holding > 0 and times >= ABSURD:
+            said.append(f"{large}: a placeholder; assumed: none; {REMEDY}")
+        elif weak > MOST:
+            said.append(
+                f"{stated} does not hold the arm in {100 * weak:.0f} % of its postures (up to "
+                f"{np.abs(gravity[:, j]).max():.3g} {unit}): a placeholder, or masses that are wrong; assumed: none; "
+                f"{REMEDY}"
+            )
+        elif one_for_all and turning[j]:
+            said.append(
+                f"{stated}, the same on all joints and too little for some: a placeholder; assumed: none; {REMEDY}"
+            )
+        else:
+            if holding > 0 and times >= DOUBTFUL:
+                said.append(f"{large} (a placeholder?); assumed: as stated")
+            continue
+        out[j] = np.inf
+    return out, said
+
+
+def doubtful_masses(effort: np.ndarray, gravity: np.ndarray, mass: float, reach: float, length: float) -> list[str]:
+    """Lines where an arm of `mass` [kg] is too heavy for its drives, or too heavy or too light for its size.
+
+    Args:
+        effort: limits (n,) [N m or N].
+        gravity: (N, n) what holds the arm in postures all over its range.
+        reach: summed offsets of all joints from the base [m].
+        length: summed offsets behind the first joint [m]; a column below the arm adds nothing.
+    """
+    out, stated = [], effort[np.isfinite(effort) & (effort >= SMALLEST)]
+    share = float(np.mean(np.abs(gravity).max(axis=1) > stated.max())) if len(stated) else 0.0
+    if share > MOST:
+        out.append(
+            f"{mass:.4g} kg move: holding them takes more than every effort limit ({stated.max():g} at most) in "
+            f"{100 * share:.0f} % of the postures; masses or effort limits are wrong"
+        )
+    if mass > DENSEST * max(reach, SHORTEST) ** 2:
+        out.append(f"{mass:.4g} kg move on an arm of {reach:.3g} m: several times what such arms weigh; used as it is")
+    if mass < LIGHTEST_OF_SIZE * length**3:
+        out.append(
+            f"{mass:.4g} kg move on an arm of {length:.3g} m: a fraction of what such arms weigh; "
+            "energies are too low; used as it is"
+        )
+    return out

@@ -30,6 +30,7 @@ import numpy as np
 from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput
 
+SMALL = 1e-9  # a factor of another parameter is kept this far from 0 while that is sought
 Stage = Literal["rigid", "torque", "heat", "winding", "drive", "power", "supply", "meter"]
 
 
@@ -85,6 +86,8 @@ class Effect:
     follows: ClassVar[tuple[str, ...]] = ()  # the signals of the past or the recording that its law follows
     bakes: ClassVar[bool] = False  # are its values numbers, not parameters, of the inverse dynamics?
     needs: ClassVar[tuple[str, ...]] = ()  # effects without which it has no meaning
+    # Parameters that the law takes times another one, and the bound of that product in a fit: {"com": ("mass", 100.0)}.
+    products: ClassVar[Mapping[str, tuple[str, float]]] = {}
     same_on_all_joints: ClassVar[bool] = True  # may one number stand for all joints where data are fitted?
     sought: ClassVar[bool] = True  # may diagnosis propose it where a declared model lacks it?
     version: ClassVar[int] = 0  # counts how often a class of this name was registered anew
@@ -201,7 +204,8 @@ class Effect:
                 out.append(float(np.clip(value, p.lower, p.upper)))
         return np.array(out)
 
-    # What a fit works with: numbers x in which the effect is (nearly) linear, instead of `full`.
+    # What a fit works with: numbers x in which the effect is (nearly) linear, instead of `full`. They are as `full` but
+    # for `products`, which take their parameters' place.
 
     @classmethod
     def idle(cls, joints: int, **words: str | int) -> Effect:
@@ -211,23 +215,41 @@ class Effect:
     @classmethod
     def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
         """x from `full`."""
-        return np.array(full, dtype=float)
+        x, (rows, by) = np.array(full, dtype=float), cls._products(joints)
+        x[rows] *= full[by]
+        return x
 
     @classmethod
     def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
         """`full` from x."""
-        return x.copy()
+        full, (rows, by) = x.copy(), cls._products(joints)
+        full[by] = _away(x[by])
+        full[rows] /= full[by]
+        return full
 
     @classmethod
     def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
         """d full / d x, square."""
-        return np.eye(len(x))
+        out, (rows, by) = np.eye(len(x)), cls._products(joints)
+        factor = _away(x[by])
+        out[rows, rows], out[rows, by] = 1 / factor, -x[rows] / factor**2
+        return out
 
     @classmethod
     def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of x."""
-        bounds = [p.bounds for p in cls.parameters for _ in range(p.count(joints, cls.extents_by_default))]
-        return np.array([low for low, _ in bounds]), np.array([high for _, high in bounds])
+        known = {name: (-most, most) for name, (_, most) in cls.products.items()}
+        each = [(known.get(p.name, p.bounds), p.count(joints, cls.extents_by_default)) for p in cls.parameters]
+        bounds = np.array([pair for pair, count in each for _ in range(count)]).reshape(-1, 2)
+        return bounds[:, 0], bounds[:, 1]
+
+    @classmethod
+    def _products(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
+        """Places in `full` of the parameters of `products`, and those of the numbers that each is taken times."""
+        at = cls.split(np.arange(cls.size(joints)), joints).__dict__
+        pairs = [np.broadcast_arrays(at[name], at[factor]) for name, (factor, _) in cls.products.items()]
+        none = np.zeros(0, dtype=int)
+        return np.concatenate([none, *(row for row, _ in pairs)]), np.concatenate([none, *(by for _, by in pairs)])
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Effect) or type(other) is not type(self) or other.choices != self.choices:
@@ -267,6 +289,11 @@ def described(p: Parameter) -> str:
         return f"{p.unit}, a number or one per joint"
     sizes = [f"{d} numbers" if isinstance(d, int) else f"one per {d.rstrip('s')}" for d in p.dimensions]
     return f"{p.unit}, {', '.join(sizes)}"
+
+
+def _away(factor: np.ndarray) -> np.ndarray:
+    """A factor that is divided by, kept from 0."""
+    return np.where(np.abs(factor) < SMALL, SMALL, factor)
 
 
 def _short(value: np.ndarray) -> str:

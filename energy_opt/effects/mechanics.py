@@ -1,10 +1,7 @@
-"""Torque effects that store energy rather than lose it.
+"""Effects of masses and springs: those that store energy in torque, and those that change the rigid body itself.
 
-Effects that change the rigid body itself; they enter the inverse dynamics, not its result.
-
-A payload that is picked up or put down in mid-run, while the arm is at rest.
-
-Links that are not quite as the URDF says: every arm's masses and centres of mass are off by some percent.
+The latter enter the inverse dynamics, not its result: a payload, one that is picked up or put down in mid-run while the
+arm is at rest, a tilted base, links that are off by some percent from the URDF.
 """
 
 from __future__ import annotations
@@ -16,11 +13,9 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects.base import Effect, Signals
+from energy_opt.effects.base import SMALL, Effect, Signals
 from energy_opt.effects.parameter import Kinks, Parameter
 from energy_opt.effects.stages import Link, RigidEffect, TorqueEffect
-
-SMALL = 1e-9  # [N m/rad] a spring's stiffness is kept this far from 0 while its rest position is sought
 
 
 class Armature(TorqueEffect):
@@ -45,9 +40,10 @@ class GravitySpring(TorqueEffect):
 
     name = "gravity_spring"
     parameters = (
-        Parameter("stiffness", "N m/rad", 0.0, -1e5, 1e5, "joint"),
+        Parameter("stiffness", "N m/rad", 0.0, -1e5, 1e5, "joint", fit=(-1e4, 1e4)),
         Parameter("rest", "rad", 0.0, -100.0, 100.0, "joint", shapes=True),
     )
+    products = {"rest": ("stiffness", 1e4)}  # the torque is linear in these
     stores = True
     same_on_all_joints = False
 
@@ -64,31 +60,6 @@ class GravitySpring(TorqueEffect):
     def idle(cls, joints: int, **words: str | int) -> Effect:
         return cls(stiffness=np.full(joints, SMALL), rest=np.zeros(joints))
 
-    @classmethod
-    def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
-        """(k, k * rest): the torque is linear in these."""
-        return np.concatenate([full[:joints], full[joints:] * full[:joints]])
-
-    @classmethod
-    def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
-        k = _away(x[:joints])
-        return np.concatenate([k, x[joints:] / k])
-
-    @classmethod
-    def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
-        k, out = _away(x[:joints]), np.eye(len(x))
-        out[joints:, joints:] = np.diag(1 / k)
-        out[joints:, :joints] = np.diag(-x[joints:] / k**2)
-        return out
-
-    @classmethod
-    def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(2 * joints, -1e4), np.full(2 * joints, 1e4)
-
-
-def _away(k: np.ndarray) -> np.ndarray:
-    return np.where(np.abs(k) < SMALL, SMALL, k)
-
 
 class Payload(RigidEffect):
     """A point mass at `com` in the last joint's frame."""
@@ -98,6 +69,7 @@ class Payload(RigidEffect):
         Parameter("mass", "kg", 0.0, 0.0, 1e3, fit=(1e-4, 200.0)),
         Parameter("com", "m", 0.0, -10.0, 10.0, 3, shapes=True),
     )
+    products = {"com": ("mass", 100.0)}  # [kg m] the torque is linear in these but for the second moment
 
     @classmethod
     def inertia(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -111,27 +83,6 @@ class Payload(RigidEffect):
     @classmethod
     def idle(cls, joints: int, **words: str | int) -> Effect:
         return cls(mass=1e-3, com=np.zeros(3))
-
-    @classmethod
-    def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
-        """(m, m c): the torque is linear in these but for the second moment."""
-        return np.concatenate([full[:1], full[1:] * full[0]])
-
-    @classmethod
-    def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
-        return np.concatenate([x[:1], x[1:] / x[0]])
-
-    @classmethod
-    def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
-        out = np.eye(4)
-        out[1:, 1:] = np.eye(3) / x[0]
-        out[1:, 0] = -x[1:] / x[0] ** 2
-        return out
-
-    @classmethod
-    def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = super().chart_bounds(joints)
-        return np.append(lower[:1], [-100.0] * 3), np.append(upper[:1], [100.0] * 3)  # [kg], [kg m]
 
 
 class BaseTilt(RigidEffect):
@@ -188,25 +139,6 @@ class PayloadChange(Payload):
     @classmethod
     def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:
         return np.array([*rng.uniform(0.05, 0.15, 4), 2.0, 2.0])
-
-    @classmethod
-    def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
-        return np.concatenate([super().to_chart(full[:4], joints), full[4:]])
-
-    @classmethod
-    def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
-        return np.concatenate([super().from_chart(x[:4], joints), x[4:]])
-
-    @classmethod
-    def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
-        out = np.eye(6)
-        out[:4, :4] = super().chart_slope(x[:4], joints)
-        return out
-
-    @classmethod
-    def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
-        low, high = Payload.chart_bounds(joints)
-        return np.append(low, [1.0, 1.0]), np.append(high, [ALWAYS, ALWAYS])
 
 
 class LinkInertia(RigidEffect):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import casadi as ca
 import numpy as np
@@ -227,34 +227,22 @@ class Smooth:
         return 1 - ca.exp(-ca.dot(v, v) / (w * w))
 
 
-@dataclass(frozen=True)
-class Along:
+class _Along:
     """Other kinks, but the sign of the joints' velocity `v` is `way`."""
 
-    kinks: Kinks
-    v: ca.SX
-    way: ca.SX
+    def __init__(self, kinks: Kinks, v: ca.SX, way: ca.SX) -> None:
+        self._kinks, self._v, self._way = kinks, v, way
 
     def sign(self, x: ca.SX, width: float) -> ca.SX:
-        return self.way if x is self.v else self.kinks.sign(x, width)
+        return self._way if x is self._v else self._kinks.sign(x, width)
 
-    def magnitude(self, x: ca.SX, width: float) -> ca.SX:
-        return self.kinks.magnitude(x, width)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._kinks, name)
 
-    def positive(self, x: ca.SX, width: float) -> ca.SX:
-        return self.kinks.positive(x, width)
 
-    def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
-        return self.kinks.power(x, exponent, width)
-
-    def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX:
-        return self.kinks.below(x, bound, width)
-
-    def moving(self, v: ca.SX) -> ca.SX:
-        return self.kinks.moving(v)
-
-    def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
-        return self.kinks.direction(v, load, level)
+def along(kinks: Kinks, v: ca.SX, way: ca.SX) -> Kinks:
+    """Kinks with `way` (n, 1) as the sign of the joints' velocity v (n, 1)."""
+    return cast(Kinks, _Along(kinks, v, way))
 
 
 EXACT = Exact()

@@ -36,7 +36,7 @@ from energy_opt.effects import (
     TorqueEffect,
     WindingEffect,
 )
-from energy_opt.effects.parameter import MOVING_SPEED, Along
+from energy_opt.effects.parameter import MOVING_SPEED, along
 from energy_opt.power.model import PowerModel
 from energy_opt.robot import PointMass, RigidBody
 
@@ -79,13 +79,13 @@ def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT, h
 def _held(x: Signals, torques: Callable[[Kinks], list[ca.SX]], kinks: Kinks) -> list[ca.SX]:
     """Added torques where friction holds: the sign of v in them is the direction that friction has."""
     way = ca.SX.sym("way", x.v.numel())
-    along = torques(Along(kinks, x.v, way))
-    total = sum(along, ca.SX.zeros(x.v.numel()))
+    added = torques(along(kinks, x.v, way))
+    total = sum(added, ca.SX.zeros(x.v.numel()))
     if not ca.depends_on(total, way):
-        return along
+        return added
     forwards, backwards = (ca.substitute(total, way, sign * ca.SX.ones(way.numel())) for sign in (1, -1))
     load, level = x.tau + (forwards + backwards) / 2, ca.fabs(forwards - backwards) / 2
-    return [ca.substitute(torque, way, kinks.direction(x.v, load, level)) for torque in along]
+    return [ca.substitute(torque, way, kinks.direction(x.v, load, level)) for torque in added]
 
 
 def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks, holds: bool) -> DriveTerms:

@@ -30,21 +30,26 @@ import numpy as np
 from energy_opt.motion.limits.base import Limit, PlaceRows, box_of, values_of
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.numerics.batch import Batch
-from energy_opt.profiles.chain import Chain, ChainSymbols
+from energy_opt.profiles.chain import Chain
+
+NODES = (4, 6, 4, 8)  # Gauss-Lobatto nodes of a rise, hold, fall and line, both ends included
+SHARP = 0.002  # [s] rise of a trapezoid's acceleration: one step of a controller at 500 Hz
+SHORTEST = 0.02  # [s] of any ramp
+APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter pieces leave their constraints no digits
 
 
 class Placed:
     """One limit's constraints on the chain that they were asked for."""
 
-    def __init__(self, rows: PlaceRows, symbols: ChainSymbols, chain: Chain) -> None:
+    def __init__(self, rows: PlaceRows, x: ca.SX, symbols: Chain, chain: Chain) -> None:
         self.rows = rows
         pieces, shares = chain.places(rows.u * chain.duration)
         q = ca.horzcat(*(symbols.at(int(piece), float(s))[0] for piece, s in zip(pieces, shares, strict=True)))
         pull = ca.SX.sym("pull", q.numel())
-        slope = ca.densify(ca.jacobian(ca.vec(q), symbols.x))
-        bent = ca.densify(ca.hessian(ca.dot(pull, ca.vec(q)), symbols.x)[0])
-        self._position = ca.Function("position", [symbols.x], [ca.densify(q), slope])
-        self._bent = ca.Function("bent", [symbols.x, pull], [bent])
+        slope = ca.densify(ca.jacobian(ca.vec(q), x))
+        bent = ca.densify(ca.hessian(ca.dot(pull, ca.vec(q)), x)[0])
+        self._position = ca.Function("position", [x], [ca.densify(q), slope])
+        self._bent = ca.Function("bent", [x, pull], [bent])
 
     def move(self, x: np.ndarray) -> None:
         """Go to other unknowns."""
@@ -65,12 +70,6 @@ class Placed:
         np.add.at(pull, self.rows.place, multipliers[:, None] * self._gradient)
         curved = np.einsum("kai,kab,kbj->ij", self._slope, h, self._slope, optimize=True)
         return np.asarray(curved + np.asarray(self._bent(self._x, pull.ravel()).full()))
-
-
-NODES = (4, 6, 4, 8)  # Gauss-Lobatto nodes of a rise, hold, fall and line, both ends included
-SHARP = 0.002  # [s] rise of a trapezoid's acceleration: one step of a controller at 500 Hz
-SHORTEST = 0.02  # [s] of any ramp
-APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter pieces leave their constraints no digits
 
 
 @dataclass(frozen=True)
@@ -115,9 +114,10 @@ class Program:
         self.shape, self._ends, self.scale = shape, ends, 1.0
         self._parameters = np.concatenate([parameters, values_of(limits)])
         n, k = shape.joints, shape.vias
-        symbols = ChainSymbols(ends, k)
-        x, ramps, rises = symbols.x, symbols.ramps, symbols.rises
-        self.size = x.numel()
+        self.size = n * k + 3 * k + 5
+        x = ca.SX.sym("x", self.size)
+        symbols = Chain.of(x, ends, k)
+        ramps, rises = symbols.ramps, symbols.rises
         z, h, t = _nodes(symbols)
         self._count = z.shape[1]
         linear = [
@@ -130,7 +130,7 @@ class Program:
             2: peaks,
             3: [peak / rises[i] for i, peak in enumerate(peaks)],
         }  # of each derivative
-        shares = [_bounded(x, limit.bound) for limit in limits if limit.order for x in largest[limit.order]]
+        shares = [_bounded(y, limit.bound) for limit in limits if limit.order for y in largest[limit.order]]
         same = [ramps[0] - ramps[1], rises[0] - rises[1]] if k == 0 else []  # one move has one acceleration
         share = ca.vertcat(*shares)
         closed = ca.vertcat(*linear, symbols.duration, *same, share)
@@ -143,7 +143,9 @@ class Program:
         least_share = np.tile(np.concatenate(sides)[self._bounded], self._count)
         asked = [] if near is None else [limit.places(near.along) for limit in limits]
         self.placed = [
-            Placed(constraints, symbols, near) for constraints in asked if constraints is not None and near is not None
+            Placed(constraints, x, symbols, near)
+            for constraints in asked
+            if constraints is not None and near is not None
         ]
         self.row_bounds = (
             np.concatenate([low, least_share, *(placed.rows.lower for placed in self.placed)]),
@@ -256,7 +258,7 @@ def _bounded(values: ca.SX, bounds: np.ndarray) -> ca.SX:
     return values[finite.tolist()] / ca.DM(bounds[finite])
 
 
-def _nodes(chain: ChainSymbols) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _nodes(chain: Chain) -> tuple[ca.SX, ca.SX, ca.SX]:
     """z (3n + 1, M), weight (M,) and time (M,) of all quadrature nodes, piece by piece."""
     zs, hs, ts = [], [], []
     for piece in range(chain.count):

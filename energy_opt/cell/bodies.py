@@ -56,6 +56,18 @@ class Bodies:
         """Frames of the links at q (K, n); u (K,) in [0, 1] along a move matters where other arms move (`moving`)."""
         return self.kinematics(q)
 
+    def frames(self, poses: Poses, k: np.ndarray, body: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations (M, 3, 3) and origins (M, 3) [m] in the base frame, of bodies (M,) at configurations (M,)."""
+        turn, joint = poses.rotation[k, self.joint[body]], self.joint[body]
+        shift = np.matmul(turn, self.shift[body][:, :, None])[..., 0]
+        return np.matmul(turn, self.rotation[body]), shift + poses.origin[k, joint]
+
+    def placements(self, poses: Poses, k: np.ndarray, body: np.ndarray) -> dict[tuple[int, int], Any]:
+        """Where bodies (M,) are at configurations (M,), as coal wants it, by configuration and body."""
+        k, body = np.divmod(np.unique(k * len(self.all) + body), len(self.all))
+        names, frames = zip(k.tolist(), body.tolist(), strict=True), zip(*self.frames(poses, k, body), strict=True)
+        return {name: placement(*frame) for name, frame in zip(names, frames, strict=True)}
+
     def ruler(self, pair: int) -> Ruler:
         """What measures a pair's distance."""
         if pair not in self._rulers:
@@ -96,22 +108,12 @@ class Scenery:
         """A body's placement as coal wants it."""
         key = (0 if self.bodies.still[body] else k, body)
         if key not in self._placed:
-            b, joint = self.bodies, self.bodies.joint[body]
-            r = self.poses.rotation[k, joint]
-            self._placed[key] = placement(r @ b.rotation[body], r @ b.shift[body] + self.poses.origin[k, joint])
+            self.place(np.array([k]), np.array([body]))
         return self._placed[key]
 
     def place(self, k: np.ndarray, body: np.ndarray) -> None:
         """Make placements of bodies (M,) at configurations (M,) ready: many at once cost far less than one by one."""
-        b = self.bodies
-        key = np.unique(np.where(b.still[body], 0, k) * len(b.all) + body)
-        k, body = key // len(b.all), key % len(b.all)
-        r, joint = self.poses.rotation[k, b.joint[body]], b.joint[body]
-        rotation = np.matmul(r, b.rotation[body])
-        origin = np.matmul(r, b.shift[body][:, :, None])[..., 0] + self.poses.origin[k, joint]
-        for i, one in enumerate(zip(k.tolist(), body.tolist(), strict=True)):
-            if one not in self._placed:
-                self._placed[one] = placement(rotation[i], origin[i])
+        self._placed |= self.bodies.placements(self.poses, np.where(self.bodies.still[body], 0, k), body)
 
     def apart(self, k: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lower bounds (M,) [m] of pairs' distances from boxes around them (0: none), and both boxes' corners."""
@@ -130,12 +132,8 @@ class Scenery:
         for side in (0, 1):
             flat = np.flatnonzero(b.flat[bodies[:, side]])
             if len(flat):
-                plane = bodies[flat, side]
-                joint = b.joint[plane]
-                r = self.poses.rotation[k[flat], joint]
-                normal = np.matmul(r, b.rotation[plane, :, 2][:, :, None])[..., 0]
-                through = np.matmul(r, b.shift[plane][:, :, None])[..., 0] + self.poses.origin[k[flat], joint]
-                heights = np.einsum("mci,mi->mc", boxes[1 - side][flat] - through[:, None], normal)
+                turn, through = b.frames(self.poses, k[flat], bodies[flat, side])
+                heights = np.einsum("mci,mi->mc", boxes[1 - side][flat] - through[:, None], turn[:, :, 2])
                 out[flat] = heights.min(axis=1).clip(0)
         return out, boxes[0], boxes[1]
 

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from energy_opt.cell import solids
 from energy_opt.cell.bodies import Bodies, Body, Scenery
 from energy_opt.cell.curve import MotionCurve
 from energy_opt.cell.pairs import POSES, Kept, OwnPairs, arm_bodies, kept_apart, neighbours, own_pairs
 from energy_opt.cell.proof import Proof, Touch, inside_at, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
-from energy_opt.cell.scene import TOOL, PlacedShape, Scene, Shape, out_of_scale
-from energy_opt.cell.solids import GJK_ERROR, Solid
+from energy_opt.cell.scene import TOOL, PlacedShape, Scene, out_of_scale
+from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics, pose_of
 from energy_opt.robot.tool import semantics, tool_of
 
 PAYLOAD = "payload"
-ALONG, NEARLY = (
-    300,
-    1.2,
-)  # instants at which a given motion's own distances are measured, and up to which share of asked
+ALONG, NEARLY = 300, 1.2  # instants at which a given motion's distances are measured, up to which share of asked
 TOUCHING = 2.5 * GJK_ERROR  # [m] an end that is nearer than this touches, as far as can be told
 REMEMBERED = 8  # proofs of a cell
 
@@ -44,11 +40,11 @@ class Clearance:
     """
 
     verdict: str
-    lower_bound: float | None
-    min_distance: float | None
-    pair: tuple[str, str] | None
-    time: float | None
-    depth: float | None
+    lower_bound: float | None = field(default=None, kw_only=True)
+    min_distance: float | None = field(default=None, kw_only=True)
+    pair: tuple[str, str] | None = field(default=None, kw_only=True)
+    time: float | None = field(default=None, kw_only=True)
+    depth: float | None = field(default=None, kw_only=True)
     pairs: int
     disabled_pairs: tuple[tuple[str, str], ...]
     source: str
@@ -74,21 +70,11 @@ class Clearance:
 
     def document(self) -> dict[str, object]:
         """As it is in result.json."""
-        out: dict[str, object] = {
-            "verdict": self.verdict,
-            "lower_bound": self.lower_bound,
-            "min_distance": self.min_distance,
-            "pair": None if self.pair is None else list(self.pair),
-            "time": self.time,
-        }
-        if self.depth is not None:
-            out["depth"] = self.depth
-        return {
-            **out,
-            "pairs": self.pairs,
-            "disabled_pairs": [list(pair) for pair in self.disabled_pairs],
-            "source": self.source,
-        }
+        out = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "touches"}
+        if self.depth is None:
+            del out["depth"]
+        pairs = [list(pair) for pair in self.disabled_pairs]
+        return {**out, "pair": None if self.pair is None else list(self.pair), "disabled_pairs": pairs}
 
 
 @dataclass(frozen=True)
@@ -142,11 +128,14 @@ class Cell:
         frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
         known: dict[int, Solid] = {}
         for placed in whole.placed(request.base_pose):
-            solid = known.setdefault(id(placed.shape), _shape(placed.shape))
-            things.append(_kept(placed, solid, frames))
+            shape = placed.shape
+            if id(shape) not in known:
+                whole_mesh = shape.vertices, shape.triangles
+                known[id(shape)] = mesh(*whole_mesh) if shape.kind == "mesh" else primitive(shape.kind, shape.size)
+            things.append(_kept(placed, known[id(shape)], frames))
         if request.payload_size is not None:
-            at = pose_of(request.payload_at)
-            things.append(Kept(Body(PAYLOAD, robot.body.last, at, solids.box(request.payload_size)), False))
+            box = primitive("box", request.payload_size)
+            things.append(Kept(Body(PAYLOAD, robot.body.last, pose_of(request.payload_at), box), False))
         self.has_body, self.links = bool(links), len(links)
         pairs = kept_apart(things, self.own, whole.allowed)
         self.own_checks = bool(len(pairs)) and bool((pairs < len(links)).all(axis=1).any())
@@ -282,21 +271,6 @@ class Cell:
             source="off" if self.own is None else Path(self.own.source).name,
             touches=tuple(proof.touches),
         )
-
-
-def _shape(shape: Shape) -> Solid:
-    """The solid of a scene's shape."""
-    if shape.kind == "box":
-        return solids.box(shape.size)
-    if shape.kind == "sphere":
-        return solids.sphere(*shape.size)
-    if shape.kind == "cylinder":
-        return solids.cylinder(*shape.size)
-    if shape.kind == "cone":
-        return solids.cone(*shape.size)
-    if shape.kind == "plane":
-        return solids.half_space()
-    return solids.mesh(shape.vertices, shape.triangles)
 
 
 def _kept(placed: PlacedShape, solid: Solid, frames: dict[str, tuple[int, np.ndarray]]) -> Kept:

@@ -115,7 +115,5 @@ class MovingCell(Cell):
             return own
         touches = tuple(Touch(t.time + time[0], t.pair + first, t.distance) for t in proof.touches)
         verdict = proof.verdict if own.proven else own.verdict
-        return Clearance(
-            verdict, None, None, None, None, None, len(self.bodies.pairs), own.disabled_pairs, own.source,
-            (*own.touches, *touches),
-        )  # fmt: skip
+        pairs, touched = len(self.bodies.pairs), (*own.touches, *touches)
+        return Clearance(verdict, pairs, own.disabled_pairs, own.source, touched)

@@ -10,7 +10,7 @@ seen near is kept: it costs little, and samples are no proof.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection, Container, Sequence
+from collections.abc import Collection, Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from energy_opt.cell.solids import Solid
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
 from energy_opt.robot.checks import placed
-from energy_opt.robot.description import Collision, Description
+from energy_opt.robot.description import Description
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.limits import Limits, postures
 from energy_opt.robot.meshes import mesh_files
@@ -41,6 +41,7 @@ def arm_bodies(robot: Robot, package_dirs: Sequence[Path] = (), allow_large: boo
     description, frames = robot.description, robot.body.link_frames()
     files = mesh_files(description, package_dirs, allow_large)
     known: dict[tuple[object, ...], Solid] = {}
+    most = sys.maxsize if allow_large else MOST_TRIANGLES
     out = []
     for link in description.links.values():
         joint, at = frames[link.name]
@@ -48,23 +49,16 @@ def arm_bodies(robot: Robot, package_dirs: Sequence[Path] = (), allow_large: boo
             key = body.kind, body.size, body.file
             if key not in known:
                 try:
-                    known[key] = _solid(body, files, allow_large)
+                    known[key] = (
+                        solids.primitive(body.kind, body.size)
+                        if body.kind != "mesh"
+                        else solids.mesh_file(files[body.file], body.size, most)
+                    )
                 except BadInput as error:
                     remedy = "; --self-collision off plans without the arm's body"
                     raise BadInput(f"{description.path}: link {link.name}: {error}{remedy}") from None
             out.append(Body(link.name, joint, at @ placed(body.pose), known[key]))
     return out
-
-
-def _solid(body: Collision, files: dict[str, Path], allow_large: bool) -> Solid:
-    if body.kind == "mesh":
-        return solids.mesh_file(files[body.file], body.size, sys.maxsize if allow_large else MOST_TRIANGLES)
-    if body.kind == "box":
-        return solids.box(body.size)
-    make: dict[str, Callable[..., Solid]] = {
-        "sphere": solids.sphere, "cylinder": solids.cylinder, "capsule": solids.capsule,
-    }  # fmt: skip
-    return make[body.kind](*body.size)
 
 
 def neighbours(description: Description, still: Collection[str] = ()) -> list[tuple[str, str]]:

@@ -22,8 +22,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from energy_opt.cell.bodies import Bodies
-from energy_opt.cell.solids import Piece, Plane, placement
-from energy_opt.robot.kinematics import Poses, into
+from energy_opt.cell.solids import Piece, Plane
+from energy_opt.robot.kinematics import Poses, cross, into
 
 LENGTH = 0.1  # [m] that constraints are divided by, so that they are of order one
 MOST = 2  # pieces of a pair of bodies that are looked at, at a place, the nearest: more make steps slow
@@ -97,7 +97,7 @@ class Near:
         distance[old] = self._heights(poses, k[old], number[old], normal[old])
         again = np.flatnonzero(distance < KEPT)
         of_a, of_b = self.body[self.a[number[again]]], self.body[self.b[number[again]]]
-        placed = self._placements(poses, k[again], of_a, of_b)
+        placed = self.bodies.placements(poses, np.tile(k[again], 2), np.concatenate([of_a, of_b]))
         columns = (again, k[again], number[again], of_a, of_b)
         for i, place, one, a, b in zip(*(column.tolist() for column in columns), strict=True):
             measure = self._measures.get(one)
@@ -144,19 +144,6 @@ class Near:
             vertex[some] = np.argmin(all_, axis=1)
             height[some] = all_[np.arange(len(some)), vertex[some]]
         return vertex, height
-
-    def _placements(
-        self, poses: Poses, k: np.ndarray, a: np.ndarray, b: np.ndarray
-    ) -> dict[tuple[int, int], object]:  # fmt: skip
-        """Where bodies a and b (M,) are at places k (M,), as coal wants it, by place and body."""
-        bodies, count = self.bodies, len(self.bodies.all)
-        key = np.unique(np.concatenate([k * count + a, k * count + b]))
-        at, body = np.divmod(key, count)
-        r, joint = poses.rotation[at, bodies.joint[body]], bodies.joint[body]
-        rotation = np.matmul(r, bodies.rotation[body])
-        origin = np.matmul(r, bodies.shift[body][:, :, None])[..., 0] + poses.origin[at, joint]
-        names = zip(at.tolist(), body.tolist(), strict=True)
-        return {name: placement(rotation[i], origin[i]) for i, name in enumerate(names)}
 
     def rows(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneRows:
         """Constraints at places u (K,), positions q (K, n), for what is nearer than `reach` [m] there.
@@ -213,9 +200,7 @@ class PlaneRows:
         self.u = u
         k, number, distance, normal = found
         flat = np.flatnonzero(near.flat[near.b[number]])  # a half-space is its own plane, whatever was found
-        plane = near.body[near.b[number[flat]]]
-        turn = poses.rotation[k[flat], bodies.joint[plane]]
-        normal[flat] = np.matmul(turn, bodies.rotation[plane][:, :, 2, None])[..., 0]
+        normal[flat] = bodies.frames(poses, k[flat], near.body[near.b[number[flat]]])[0][:, :, 2]
         joint_a = bodies.joint[near.body[near.a[number]]]
         which, vertex = near.spread(near.a[number], into(poses.rotation[k, joint_a], normal), distance)
         order = np.lexsort((vertex, number[which], k[which]))
@@ -244,7 +229,7 @@ class PlaneRows:
         point += poses.origin[k, self._joint_a]
         self._f = np.sum(n * (point - poses.origin[k, self._joint_b]), axis=1) - self._height
         self._n, self._axis = n, poses.axis[k]
-        swept = _cross(self._axis, point[:, None] - poses.origin[k][:, : self._axis.shape[1]])
+        swept = cross(self._axis, point[:, None] - poses.origin[k][:, : self._axis.shape[1]])
         slides = self._bodies.kinematics.prismatic
         self._w = np.where(slides[:, None], self._axis, swept) * self._moves[:, :, None]
 
@@ -263,7 +248,7 @@ class PlaneRows:
         self._move(q)
         kinematics = self._bodies.kinematics
         above = kinematics.moves[: kinematics.count].T  # (L, L): joint i moves joint j, or is it
-        turned = _cross(self._n[:, None], self._axis) * (self._moves & ~kinematics.prismatic)[:, :, None]
+        turned = cross(self._n[:, None], self._axis) * (self._moves & ~kinematics.prismatic)[:, :, None]
         h = np.matmul(turned, self._w.transpose(0, 2, 1)) * (multipliers / LENGTH)[:, None, None] * above
         out = np.zeros((len(self.u), *h.shape[1:]))
         np.add.at(out, self.place, h)
@@ -278,15 +263,3 @@ def _groups(piece: np.ndarray) -> Iterable[tuple[int, np.ndarray]]:
     order = np.argsort(piece, kind="stable")
     for some in np.split(order, np.flatnonzero(np.diff(piece[order])) + 1):
         yield int(piece[some[0]]), some
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product over the last axis; NumPy's own is several times slower on many short vectors."""
-    return np.stack(
-        [
-            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-        ],
-        axis=-1,
-    )

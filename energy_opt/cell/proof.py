@@ -37,9 +37,9 @@ from typing import Any
 import numpy as np
 
 from energy_opt.cell.bodies import Bodies, Scenery
-from energy_opt.cell.curve import MotionCurve, Spans
+from energy_opt.cell.curve import MotionCurve
 from energy_opt.cell.solids import GJK_ERROR, Ruler, Solid
-from energy_opt.robot.kinematics import into
+from energy_opt.robot.kinematics import cross, into
 
 ROUNDING = 1e-9  # [m] that arithmetic may have added
 
@@ -64,15 +64,10 @@ def least_heights(
     slides, (a, b) = bodies.kinematics.prismatic, bodies.pairs[pair].T
     ja, jb = bodies.joint[a], bodies.joint[b]
     flat = bodies.flat[b]  # a half-space is its own plane
-    own = np.matmul(poses.rotation[k[flat], jb[flat]], bodies.rotation[b[flat]][:, :, 2, None])[..., 0]
     normal = normal.copy()
-    normal[flat] = own
+    normal[flat] = bodies.frames(poses, k[flat], b[flat])[0][:, :, 2]
     turn, at, axis = poses.rotation[k, ja], poses.origin[k, ja], poses.axis[k]
-    x, y, z = normal.T[:, :, None]
-    lever = np.stack(  # n·(axis x r) = (n x axis)·r
-        [y * axis[..., 2] - z * axis[..., 1], z * axis[..., 0] - x * axis[..., 2], x * axis[..., 1] - y * axis[..., 0]],
-        axis=2,
-    )
+    lever = cross(normal[:, None], axis)  # n·(axis x r) = (n x axis)·r
     level = np.sum(lever * (at[:, None] - poses.origin[k, :-1]), axis=2)
     level[:, slides] = np.matmul(axis[:, slides], normal[:, :, None])[..., 0]
     lever[:, slides] = 0.0
@@ -190,7 +185,7 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
     span = np.repeat(np.arange(len(spans)), pairs)
     pair = np.tile(np.arange(pairs), len(spans))
     haste = HASTE
-    entered = _starts_inside(bodies, curve)
+    entered = inside_at(bodies, curve.at(0))  # pairs with a mesh of which no surface tells
     while len(span):
         time, q, far = curve.middles(spans)
         scene = Scenery(bodies, q)
@@ -214,20 +209,15 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
                 out.verdict = "undecided"
                 break
             again = again[:0] if len(again) > MOST else again[~short]
-        spans, span, pair = _halved(spans, span[again], pair[again])
+        kept, back = np.unique(span[again], return_inverse=True)  # halved, each open pair in both halves
+        spans = spans.take(kept).halves()
+        span, pair = np.concatenate([back, back + len(kept)]), np.tile(pair[again], 2)
     if out.touches:
         out.touches.sort(key=lambda touch: touch.distance)
         out.verdict = "colliding" if out.touches[0].distance <= 0 else "undecided"
     if out.verdict != "proven":
         out.lower_bound = -np.inf
     return out
-
-
-def _halved(spans: Spans, span: np.ndarray, pair: np.ndarray) -> tuple[Spans, np.ndarray, np.ndarray]:
-    """The intervals that are still open, halved, and each open pair in both halves."""
-    kept, back = np.unique(span, return_inverse=True)
-    halves = spans.take(kept).halves()
-    return halves, np.concatenate([back, back + len(kept)]), np.concatenate([pair, pair])
 
 
 def _measured(
@@ -310,11 +300,6 @@ class _Planes:
         height = least_heights(self._scene, k, pair, np.array(self._normals), self._far[k], rest)
         good = height > asked
         return which[good], float(height[good].min(initial=np.inf))
-
-
-def _starts_inside(bodies: Bodies, curve: MotionCurve) -> set[int]:
-    """Pairs with a mesh of which one body is inside the other at the first row, where no surface tells."""
-    return inside_at(bodies, curve.at(0))
 
 
 def inside_at(bodies: Bodies, q: np.ndarray) -> set[int]:

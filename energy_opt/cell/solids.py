@@ -1,4 +1,4 @@
-"""Solids and the distances between them: the only module that imports coal, when a solid is first made.
+"""Solids and the distances between them: the only module that imports coal.
 
 A solid is held in up to three ways, each inside the one before: its convex hull, convex pieces (slabs of a long part
 whose hull is much fatter than the part), and the mesh of its surface. So the distance between hulls is a lower bound of
@@ -7,11 +7,13 @@ that between pieces, and this one of that between meshes; it costs the least by 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 
 from energy_opt.errors import BadInput
@@ -22,6 +24,7 @@ FAT = 1.1  # a hull of so much more volume than its mesh is worth cutting
 SLABS = 6  # pieces that a fat part is cut into, along its longest side
 ROUND = 12  # corners of the polygons that stand for circles where vertices are wanted
 SHEET = 1e-6  # [m] that a mesh without volume is thickened by for its hull
+SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])  # corners of a cube
 LARGE = 10.0  # [m] half the side of the box that replaces a half-space where a bounded body is wanted
 
 
@@ -68,57 +71,35 @@ def vertices_of(mesh: Any) -> np.ndarray:
     return np.array(mesh.vertices())
 
 
-def capsule(radius: float, length: float) -> Solid:
-    """A capsule along z [m]: everything within `radius` of a segment of that length about the origin."""
-    import coal
+def primitive(kind: str, size: Sequence[float]) -> Solid:
+    """A solid of a kind and its sizes [m], as scenes and descriptions have them.
 
-    tips = np.array([[0, 0, -0.5], [0, 0, 0.5]]) * length
-    return _alone(coal.Capsule(float(radius), float(length)), tips, float(radius))
-
-
-def box(size: np.ndarray | tuple[float, ...]) -> Solid:
-    """A box of full edge lengths [m] about its centre."""
-    import coal
-
-    return _alone(coal.Box(*map(float, size)), _signs() * np.asarray(size, dtype=float) / 2)
-
-
-def sphere(radius: float) -> Solid:
-    """A sphere [m]."""
-    import coal
-
-    return _alone(coal.Sphere(float(radius)), np.zeros((1, 3)), float(radius))
-
-
-def cylinder(radius: float, height: float) -> Solid:
-    """A cylinder along z about the middle of its height [m]."""
-    import coal
-
-    rim, half = _rim(radius), np.array([0, 0, height / 2])
-    return _alone(coal.Cylinder(float(radius), float(height)), np.vstack([rim - half, rim + half]))
-
-
-def cone(radius: float, height: float) -> Solid:
-    """A cone along z, its tip at +height / 2 [m]."""
-    import coal
-
-    half = np.array([0, 0, height / 2])
-    return _alone(coal.Cone(float(radius), float(height)), np.vstack([_rim(radius) - half, half[None]]))
-
-
-def half_space() -> Solid:
-    """Everything with z <= 0."""
-    import coal
-
-    ground = _signs() * LARGE - [0, 0, LARGE]
-    piece = Piece(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), ground)
-    return Solid(piece, (piece,))
+    Args:
+        kind: "box" of full edges about its centre, "sphere", "cylinder" or "cone" of radius and height along z about
+            the middle of the height (a cone's tip is at the top), "capsule" (everything within the radius of a segment
+            of that length along z about the origin), or "plane" (all with z <= 0).
+        size: edges; radius; radius and height or length.
+    """
+    size = [float(x) for x in size]
+    if kind == "plane":
+        piece = Piece(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), SIGNS * LARGE - [0, 0, LARGE])
+        return Solid(piece, (piece,))
+    if kind == "box":
+        return _alone(coal.Box(*size), SIGNS * np.array(size) / 2)
+    radius, half = size[0], np.array([0, 0, size[-1] / 2])
+    if kind == "sphere":
+        return _alone(coal.Sphere(radius), np.zeros((1, 3)), radius)
+    if kind == "capsule":
+        return _alone(coal.Capsule(*size), np.array([-half, half]), radius)
+    angle, outside = 2 * np.pi * (np.arange(ROUND) + 0.5) / ROUND, radius / np.cos(np.pi / ROUND)
+    rim = outside * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(ROUND)])  # a polygon around the circle
+    if kind == "cylinder":
+        return _alone(coal.Cylinder(*size), np.vstack([rim - half, rim + half]))
+    return _alone(coal.Cone(*size), np.vstack([rim - half, half[None]]))
 
 
 def mesh(vertices: np.ndarray, triangles: np.ndarray) -> Solid:
     """The solid within a surface of triangles: vertices (V, 3) [m], indices (T, 3)."""
-    import coal
-
     model = coal.BVHModelOBBRSS()
     model.beginModel(len(triangles), len(vertices))
     model.addVertices(np.ascontiguousarray(vertices, dtype=float))
@@ -136,8 +117,6 @@ def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
     Raises:
         BadInput: it cannot be read, has numbers that are not finite, or more triangles.
     """
-    import coal
-
     try:
         model = coal.MeshLoader(coal.NODE_TYPE.BV_OBBRSS).load(str(path), np.array(scale, dtype=float))
     except (ValueError, RuntimeError) as error:
@@ -160,21 +139,10 @@ def _alone(geometry: Any, points: np.ndarray, radius: float = 0.0) -> Solid:
     return Solid(piece, (piece,), None, _box(geometry))
 
 
-def _signs() -> np.ndarray:
-    return np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-
-
-def _rim(radius: float) -> np.ndarray:
-    """A polygon around a circle."""
-    angle = 2 * np.pi * (np.arange(ROUND) + 0.5) / ROUND
-    outside = radius / np.cos(np.pi / ROUND)
-    return np.column_stack([outside * np.cos(angle), outside * np.sin(angle), np.zeros(ROUND)])
-
-
 def _box(geometry: Any) -> np.ndarray:
     geometry.computeLocalAABB()
     low, high = np.asarray(geometry.aabb_local.min_), np.asarray(geometry.aabb_local.max_)
-    return (low + high) / 2 + _signs() * (high - low) / 2
+    return (low + high) / 2 + SIGNS * (high - low) / 2
 
 
 def _of_mesh(model: Any) -> Solid:
@@ -182,7 +150,7 @@ def _of_mesh(model: Any) -> Solid:
     hull = _hull(points)
     if hull is None:  # a sheet: what is just around it has a hull
         low, high = points.min(axis=0) - SHEET, points.max(axis=0) + SHEET
-        hull = _hull((low + high) / 2 + _signs() * (high - low) / 2)
+        hull = _hull((low + high) / 2 + SIGNS * (high - low) / 2)
         assert hull is not None
         return Solid(hull, (hull,), model, _box(hull.geometry))
     ratio = hull.geometry.computeVolume() / max(abs(model.computeVolume()), 1e-12)
@@ -226,8 +194,6 @@ def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
 
 def _hull(points: np.ndarray) -> Piece | None:
     """The convex hull of points; None where they are flat."""
-    import coal
-
     cloud = coal.StdVec_Vec3s()
     for point in points:
         cloud.append(point)
@@ -247,8 +213,6 @@ class Ruler:
     """
 
     def __init__(self, a: Solid, b: Solid) -> None:
-        import coal
-
         self.a, self.b = a, b
         self.convex = (a.convex or b.corners is None) and (b.convex or a.corners is None)
         self.cut = not self.convex and len(a.pieces) * len(b.pieces) > 1
@@ -257,8 +221,6 @@ class Ruler:
 
     @cached_property
     def _pieces(self) -> list[Any]:
-        import coal
-
         return [coal.ComputeDistance(p.geometry, q.geometry) for p in self.a.pieces for q in self.b.pieces]
 
     def near(self, at: Any, bt: Any) -> float:
@@ -283,8 +245,6 @@ class Ruler:
         """Between the solids, m."""
         if self.convex:
             return self.near(at, bt)
-        import coal
-
         self._result.clear()
         a, b = self._exact
         return max(0.0, float(coal.distance(a, at, b, bt, self._request, self._result)))
@@ -298,8 +258,6 @@ class Ruler:
 
     def depth(self, at: Any, bt: Any) -> float:
         """How deep two bodies that overlap do so, m; for meshes the deepest of their triangles."""
-        import coal
-
         if self.convex:
             return max(0.0, -self.near(at, bt))
         request, result = coal.CollisionRequest(), coal.CollisionResult()
@@ -311,8 +269,6 @@ class Ruler:
 
 def placement(rotation: np.ndarray, origin: np.ndarray) -> Any:
     """A pose as coal wants it."""
-    import coal
-
     return coal.Transform3s(rotation, origin)
 
 
@@ -320,8 +276,6 @@ class Plane:
     """Finds planes between two convex pieces."""
 
     def __init__(self, a: Piece, b: Piece) -> None:
-        import coal
-
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._measure = coal.ComputeDistance(a.geometry, b.geometry)
 

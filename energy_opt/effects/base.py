@@ -215,24 +215,24 @@ class Effect:
     @classmethod
     def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
         """x from `full`."""
-        x, (rows, by) = np.array(full, dtype=float), cls._products(joints)
-        x[rows] *= full[by]
+        x, (times, by) = np.array(full, dtype=float), cls._products(joints)
+        x[times] *= full[by]
         return x
 
     @classmethod
     def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
         """`full` from x."""
-        full, (rows, by) = x.copy(), cls._products(joints)
+        full, (times, by) = x.copy(), cls._products(joints)
         full[by] = _away(x[by])
-        full[rows] /= full[by]
+        full[times] /= full[by]
         return full
 
     @classmethod
     def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
         """d full / d x, square."""
-        out, (rows, by) = np.eye(len(x)), cls._products(joints)
+        out, (times, by) = np.eye(len(x)), cls._products(joints)
         factor = _away(x[by])
-        out[rows, rows], out[rows, by] = 1 / factor, -x[rows] / factor**2
+        out[times, times], out[times, by] = 1 / factor, -x[times] / factor**2
         return out
 
     @classmethod
@@ -249,7 +249,7 @@ class Effect:
         at = cls.split(np.arange(cls.size(joints)), joints).__dict__
         pairs = [np.broadcast_arrays(at[name], at[factor]) for name, (factor, _) in cls.products.items()]
         none = np.zeros(0, dtype=int)
-        return np.concatenate([none, *(row for row, _ in pairs)]), np.concatenate([none, *(by for _, by in pairs)])
+        return np.concatenate([none, *(own for own, _ in pairs)]), np.concatenate([none, *(by for _, by in pairs)])
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Effect) or type(other) is not type(self) or other.choices != self.choices:

@@ -225,3 +225,15 @@ class Kinematics:
 def into(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors (M, 3) in the frames that rotations (M, 3, 3) stand for."""
     return np.matmul(vectors[:, None], rotation)[:, 0]
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product over the last axis; NumPy's own is several times slower on many short vectors."""
+    return np.stack(
+        [
+            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
+            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
+            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
+        ],
+        axis=-1,
+    )

@@ -217,7 +217,7 @@ def test_meshes_are_bounded_and_whole(
     if how == "bytes":
         monkeypatch.setattr("energy_opt.robot.meshes.LARGEST", 99_000)
     elif how == "triangles":
-        monkeypatch.setattr("energy_opt.cell.arm.MOST_TRIANGLES", 1999)
+        monkeypatch.setattr("energy_opt.cell.pairs.MOST_TRIANGLES", 1999)
     elif how == "short":
         path.write_bytes(path.read_bytes()[:-60])
     robot = load_robot(chain(tmp_path, ball("0.02"), MESH.format("ring.stl")))

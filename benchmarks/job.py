@@ -19,10 +19,10 @@ from pathlib import Path
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
+from energy_opt.cli.examples import example
 from energy_opt.errors import Infeasible
 from energy_opt.files import to_json
 from energy_opt.jobs import Job, JobResult, load_job, run_job
-from energy_opt.jobs.example import EXAMPLE
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import source_method_2
@@ -37,7 +37,7 @@ def job_of(robot: Robot, mode: str) -> Job:
     """The shipped example, every step in that mode."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "job.toml"
-        path.write_text(EXAMPLE.replace('mode = "reshape"', f'mode = "{mode}"'))
+        path.write_text(example("job").replace('mode = "reshape"', f'mode = "{mode}"'))
         return load_job(path, lambda _: robot)
 
 

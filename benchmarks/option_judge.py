@@ -24,6 +24,7 @@ from option_arm import Robot
 TOLERANCE = 2e-6  # of a bound, or of an energy
 PLACES, POSES = 24, 400  # between two rows, and of a motion whose contacts are looked for
 PLAIN = {"standby", "copper_loss", "payload"}  # effects of which energies are recomputed
+VIA = 1e-4  # [rad, m] a via point is passed within, as the option says
 PASSED, SPREAD = 2e-3, 1e-3  # [rad], of an energy: what the mean over milliseconds does to a cycle without jumps
 
 
@@ -199,7 +200,7 @@ def judge(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
         k = int(np.argmin(np.abs(q - point).max(axis=1)))  # it may be passed between two rows
         near = slice(max(k - 1, 0), k + 2)
         _, (fine, *_) = curve(t[near], q[near], v[near], a[near], 4001)
-        holds("via", float(np.abs(fine - point).max(axis=2).min()))
+        holds("via", float(np.abs(fine - point).max(axis=2).min()) - VIA)
     faults += _conditions(robot, asked, t, q, v, a)
     for path in out.glob("trajectory.*"):
         faults += _written(path, robot, asked)

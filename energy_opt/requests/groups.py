@@ -148,7 +148,9 @@ class MoveGroup(Request):
     path: AnyPath | None = option(
         None, "waypoints [rad, m] or a trajectory, in place of start and goal", "FILE", main=True
     )
-    via: Sequence[Positions | Pose] = option((), "a point [rad, m] to pass (reshape; repeatable)", "Q", many=True)
+    via: Sequence[Positions | Pose] = option(
+        (), "a point [rad, m] to pass (within 1e-4; reshape; repeatable)", "Q", many=True
+    )
     mode: str = option("reshape", "reshape: path and timing; retime: timing alone (reshape)", "MODE", main=True)
 
 

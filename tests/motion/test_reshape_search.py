@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from poses import GOAL, START
 
+from energy_opt import optimize
 from energy_opt.batches.moves import random_moves
 from energy_opt.effects import CoulombFriction
 from energy_opt.motion import Move, Planner, Settings
@@ -63,6 +64,16 @@ def test_searches_under_dry_friction_find_what_wide_kinks_lead_to():
         Move(named.start, named.goal, duration=2.0)
     )
     assert result.status == "solved" and result.energy.loss < 17.3
+
+
+@pytest.mark.slow
+def test_a_search_among_kinks_goes_on_while_it_wins():
+    """A slow and short move under published friction: three descents were too few, and it ended as not converged."""
+    start = [-0.892177, -0.634797, -1.505717, -0.271708, -0.177188, -1.580148]
+    goal = [-0.893169, -0.594056, -1.650017, -0.204278, -0.210586, -1.440509]
+    via = [-0.880687, -0.580030, -1.558168, -0.189328, -0.200243, -1.540328]
+    found = optimize(robot="ur10e", start=start, goal=goal, via=[via], duration=3.829)
+    assert found.status == "solved", found.message
 
 
 def test_the_answer_is_an_optimum_that_ipopt_cannot_better(panda, model):

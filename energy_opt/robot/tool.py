@@ -141,6 +141,17 @@ def read_srdf(path: Path) -> Srdf:
 
 
 def semantics(robot: Robot, file: Path | None = None) -> Srdf:
-    """What `file` says of the robot; without one, the SRDF beside a robot by name; an empty one where there is none."""
+    """What `file` says of the robot; without one, the SRDF beside a robot by name; an empty one where there is none.
+
+    Raises:
+        BadInput: the file cannot be read, or it names links and none of them is the robot's.
+    """
     file = file or srdf_beside(robot.name, robot.urdf)
-    return Srdf() if file is None else read_srdf(file)
+    if file is None:
+        return Srdf()
+    found, own = read_srdf(file), robot.description.links
+    named = dict.fromkeys([link for pair in (*found.disabled, *found.enabled) for link in pair] + list(found.silent))
+    if named and not any(link in own for link in named):
+        theirs, ours = (", ".join(list(names)[:3]) for names in (named, own))
+        raise BadInput(f"{file}: none of its links ({theirs}, …) is a link of {robot.name} ({ours}, …)")
+    return found

@@ -69,6 +69,14 @@ def test_known_robots_bring_pairs_and_poses(panda: Robot, ur5: Robot) -> None:
         positions("0.5", panda, "goal")
 
 
+def test_the_srdf_of_another_robot_is_refused(tmp_path: Path) -> None:
+    file = written(tmp_path, "r.srdf", SRDF)
+    with pytest.raises(BadInput, match=r"none of its links \(a, b, c, …\) is a link of panda \(.*panda_link"):
+        semantics(load_robot("panda"), file)
+    file.write_text('<robot name="r"><disable_collisions link1="panda_link1" link2="a_gripper"/></robot>')
+    assert semantics(load_robot("panda"), file).disabled
+
+
 @pytest.mark.parametrize("name", [n for n in known_robots() if not n.endswith("e")])
 def test_meshes_of_known_robots_are_found(name: str) -> None:
     meshes = mesh_files(load_robot(name).description)

@@ -158,12 +158,9 @@ def _expressions(kind: type[Effect], x: Signals, p: ca.SX, joints: int, kinks: K
 
     Of an effect with options the expressions under each of them, one below the other.
     """
-    both = [_law_of(kind.neutral(joints, **words), x, p, joints, kinks) for words in _each_option(kind)]
+    each = [dict(zip(kind.options, words, strict=True)) for words in product(*kind.options.values())]
+    both = [_law_of(kind.neutral(joints, **words), x, p, joints, kinks) for words in each]
     return ca.vertcat(*(added for added, _ in both)), ca.vertcat(*(given for _, given in both))
-
-
-def _each_option(kind: type[Effect]) -> list[dict[str, str]]:
-    return [dict(zip(kind.options, words, strict=True)) for words in product(*kind.options.values())]
 
 
 def _law_of(effect: Effect, x: Signals, vector: ca.SX, joints: int, kinks: Kinks) -> tuple[ca.SX, ca.SX]:
@@ -211,8 +208,9 @@ def _law_over_time(
     if issubclass(kind, SoakingEffect):
 
         def more(values: np.ndarray, heat: np.ndarray) -> np.ndarray:
-            heated = ca.DM(kind.soaked(50 * time, heat[:, None], values))
-            return np.array(kind.factor(_only_heated(heated), kind.split(ca.DM(values), 1))).ravel() - 1
+            none, heated = ca.DM.zeros(1), ca.DM(kind.soaked(50 * time, heat[:, None], values))
+            x = Signals(none, none, none, none, none, heated=heated)
+            return np.array(kind.factor(x, kind.split(ca.DM(values), 1))).ravel() - 1
 
         return SimpleNamespace(
             joints=1,
@@ -245,8 +243,3 @@ def _law_over_time(
         given=lambda values: np.zeros(1),
         at_rest=lambda values: kind.reading(time, np.full_like(time, 90.0), float(values[0])),
     )
-
-
-def _only_heated(heated: ca.DM) -> Signals:
-    none = ca.DM.zeros(1)
-    return Signals(none, none, none, none, none, heated=heated)

@@ -210,7 +210,8 @@ def _named_unit(kind: str, column: str, table: Table) -> str | None:
 
 def _position_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str | None, out: Guess) -> str:
     """Degrees where positions, or the speed between samples, are far outside the limits as radians."""
-    values, time = _whole(values, time)
+    good = np.isfinite(values).all(axis=1) & np.isfinite(time[: len(values)])
+    values, time = values[good], time[: len(values)][good]
     far = degrees_fault(values, robot) is not None
     if named in (None, "rad") and far:
         against = ", though the file says rad" if named == "rad" else ""
@@ -226,11 +227,6 @@ def _position_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: st
     if named == "deg":
         out.words.append("positions are degrees: converted")
     return named or "rad"
-
-
-def _whole(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    good = np.isfinite(values).all(axis=1) & np.isfinite(time[: len(values)])
-    return values[good], time[: len(values)][good]
 
 
 def _rate_unit(

@@ -63,7 +63,7 @@ def seconds(cells: Any, form: re.Pattern[str]) -> np.ndarray:
     import pyarrow.compute as compute
 
     pattern = "^" + form.pattern.replace("(?:", "(") + "$"  # RE2 names its groups alike
-    parts = compute.extract_regex(cells, pattern=_plain_groups(pattern))
+    parts = compute.extract_regex(cells, pattern=re.sub(r"\((?!\?P<)", "(?:", pattern))
     fields = {f.name for f in parts.type}
 
     def number(name: str) -> np.ndarray:
@@ -83,10 +83,6 @@ def seconds(cells: Any, form: re.Pattern[str]) -> np.ndarray:
     months = (year - 1970) * 12 + np.clip(month, 1, 12) - 1
     days = months.astype("datetime64[M]").astype("datetime64[D]").astype(float) + day - 1
     return out + DAY * days - _zone(compute.struct_field(parts, "zone"))
-
-
-def _plain_groups(pattern: str) -> str:
-    return re.sub(r"\((?!\?P<)", "(?:", pattern)
 
 
 def _mask(values: Any) -> np.ndarray:
@@ -291,7 +287,8 @@ def _header(path: Path, cells: Sequence[Sequence[str]]) -> int:
     values = [sum(map(_is_value, row)) for row in cells]
     widths = [len(cells[k]) for k in filled if 2 * values[k] >= len(cells[k])] or [len(cells[filled[0]])]
     width = max(set(widths), key=widths.count)
-    words = [k for k in filled if values[k] == 0 and not _is_unit_row(cells[k]) and not _is_note(cells[k])]
+    notes = [k for k in filled if len(cells[k]) == 1 or cells[k][0].strip().startswith("sep=")]
+    words = [k for k in filled if values[k] == 0 and k not in notes and not _is_unit_row(cells[k])]
     wide = [k for k in words if len(cells[k]) == width and sum(bool(c.strip()) for c in cells[k]) > width // 2]
     found = next(iter(wide), next(iter(words), None))
     first = next((k for k in filled if 2 * values[k] > len(cells[k])), None)
@@ -306,10 +303,6 @@ def _header(path: Path, cells: Sequence[Sequence[str]]) -> int:
             "expected column names such as time, <joint>.position"
         )
     return found
-
-
-def _is_note(row: Sequence[str]) -> bool:
-    return len(row) == 1 or bool(re.match(r"sep=", row[0].strip()))
 
 
 def _is_unit_row(row: Sequence[str]) -> bool:

@@ -37,17 +37,12 @@ class Recording:
     scores: np.ndarray | None = None
 
 
-def rules_of(log: LogFile, robot: Robot, table: Table) -> dict[str, Rule]:
-    """The rules for a table: plain headers or a preset's, overlaid by what the log gives."""
-    rules = PRESETS[log.preset](robot.joints, table) if log.preset else plain_rules(robot.joints)
-    return {**rules, **log.rules}
-
-
 def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) -> Recording:
     """Read one [[run]]; `clock` is the set time of its time 0 [s] where the log states none."""
     out = Recording()
     table = Table(log.file(entry.file), log.csv)
-    rules = rules_of(log, robot, table)
+    rules = PRESETS[log.preset](robot.joints, table) if log.preset else plain_rules(robot.joints)
+    rules = {**rules, **log.rules}
     joints = read_joints(table, rules, robot, entry.kind)
     if joints is None:
         out.faults = list(dict.fromkeys(table.faults))

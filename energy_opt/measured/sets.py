@@ -49,7 +49,8 @@ def read_set(
     if faults:
         more = f" (and {len(faults) - 1} more faults; `energy-opt check` lists them)" if len(faults) > 1 else ""
         raise BadInput(faults[0] + more)
-    return MeasuredSet(log.path.parent, robot, tuple(runs), _clock(log), stated_payload(log), tuple(remarks))
+    clock = len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
+    return MeasuredSet(log.path.parent, robot, tuple(runs), clock, stated_payload(log), tuple(remarks))
 
 
 def stated_payload(log: LogFile) -> PointMass | None:
@@ -70,11 +71,6 @@ def stated_payload(log: LogFile) -> PointMass | None:
     if not stated or any(not np.array_equal(x, stated[0]) for x in stated) or stated[0][0] <= 0:
         return None
     return PointMass(float(stated[0][0]), stated[0][1:])
-
-
-def _clock(log: LogFile) -> bool:
-    """True where the set time of every run is known."""
-    return len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
 
 
 def robot_of(log: LogFile, limits: Path | None = None, lock: Mapping[str, float] | None = None) -> Robot:
@@ -192,7 +188,7 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
                 f"limits [{low + margin:.4g}, {high - margin:.4g}]; is the unit right?"
             )
     if run.velocity is not None and len(run.time) > 16 and not coarse(run):
-        positions = _positions_only(run)
+        positions = dataclasses.replace(run, velocity=None, acceleration=None)
         own = kinematics(positions, run.time, choose_smoothing([positions])).v
         for j, joint in enumerate(robot.joints):
             spread = float(np.std(own[:, j]))
@@ -219,9 +215,3 @@ def _constant(runs: Sequence[Run], log: LogFile) -> list[str]:
                 f"{log.path.parent / file}: column power: is {power[0]:g} W throughout; is the meter connected?"
             )
     return faults
-
-
-def _positions_only(run: Run) -> Run:
-    import dataclasses
-
-    return dataclasses.replace(run, velocity=None, acceleration=None)

@@ -14,6 +14,7 @@ from energy_opt.measured.layout import NUMBER, Csv, Layout, date_form, layout_of
 
 MAX_FAULTS = 5  # named per column; the rest is counted
 BLOCK = 1 << 24  # [bytes] parsed at a time; a row must be shorter
+NAMED = 12  # columns that a message names
 SHOWN = 40  # characters of a faulty cell
 SPARSE = 0.2  # share of empty cells from which a column is taken for a slower source's
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "null", "NULL", "None", "NA", "N/A", "n/a", "#N/A")
@@ -89,7 +90,10 @@ class Table:
     def column(self, name: str) -> np.ndarray:
         """One column (N,) as numbers, nan where a cell is empty or none; date-times as seconds."""
         if name not in self.header:
-            self.faults.append(f"{self.path}: row 1: no column {name!r}; there are {', '.join(self._shown())}")
+            more = f", ... ({len(self.header)} in all)" if len(self.header) > NAMED else ""
+            self.faults.append(
+                f"{self.path}: row 1: no column {name!r}; there are {', '.join(self.header[:NAMED])}{more}"
+            )
             return np.full(len(self), np.nan)
         self.load([name])
         return self._columns[name]
@@ -212,9 +216,6 @@ class Table:
             self.faults.append(f"{self.path}: row {number}, column {name}: {shown(cell)} {what}")
         if len(bad) > MAX_FAULTS:
             self.faults.append(f"{self.path}: column {name}: {len(bad) - MAX_FAULTS} more cells are not numbers")
-
-    def _shown(self, most: int = 12) -> list[str]:
-        return self.header[:most] + ([f"... ({len(self.header)} in all)"] if len(self.header) > most else [])
 
 
 def shown(cell: str) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml
 from energy_opt.power import PowerModel, drive_function, load_model
-from energy_opt.power.known import careful, electrical, is_named, named_model
+from energy_opt.power.known import careful, electrical, is_named, named_model, published_file
 from energy_opt.power.known import friction as friction_of
 from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot, known_robots, load_robot
@@ -64,7 +64,6 @@ def loss(model: PowerModel, joints: int, joint: int, torque: np.ndarray, speed: 
     return (power[:-1] - power[-1] - loads * speeds).reshape(len(torque), len(speed))
 
 
-PUBLISHED = Path(__file__).parents[1] / "power" / "published"
 DRAWS = 600
 UNLIMITED = 2.0  # [rad/s] shown of a joint without a velocity limit
 SHARES = (0.01, 0.1, 0.5, 1.0)  # of the velocity limit: speeds at which friction is stated
@@ -215,12 +214,6 @@ class Arm:
         return records
 
 
-def published(name: str) -> Path | None:
-    """The model file of a robot's published values, or None."""
-    file = PUBLISHED / f"{name}.toml"
-    return file if file.is_file() else None
-
-
 def arm_of(model: PowerModel, robot: Robot, label: str) -> Arm:
     """The arm of a model in memory."""
     return Arm(label, robot, model, "", {})
@@ -241,7 +234,7 @@ def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) 
     if not file.is_file():
         if file.suffix or word not in known_robots():
             raise BadInput(f"{word}: neither a model file nor a robot's name{near(word, known_robots())}")
-        found = published(word)
+        found = published_file(word)
         if found is None:
             return Arm(word, robot or load_robot(word, limits=limits), careful(word), "", {})
         file = found

@@ -110,11 +110,6 @@ class Description:
     joints: dict[str, JointPart]
     base: str
 
-    @property
-    def mimics(self) -> dict[str, tuple[str, float, float]]:
-        """The joints that follow another: its name, the multiplier and the offset (rad or m) of each."""
-        return {name: joint.mimic for name, joint in self.joints.items() if joint.mimic is not None}
-
 
 def read_description(path: Path) -> Description:
     """The description of a robot.

@@ -28,7 +28,8 @@ def followers(description: Description, locked: Mapping[str, float]) -> tuple[di
     Raises:
         BadInput: joints follow each other in a circle.
     """
-    given, still, moving = description.mimics, dict(locked), {}
+    given = {name: joint.mimic for name, joint in description.joints.items() if joint.mimic is not None}
+    still, moving = dict(locked), {}
     for name in given:
         if name in locked:
             continue

@@ -98,12 +98,6 @@ def _installed(file: str) -> Path | None:
     return next((root / file for root in roots if (root / file).is_file()), None)
 
 
-def published_limits(name: str) -> Path | None:
-    """Published limits of a robot by name, kept in this package, where there are any."""
-    path = DATA / "limits" / f"{name}.yaml"
-    return path if path.is_file() else None
-
-
 POSES = 64  # postures in which an arm without effort limits is looked at
 ROOM = 1.5  # times the largest torque that holding and accelerating take there; strongest joints have 0.9 to 3.3
 WEAKEST = 0.1  # no joint's rating is below this share of the strongest one's; a UR5e's wrist has 0.19, a Panda's 0.14
@@ -286,7 +280,7 @@ def load_robot(
         name, published, usual = path.stem, None, {}
     else:
         path, name = urdf_of(entry), name_or_urdf
-        published, usual = published_limits(name), dict(entry.lock)
+        published, usual = DATA / "limits" / f"{name}.yaml", dict(entry.lock)
     description = read_description(path)
     body, locked = _body(description, {**usual, **(lock or {})})
     unlocked = _body(description, usual)[0].joints if lock else body.joints
@@ -297,7 +291,7 @@ def load_robot(
     steps, scaled = [merged], []
     for file, before in ((published, ""), (limits, prefix)):
         said: list[str] = []
-        if file is not None:
+        if file is not None and (file is limits or file.is_file()):
             merged, said = overlay(merged, [link.name for link in links], file, before, locked)
         steps.append(merged)
         scaled += said

@@ -14,6 +14,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import finite_number
+from energy_opt.robot.kinematics import pose_of
 from energy_opt.robot.rigid_body import RigidBody
 from energy_opt.robot.robot import Robot, srdf_beside
 from energy_opt.robot.xml import read_robot_xml
@@ -60,10 +61,7 @@ def tool_of(body: RigidBody, words: str | None = None) -> Tool:
     if place:
         pose[:3, 3] += pose[:3, :3] @ place[:3]
     if len(place) == 6:
-        (sr, sp, sy), (cr, cp, cy) = np.sin(place[3:]), np.cos(place[3:])
-        roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-        pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-        pose[:3, :3] = pose[:3, :3] @ np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]) @ pitch @ roll
+        pose = pose @ pose_of((0.0, 0.0, 0.0), place[3:])
     return Tool(name, joint, tuple(tuple(float(x) for x in row) for row in pose))
 
 

@@ -12,6 +12,7 @@ The numbers here are numpy and share no code with the library's expressions.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -102,60 +103,48 @@ def reading(plant: Plant, time: np.ndarray, power: np.ndarray, step: float) -> n
 REST_SPEED = 1e-3  # [rad/s] below this dry friction goes to zero in proportion to v
 
 
+# Friction torque (n,) [N m] by speed v and rigid-body torque tau, of each effect: the parameters and the law of these.
+DRY: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
+    "coulomb_friction": (("tau_c",), lambda v, tau, tau_c: tau_c),
+    "stribeck_friction": (("tau_s", "v_s"), lambda v, tau, tau_s, v_s: tau_s * np.exp(-np.square(v / v_s))),
+    "load_friction": (("mu",), lambda v, tau, mu: mu * np.abs(tau)),
+    "gear_efficiency": (("eta",), lambda v, tau, eta: (1 / eta - eta) / 2 * np.abs(tau)),
+    "asymmetric_friction": (("tau_plus", "tau_minus"), lambda v, tau, plus, minus: np.where(v > 0, plus, minus)),
+    "power_law_friction": (("c", "exponent"), lambda v, tau, c, exponent: c * np.abs(v) ** exponent),
+}
+
+
 class JointLaws:
     """Friction and other joint torques of a plant on an arm of n joints."""
 
     def __init__(self, plant: Plant, joints: int) -> None:
-        def per_joint(effect: str, parameter: str) -> np.ndarray | None:
-            return plant.value(effect, parameter, joints)
+        def given(effect: str, *parameters: str) -> list[np.ndarray]:
+            found = [plant.value(effect, parameter, joints) for parameter in parameters]
+            return [value for value in found if value is not None]
 
-        self.dry = per_joint("coulomb_friction", "tau_c")
-        self.viscous = per_joint("viscous_friction", "b")
-        self.breakaway = per_joint("stribeck_friction", "tau_s")
-        self.breakaway_speed = plant.number("stribeck_friction", "v_s", 1.0)
-        self.load = per_joint("load_friction", "mu")
-        self.forward = per_joint("asymmetric_friction", "tau_plus")
-        self.backward = per_joint("asymmetric_friction", "tau_minus")
-        self.power_law = per_joint("power_law_friction", "c")
-        self.exponent = plant.number("power_law_friction", "exponent", 1.0)
-        self.curve = _curve(plant, joints)
-        eta = per_joint("gear_efficiency", "eta")
-        self.gear_half = None if eta is None else (1 / eta - eta) / 2
-        self.gear_mean = None if eta is None else (1 / eta + eta) / 2 - 1
-        self.stiffness = per_joint("gravity_spring", "stiffness")
-        self.rest = per_joint("gravity_spring", "rest")
+        held = [(law, given(effect, *names)) for effect, (names, law) in DRY.items()]
+        self._dry = [(law, values) for law, values in held if values]
+        curve = _curve(plant, joints)
+        if curve is not None:
+            self._dry.append((lambda v, tau: curve(np.abs(v)), []))
+        self._viscous, self._spring = given("viscous_friction", "b"), given("gravity_spring", "stiffness", "rest")
+        self._gear_mean = [(1 / eta + eta) / 2 - 1 for eta in given("gear_efficiency", "eta")]
         self.specials = tuple(s for s in plant.specials if type(s).added_torque is not Special.added_torque)
-        dry = (self.dry, self.breakaway, self.load, self.gear_half, self.forward, self.power_law, self.curve)
-        self.frictionless = self.viscous is None and all(part is None for part in dry)
 
     def damping(self, v: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
         """Secant damping D [N m s/rad], shape (n,): friction torque is D v. `tau` is the rigid-body torque."""
-        if self.frictionless:
-            return 0.0
-        dry: np.ndarray | float = 0.0 if self.dry is None else self.dry
-        if self.breakaway is not None:
-            dry = dry + self.breakaway * np.exp(-np.square(v / self.breakaway_speed))
-        if self.load is not None:
-            dry = dry + self.load * np.abs(tau)
-        if self.gear_half is not None:
-            dry = dry + self.gear_half * np.abs(tau)
-        if self.forward is not None and self.backward is not None:
-            dry = dry + np.where(v > 0, self.forward, self.backward)
-        if self.power_law is not None:
-            dry = dry + self.power_law * np.abs(v) ** self.exponent
-        if self.curve is not None:
-            dry = dry + self.curve(np.abs(v))
-        out = dry / np.sqrt(v * v + REST_SPEED**2)
-        return out if self.viscous is None else out + self.viscous
+        viscous: np.ndarray | float = self._viscous[0] if self._viscous else 0.0
+        if not self._dry:
+            return viscous
+        return sum(law(v, tau, *values) for law, values in self._dry) / np.sqrt(v * v + REST_SPEED**2) + viscous
 
     def known(self, q: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
         """Torque that the motor must add and the controller knows of, N m, shape (n,): springs and gear losses."""
         out: np.ndarray | float = 0.0
-        if self.stiffness is not None and self.rest is not None:
-            out = -self.stiffness * (q - self.rest)
-        if self.gear_mean is not None:
-            out = out + self.gear_mean * tau
-        return out
+        if self._spring:
+            stiffness, rest = self._spring
+            out = -stiffness * (q - rest)
+        return out + self._gear_mean[0] * tau if self._gear_mean else out
 
     def unknown(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
         """Torque that the motor must add and the controller learns of only by its error: the specials, N m, (n,)."""

@@ -131,15 +131,12 @@ def _apply(reading: Reading, entry: Mapping[str, Any], frames: _Frames) -> None:
     if old is None:
         raise BadInput("is to be changed, but no object of that name is before it")
     if operation == APPEND:
-        added = tuple(replace(shape, pose=_into(old.pose, at @ shape.pose)) for shape in _shapes(reading, entry))
+        added = tuple(
+            replace(shape, pose=np.linalg.solve(old.pose, at @ shape.pose)) for shape in _shapes(reading, entry)
+        )
         reading.objects[name] = replace(old, shapes=(*old.shapes, *added))
     else:
         reading.objects[name] = replace(old, pose=at)
-
-
-def _into(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    solved: np.ndarray = np.linalg.solve(outer, inner)
-    return solved
 
 
 def _attach(reading: Reading, entry: Mapping[str, Any]) -> None:

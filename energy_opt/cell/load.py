@@ -1,6 +1,6 @@
-"""From what was asked for to the cell itself.
+"""From what was asked for to the cell itself; and whether a robot's description is usable.
 
-Is a robot's description usable? It is loaded as a plan loads it, and held still under gravity.
+For that it is loaded as a plan loads it, and held still under gravity.
 """
 
 from __future__ import annotations

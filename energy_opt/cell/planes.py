@@ -12,7 +12,7 @@ velocity that it gives p,
     df/dq_j = n·w_j        d²f/dq_i dq_j = n·(z_i × w_j) = (n × z_i)·w_j    for i above or at j
 
 which needs nothing but the axes: closed forms, for all at once. Joints that slide have w_j = z_j and turn nothing.
-Derivatives by joints that follow others go to those that lead (see `robot.coupling`).
+Derivatives by joints that follow others go to those that lead (see `robot.kinematics.Coupling`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,16 @@
-"""How low a convex body can come over a plane within an interval: a bound of second order in the joints' turns.
+"""The proof that a motion touches nothing, for every instant of it and not for samples.
+
+Take an interval of time, and the arm in its middle. If two bodies are d apart there, and their points come towards each
+other by no more than s within the interval, they are at least d - s apart during all of it. Where this is not above the
+clearance that is asked for, the interval is halved, and only the pairs that are still open are carried on. All open
+intervals of one size are looked at together: what is arithmetic on arrays is done once for all of them.
+
+A pair is closed by the cheapest of: boxes around the bodies, convex hulls, planes between these (`least_heights`),
+convex pieces, meshes. A pair that a mesh holds apart cannot be inside of another (`inside_at`): surfaces that never
+meet do not pass each other.
+
+`least_heights`: how low a convex body can come over a plane within an interval: a bound of second order in the joints'
+turns.
 
 Bodies that pass each other closely move along each other, not towards each other: their points travel far, their
 distance hardly changes. For a unit vector n fixed in body b, the bodies are apart by at least
@@ -10,24 +22,10 @@ v, n·p_v changes by n·w_vj per turn of j, and by Taylor's theorem, for turns o
 
     s(q) >= min_v (n·p_v - sum_j |n·w_vj| far_j) - max_b - T F
 
-where T bounds how far points of a travel and F is the sum of far_j over joints that turn: second derivatives are
-n·(z_i x w_vj), at most |w_vj| in size, and the sum of far_j |w_vj| is at most T everywhere in the interval. Joints that
-follow others count in T and F as if each moved by itself, as far as its leader takes it; in the sum over j they are
-part of their leader's velocity w_vj.
-
-Is one body inside of another whose surface is a mesh? Distances between surfaces cannot tell.
-
-The proof that a motion touches nothing, for every instant of it and not for samples.
-
-Take an interval of time, and the arm in its middle. If two bodies are d apart there, and their points come towards each
-other by no more than s within the interval, they are at least d - s apart during all of it. Where this is not above the
-clearance that is asked for, the interval is halved, and only the pairs that are still open are carried on. All open
-intervals of one size are looked at together: what is arithmetic on arrays is done once for all of them.
-
-A pair is closed by the cheapest of: boxes around the bodies, convex hulls, planes between these (see `heights`), convex
-pieces, meshes. A pair that a mesh holds apart cannot be inside of another (see `inside`): surfaces that never meet do
-not pass each other.
-"""
+where T bounds how far points of a travel and F is the sum of far_j over joints that turn: second derivatives are n·(z_i
+x w_vj), at most |w_vj| in size, and the sum of far_j |w_vj| is at most T everywhere in the interval. Joints that follow
+others count in T and F as if each moved by itself, as far as its leader takes it; in the sum over j they are part of
+their leader's velocity w_vj."""
 
 from __future__ import annotations
 

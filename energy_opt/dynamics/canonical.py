@@ -6,9 +6,8 @@
    4 x 4 pseudo-inertia J = [[S, h], [h', m]], S the second moment, h the first and m the mass: a revolute joint about
    z cannot tell S_zz, h_z and m; a prismatic one cannot tell S.
 
-Vectors of three scalars and the change of frame across a joint: what recursions over a tree are written with.
-
-Inverse dynamics of a tree in which joints follow others, from those of the same tree in which none does.
+Here is also what recursions over such a tree are written with: vectors of three scalars and the change of frame across
+a joint; and inverse dynamics of a tree in which joints follow others, from those of the tree in which none does.
 """
 
 from __future__ import annotations

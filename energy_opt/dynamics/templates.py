@@ -1,8 +1,7 @@
-"""Symbolic inverse dynamics from Pinocchio's own templates, where the extension `energy_opt_pinsx` is installed.
+"""Symbolic inverse dynamics from Pinocchio, in two ways that a plain install does not have.
 
-The extension is built from extensions/pinocchio_sx; a plain install does not need it.
-
-Symbolic inverse dynamics from `pinocchio.casadi`, where Pinocchio was built with it (its PyPI wheel was not).
+Its own templates, where the extension `energy_opt_pinsx` is installed, which is built from extensions/pinocchio_sx; and
+`pinocchio.casadi`, where Pinocchio was built with it (its PyPI wheel was not).
 """
 
 from __future__ import annotations

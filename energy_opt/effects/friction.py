@@ -1,10 +1,6 @@
-"""Friction in the joints, as torque that the motor must add.
+"""Friction in the joints, as torque that the motor must add: laws of a few numbers, and a free curve over speed.
 
 Widths of the smoothed sign: 0.01 rad/s, about a hundredth of a cobot's usual joint speed.
-
-Friction that follows the joint's temperature, or the time of day.
-
-Friction as a free curve over speed: what measured data say where no law of a few numbers does.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What an effect's class says of itself, as a document: for the command line and the documentation.
+"""The effects known by name, and what their classes say of themselves.
 
-The effects known by name: the package's own, those of installed packages, and those that a user registers.
+They are the package's own, those of installed packages, and those that a user registers.
 
 An installed package names its effects under the entry point group `energy_opt.effects`; each entry is an effect's class
 or a module that holds some. `load_file` does the same for one file.
@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from energy_opt.effects import electrics, friction, mechanics, meter, recorded, stages
+from energy_opt.effects import electrics, friction, mechanics, recorded, stages
 from energy_opt.effects.base import Effect, described
 from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput, near
@@ -83,7 +83,7 @@ ALL_EFFECTS: tuple[type[Effect], ...] = (
     friction.StribeckFriction, friction.LoadFriction, mechanics.Armature, mechanics.Payload, mechanics.BaseTilt,
     mechanics.GravitySpring, electrics.Regeneration, friction.GearEfficiency, electrics.InverterLoss,
     electrics.SupplyEfficiency, electrics.MotionPower, electrics.WindingTemperature, electrics.StandbyDrift,
-    meter.MeterDelay, meter.MeterFilter, meter.MeterGain, meter.MeterWindow, friction.FrictionCurve,
+    stages.MeterDelay, stages.MeterFilter, stages.MeterGain, stages.MeterWindow, friction.FrictionCurve,
     friction.AsymmetricFriction, friction.PowerLawFriction, friction.SigmoidFriction, friction.ThermalViscous,
     electrics.PsuLoss, electrics.IronLoss, recorded.DcLink, recorded.IdleHold, recorded.RunOffset,
     mechanics.LinkInertia, recorded.WindingSelfHeating, friction.TemperatureFriction, friction.DailyFriction,
@@ -100,7 +100,7 @@ LAWS: dict[type[Effect], tuple[str, ...]] = {
     stages.DriveEffect: ("drawn",),
     stages.PowerEffect: ("power",),
     stages.SupplyEffect: ("at_meter",),
-    meter.MeterEffect: ("reading", "sensitivity"),
+    stages.MeterEffect: ("reading", "sensitivity"),
 }
 
 _added: dict[str, type[Effect]] = {}

@@ -1,8 +1,7 @@
 """Which column of a file holds what: headers, units, products of columns.
 
-Columns of known recorders: Universal Robots' RTDE, Franka's state, and `sensor_msgs/JointState` out of bags.
-
-Columns that a user names because their headers say too little, and headers as messages quote them.
+A log says it, a preset of a known recorder (Universal Robots' RTDE, Franka's state, `sensor_msgs/JointState` out of
+bags), or the user by hand, where headers say too little.
 """
 
 from __future__ import annotations

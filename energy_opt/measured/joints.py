@@ -1,6 +1,6 @@
-"""Stamps of recorders made into those of a motion: repeated stamps, missing samples, gaps; all are counted.
+"""The joints' side of a recording: stamps and signals from a table, in SI units and in the robot's order.
 
-The joints' side of a recording: stamps and signals from a table, in SI units and in the robot's order.
+Stamps of recorders become those of a motion: repeated stamps, missing samples and gaps are counted.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Cells as numbers: what counts as one, decimal commas, and stamps that are dates or times of day.
+"""How a text table is laid out: encoding, delimiter, decimal sign, header, units below it, first row of data.
 
-How a text table is laid out: encoding, delimiter, decimal sign, header, units below it, first row of data.
+Here is also what counts as a number, with decimal commas, and as a date or time of day.
 """
 
 from __future__ import annotations

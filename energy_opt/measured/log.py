@@ -1,7 +1,4 @@
-"""`log.toml`: which runs a set has, where their columns are, what the meter does, and whether a recording is cut.
-
-A commented log.toml that works: what `--example log` prints.
-"""
+"""`log.toml`: which runs a set has, where their columns are, what the meter does, and whether a recording is cut."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Units of measured columns: factors to SI, as people and recorders write them.
-
-Words of headers, in the conventions of the field and some languages of meters' software.
-
-What a header's words mean, in the conventions of the field: `actual_q_0`, `state.dq[3]`, `J1 Angle (deg)`, ...
+"""What a header's words and units mean, in the conventions of the field: `actual_q_0`, `dq[3]`, `J1 Angle (deg)`, ...
 
 A header is cut into words, numbers and a unit. Headers that differ by a number only are a vector over the joints; a
 joint's own name among the words makes the header that joint's.

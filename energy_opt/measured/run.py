@@ -1,10 +1,8 @@
 """A measured set as arrays: one `Run` per run, joints in the robot's order, SI units.
 
-Cutting one long recording into runs where the arm is at rest.
-
-From a model's power over time to what the meter reads: means over windows, differences of counters, totals.
-
-A model is evaluated at `nodes(run)` and `observe` gives what the meter would have shown:
+One long recording is cut into runs where the arm is at rest. What the meter reads follows from a model's power over
+time: means over windows, differences of counters, totals. A model is evaluated at `nodes(run)` and `observe` gives what
+the meter would have shown:
 
     at = nodes(run)                          # (K,) s on the run's clock, evenly spaced
     expected = observe(run, at, power)       # (M,) W beside run.power, (M, P) for slopes (K, P)
@@ -42,7 +40,7 @@ class Run:
 
     A reading is the mean of the power over the `window` that ends at its stamp, and the power at the stamp where that
     is 0. A counter's reading is the mean power since its reading before; a total is one reading over the whole run.
-    `energy_opt.measured.meter` takes a model's power to the readings.
+    `operator` takes a model's power to the readings.
 
     Attributes:
         file: its name in the log; pieces of a cut recording are called file#1, file#2, ...

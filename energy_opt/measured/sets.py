@@ -1,7 +1,4 @@
-"""From the files of a measured set to its runs.
-
-Is a measured set usable: every fault, with file, row and column.
-"""
+"""From the files of a measured set to its runs, and every fault of a set, with file, row and column."""
 
 from __future__ import annotations
 

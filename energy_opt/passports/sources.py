@@ -1,6 +1,6 @@
-"""What a model's drives do at a torque and a speed: friction, and power that is lost.
+"""Arms as their models describe them: each number with its interval, whether it was measured, and its source.
 
-Arms as their models describe them: each number with its interval, whether it was measured, and its source.
+Here is also what a model's drives do at a torque and a speed: friction, and power that is lost.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ gets 0.0025 to 0.022 W/(N m)^2 beside 0.0036 measured, a UR5e 0.0021 and 0.0112 
 of it at full speed. Friction is measured at 1 % (a Panda) to 5 % (UR arms) of the effort limit when creeping, and at 2
 to 15 % at full speed. Effort and speed are what the drives are rated for (`Robot.rated`).
 
-Power models that are known by name.
+Of these the power models that are known by name are made.
 """
 
 from __future__ import annotations

@@ -9,9 +9,8 @@ Where friction `holds`, a joint at rest is held by it as far as it goes, and onl
 plans are made and judged so, as friction that is nothing at v = 0 makes creeping cheaper than standing still. That help
 is in the heat alone: friction never does work, and what limits hold is tau_m without it.
 
-What the past adds to a motion that is known in order: time since motion ended, and what a store gives back.
-
-Numeric values of the effects that change the rigid body, in the form that Pinocchio's numbers need.
+Here is also what the past adds to a motion that is known in order (time since motion ended, what a store gives back),
+and numeric values of the effects that change the rigid body, in the form that Pinocchio's numbers need.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
-"""Models drawn from a model's own uncertainty: what its data leave open, as values that might as well be true.
+"""Models made of models: drawn from a model's own uncertainty, of an arm with joints locked, and the mean of several.
 
-A model of an arm, for the same arm with joints locked: per-joint lists lose the entries of joints that stay.
-
-Several models at once: the mean of their powers, for plans that hold under more than one.
-
-Members differ in values (draws from a model's covariance) or in effects (rivals); payload and tilt are the first one's,
-so that the inverse dynamics are evaluated once. Weights are parameters of what is built, like all values.
-"""
+A draw has values that might as well be true by the data. A mixture is the mean of several models' powers, for plans
+that hold under more than one. Its members differ in values (draws from a model's covariance) or in effects (rivals);
+payload and tilt are the first one's, so that the inverse dynamics are evaluated once. Weights are parameters of what is
+built, like all values."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Up to which dry friction a motion saves energy beside another one.
-
-What a saving of every cycle is worth in a year: energy, money and carbon dioxide.
-"""
+"""What a saving is worth: up to which dry friction it holds, and energy, money and carbon dioxide of a year."""
 
 from __future__ import annotations
 

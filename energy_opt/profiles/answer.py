@@ -1,7 +1,4 @@
-"""Standard moves that hold under several models: of least mean (or largest) energy, as free trajectories are.
-
-The answer in standard moves: never one that costs more than the same move slowed evenly.
-"""
+"""The answer in standard moves, under one model or several: never one that costs more than the move slowed evenly."""
 
 from __future__ import annotations
 

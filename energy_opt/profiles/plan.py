@@ -1,6 +1,6 @@
-"""What keeps standard moves clear of the arm's own body and its cell: planes, more where a proof failed.
+"""The standard moves with the least energy for a move, and how much of what a free trajectory saves they keep.
 
-The standard moves with the least energy for a move, and how much of what a free trajectory saves they keep.
+Planes keep them clear of the arm's own body and its cell, more where a proof failed.
 """
 
 from __future__ import annotations

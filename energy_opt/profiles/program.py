@@ -1,9 +1,4 @@
-"""Numeric constraints of standard moves (see limits.base.PlaceRows): distances between bodies at places of the motion.
-
-A place stays at its share of its piece while the unknowns change. With J_k = dq_k/dx, a row's gradient g gives g^T J_k,
-and a place's Hessian H gives J_k^T H J_k, beside what the bending of q_k itself adds.
-
-Standard moves as a nonlinear program: via points, spans, ramps and rises in, energy and limits out.
+"""Standard moves as a nonlinear program: via points, spans, ramps and rises in, energy and limits out.
 
 Unknowns x = (P_1 ... P_K, L_1 ... L_{K+1}, tau_0 ... tau_{K+1}, u_0 ... u_{K+1}) of a `chain.Chain`. Energy is
 integrated by Gauss-Lobatto nodes in every polynomial piece, where motor torque is held too; the node functions are
@@ -17,7 +12,10 @@ where the last two terms are one second derivative by CasADi, with e and h g hel
 bound: speed on every line, acceleration and jerk of every ramp in closed form, what else limits bound at nodes; pieces
 that do not overlap; and the duration. Positions need no constraints: the motion stays within the hull of its corners,
 which have bounds.
-"""
+
+Other limits (see `limits.base.PlaceRows`) are distances between bodies at places of the motion. A place stays at its
+share of its piece while the unknowns change. With J_k = dq_k/dx, a row's gradient g gives g^T J_k, and a place's
+Hessian H gives J_k^T H J_k, beside what the bending of q_k itself adds."""
 
 from __future__ import annotations
 

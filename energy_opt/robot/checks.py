@@ -1,8 +1,8 @@
-"""Does the library hold what the description says? Masses, inertias, joints, limits and frames are compared.
+"""Three questions to a description. What no plan can rest on is refused, the rest is named.
 
-Are the masses and inertias of a description those of an arm? What no plan can rest on is refused, the rest named.
-
-Which effort limits of a URDF are real? A placeholder shows beside the others, and beside what gravity takes.
+Does the library hold what the description says? Masses, inertias, joints, limits and frames are compared. Are masses
+and inertias those of an arm? Which effort limits are real? A placeholder shows beside the others, and beside what
+gravity takes.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 Everything that is known of an arm comes from here. Libraries get what is written back from these numbers (see
 `plain_urdf`), never the file: they differ in what they take, and what one of them drops is lost in silence.
-
-A description written back as a URDF that every reader understands alike: plain numbers, nothing optional.
 """
 
 from __future__ import annotations

@@ -1,17 +1,12 @@
-"""What is known of an arm, as plain numbers: its links, a payload, stated limits.
-
-Joints that follow others: from the joints that move by themselves to all of them, and back.
+"""An arm as plain numbers: its links, how joints follow others, and where links are for many configurations at once.
 
 With q the n joints that move by themselves, the positions of all L joints of an arm are G q + g, with a row of G for
 each: a unit for a joint of its own, its ratio in the leader's column for one that follows. Velocities and accelerations
 are G v and G a. By virtual work, torques (and gradients, and the columns of Jacobians) of all joints act on the n as
 G^T tau: that of a leader is its own plus its followers', each times its ratio.
 
-Where an arm's links are, for many configurations at once, in NumPy alone.
-
-L links have a joint each, of which n move by themselves and take the others along (see `coupling`). Arrays over links
-have one entry more than there are: the last, which index -1 reaches, is the base.
-"""
+L links have a joint each, of which n move by themselves and take the others along. Arrays over links have one entry
+more than there are: the last, which index -1 reaches, is the base."""
 
 from __future__ import annotations
 

@@ -1,10 +1,6 @@
-"""Units of joints: what is rad and N m for a joint that turns is m and N for one that slides.
+"""Joint limits and their units: the URDF's, overlaid by published ones, overlaid by the user's file with MoveIt's keys.
 
-Joint limits: the URDF's, overlaid by published ones, overlaid by the user's file with MoveIt's keys.
-
-Postures of an arm, seeded: where a question about all of them is answered by many.
-
-MoveIt's joint_limits.yaml: limits by joint name, and the scaling factors of speed and acceleration.
+MoveIt's joint_limits.yaml has limits by joint name, and the scaling factors of speed and acceleration:
 
     default_velocity_scaling_factor: 1.0         in (0, 1]; all limits on velocity (acceleration) are multiplied by it
     default_acceleration_scaling_factor: 1.0

@@ -2,7 +2,7 @@
 
 Joint positions are angles (rad) for every revolute joint, continuous ones included, and lengths (m) for prismatic ones.
 Pinocchio's model holds all joints of the tree as if each moved by itself; vectors here are of those that do (see
-`coupling`), and indices of joints are those of the tree.
+`kinematics.Coupling`), and indices of joints are those of the tree.
 """
 
 from __future__ import annotations

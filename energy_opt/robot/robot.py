@@ -1,8 +1,7 @@
-"""The robots known by name: where their URDF is, and which joints (grippers) stay locked.
+"""A robot: its joints, limits and rigid body, and what had to be assumed about them.
 
-What an arm's drives are rated for: measures of size for friction and electrical values that nobody has published.
-
-A robot: its joints, limits and rigid body, and what had to be assumed about them.
+Some are known by name. What an arm's drives are rated for is a measure of size, for friction and electrical values that
+nobody has published.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A tool: a frame that moves with one of an arm's links: the last joint's, a flange, a point on a gripper.
 
-SRDF files: which pairs of links may touch, and poses that have a name.
+SRDF files have names for poses, and say which pairs of links may touch.
 """
 
 from __future__ import annotations

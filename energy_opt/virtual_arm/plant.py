@@ -1,8 +1,7 @@
-"""Effects of a plant that the library does not know: they test that `diagnose` says so.
+"""The plant of a virtual arm: a power model that is true by decree, and specials that the library does not know.
 
-A plant file lists them in [[special]] tables. Per-joint parameters take one number or one per joint.
-
-The plant of a virtual arm: a power model that is true by decree, and specials that no model knows.
+Specials test that `diagnose` says so. A plant file lists them in [[special]] tables. Per-joint parameters take one
+number or one per joint.
 """
 
 from __future__ import annotations

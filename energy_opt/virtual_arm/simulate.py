@@ -1,7 +1,4 @@
-"""What a virtual arm is asked to do: a trajectory given by samples, read at every time step of the simulation.
-
-Playing motions on a virtual arm, and writing what its instruments saw as a measured set.
-"""
+"""Playing motions on a virtual arm, and writing what its instruments saw as a measured set."""
 
 from __future__ import annotations
 

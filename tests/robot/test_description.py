@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from damaged_descriptions import run
 
+from energy_opt.cell.bodies import neighbours
 from energy_opt.cell.cell import Cell
-from energy_opt.cell.pairs import neighbours
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, checks, load_robot
@@ -217,7 +217,7 @@ def test_meshes_are_bounded_and_whole(
     if how == "bytes":
         monkeypatch.setattr("energy_opt.robot.meshes.LARGEST", 99_000)
     elif how == "triangles":
-        monkeypatch.setattr("energy_opt.cell.pairs.MOST_TRIANGLES", 1999)
+        monkeypatch.setattr("energy_opt.cell.bodies.MOST_TRIANGLES", 1999)
     elif how == "short":
         path.write_bytes(path.read_bytes()[:-60])
     robot = load_robot(chain(tmp_path, ball("0.02"), MESH.format("ring.stl")))

@@ -24,7 +24,7 @@ from energy_opt.diagnosis import predict
 from energy_opt.diagnosis.links import deviations_of
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.dynamics import torque_function
-from energy_opt.dynamics.tool import tool_state
+from energy_opt.dynamics.compact import tool_state
 from energy_opt.effects import LinkInertia, Payload
 from energy_opt.errors import BadInput
 from energy_opt.formats import read_trajectory

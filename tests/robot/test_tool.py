@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from energy_opt.dynamics.tool import tool_state
+from energy_opt.dynamics.compact import tool_state
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, Tool, load_robot, tool_of
 

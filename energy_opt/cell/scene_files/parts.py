@@ -1,6 +1,6 @@
 """Parts that every kind of scene file has: numbers, poses, sizes, names, shapes. Faults are collected, not raised.
 
-Meshes from STL and OBJ files. The only module that imports trimesh.
+Meshes come from STL and OBJ files. This is the only module that imports trimesh.
 """
 
 from __future__ import annotations

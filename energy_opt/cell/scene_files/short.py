@@ -1,4 +1,4 @@
-"""The short YAML: a list of objects, each one shape.
+"""Two plain kinds of scene file: the short YAML, a list of objects of one shape each, and MoveIt's .scene text.
 
 objects:
   - {name: table, type: box, size: [1.2, 0.8, 0.04], position: [0.5, 0, -0.02]}
@@ -8,7 +8,7 @@ objects:
 poses:                                 # of the tool, in the scene's frame or in that of an object
   pick: {pose: "part: 0, 0, 0.12, 3.14, 0, 0", free: [rz]}
 
-MoveIt's .scene text (`saveGeometryToStream`), as written since objects have poses and as written before.
+The .scene text (`saveGeometryToStream`) is read as written since objects have poses and as written before.
 """
 
 from __future__ import annotations

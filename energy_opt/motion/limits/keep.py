@@ -13,7 +13,7 @@ from typing import ClassVar, Self
 import casadi as ca
 import numpy as np
 
-from energy_opt.dynamics.tool import ToolState, tool_state
+from energy_opt.dynamics.compact import ToolState, tool_state
 from energy_opt.motion.conditions import kept
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Fixed, Limit, State, Violation, worst_of

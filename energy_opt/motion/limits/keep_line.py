@@ -9,7 +9,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from energy_opt.dynamics.tool import tool_state
+from energy_opt.dynamics.compact import tool_state
 from energy_opt.motion.limits.base import State
 from energy_opt.motion.limits.keep import Keep
 from energy_opt.robot import RigidBody, Tool

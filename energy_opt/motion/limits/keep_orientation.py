@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from energy_opt.dynamics.tool import ToolState
+from energy_opt.dynamics.compact import ToolState
 from energy_opt.motion.limits.keep import Keep
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from energy_opt.dynamics.tool import tool_state
+from energy_opt.dynamics.compact import tool_state
 from energy_opt.motion.limits.base import Linear, State
 from energy_opt.motion.limits.tool import ToolBound
 from energy_opt.motion.path_dynamics import PathDynamics

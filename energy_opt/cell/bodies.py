@@ -3,7 +3,8 @@
 Here is also which pairs of bodies are kept apart, and why the others are not. Links: what an SRDF disables may touch.
 Without one, links that one moving joint connects may, and links that touch in every one of many seeded poses: these
 overlap by construction, and a warning names them. A pair that merely was never seen near is kept: it costs little, and
-samples are no proof."""
+samples are no proof.
+"""
 
 from __future__ import annotations
 

@@ -185,7 +185,9 @@ class Cell:
         floor, _, _ = scene.apart(np.zeros_like(pair), pair)
         inside = inside_at(self.bodies, q)
         out = []
-        for p in np.flatnonzero(floor < reach).tolist():
+        near = np.flatnonzero(floor < reach)
+        scene.place(np.zeros(2 * len(near), dtype=int), self.bodies.pairs[near].ravel())
+        for p in near.tolist():
             ruler = self.bodies.ruler(p)
             a, b = self.bodies.pairs[p].tolist()
             at, bt = scene.placed(0, a), scene.placed(0, b)

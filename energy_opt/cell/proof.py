@@ -25,7 +25,8 @@ v, n·p_v changes by n·w_vj per turn of j, and by Taylor's theorem, for turns o
 where T bounds how far points of a travel and F is the sum of far_j over joints that turn: second derivatives are n·(z_i
 x w_vj), at most |w_vj| in size, and the sum of far_j |w_vj| is at most T everywhere in the interval. Joints that follow
 others count in T and F as if each moved by itself, as far as its leader takes it; in the sum over j they are part of
-their leader's velocity w_vj."""
+their leader's velocity w_vj.
+"""
 
 from __future__ import annotations
 

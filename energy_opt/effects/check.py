@@ -205,41 +205,30 @@ def _law_over_time(
     """The same of an effect whose law runs over time, on a power over time."""
     time = np.arange(200) * 0.01
     wave = sum(5 * rng.normal() * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.7, 1.6, 2.9))
-    if issubclass(kind, SoakingEffect):
+    step, still = np.full_like(time, 0.01), np.zeros_like(time)
 
-        def more(values: np.ndarray, heat: np.ndarray) -> np.ndarray:
-            none, heated = ca.DM.zeros(1), ca.DM(kind.soaked(50 * time, heat[:, None], values))
-            x = Signals(none, none, none, none, none, heated=heated)
-            return np.array(kind.factor(x, kind.split(ca.DM(values), 1))).ravel() - 1
+    def run(values: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """What the effect changes (M,) where the power, or the root of the heat, is x (M,)."""
+        if issubclass(kind, MeterEffect):
+            return kind.reading(time, 90 + x, float(values[0])) - 90 - x
+        if issubclass(kind, StoreEffect):
+            return kind.supplied(step, x, float(values[0])) - x
+        none, heated = ca.DM.zeros(1), ca.DM(kind.soaked(50 * time, x[:, None] ** 2, values))
+        signals = Signals(none, none, none, none, none, heated=heated)
+        return np.array(kind.factor(signals, kind.split(ca.DM(values), 1))).ravel() - 1
 
-        return SimpleNamespace(
-            joints=1,
-            change=lambda values: more(values, wave**2),
-            jacobian=lambda values: (
-                np.column_stack(
-                    [more(values + h, wave**2) - more(values - h, wave**2) for h in 1e-6 * np.eye(len(values))]
-                )
-                / 2e-6
-            ),
-            given=lambda values: more(values, wave**2),
-            at_rest=lambda values: more(values, 0 * time[:, None].ravel()),
-        )
-    if issubclass(kind, StoreEffect):
-        step = np.full_like(time, 0.01)
-        return SimpleNamespace(
-            joints=1,
-            change=lambda values: kind.supplied(step, wave, float(values[0])) - wave,
-            jacobian=lambda values: np.gradient(
-                np.stack([kind.supplied(step, wave, float(values[0]) + h) for h in (-1e-6, 0.0, 1e-6)]), 1e-6, axis=0
-            )[1][:, None],
-            given=lambda values: np.cumsum(kind.supplied(step, wave, float(values[0])) - wave) * 0.01,
-            at_rest=lambda values: kind.supplied(step, np.zeros_like(time), float(values[0])),
-        )
-    power = 90 + wave
+    def slopes(values: np.ndarray) -> np.ndarray:
+        if issubclass(kind, MeterEffect):
+            return kind.sensitivity(time, 90 + wave, float(values[0]))[:, None]
+        both = [run(values + h, wave) - run(values - h, wave) for h in 1e-6 * np.eye(len(values))]
+        return np.column_stack(both) / 2e-6
+
+    def given(values: np.ndarray) -> np.ndarray:
+        if issubclass(kind, MeterEffect):
+            return np.zeros(1)
+        return np.cumsum(run(values, wave)) * 0.01 if issubclass(kind, StoreEffect) else run(values, wave)
+
     return SimpleNamespace(
-        joints=1,
-        change=lambda values: kind.reading(time, power, float(values[0])) - power,
-        jacobian=lambda values: kind.sensitivity(time, power, float(values[0]))[:, None],
-        given=lambda values: np.zeros(1),
-        at_rest=lambda values: kind.reading(time, np.full_like(time, 90.0), float(values[0])),
-    )
+        joints=1, change=lambda values: run(values, wave), jacobian=slopes, given=given,
+        at_rest=lambda values: run(values, still),
+    )  # fmt: skip

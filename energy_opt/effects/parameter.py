@@ -1,7 +1,8 @@
 """A named number, list or table of an effect: its unit, its bounds, and what a fit of it needs to know.
 
 Laws are written with kinks (sign, abs, clamp): one expression serves the exact law (`EXACT`) and the smooth one that a
-solver needs."""
+solver needs.
+"""
 
 from __future__ import annotations
 

@@ -34,20 +34,17 @@ STAGES = {
     "supply": "between bus and meter",
     "meter": "what the meter makes of it",
 }
+TRAITS = {
+    "overhead": "counted as standby", "stores": "stores energy", "dissipates": "never gives energy",
+    "drifts": "depends on time",
+}  # fmt: skip
 
 
 def described_effect(kind: type[Effect]) -> dict[str, Any]:
     """name, stage, law (the first paragraph of its text), parameters, options and traits of an effect."""
     text = inspect.getdoc(kind) or ""
     traits = [STAGES.get(kind.stage, kind.stage)]
-    if kind.overhead:
-        traits.append("counted as standby")
-    if kind.stores:
-        traits.append("stores energy")
-    if kind.dissipates:
-        traits.append("never gives energy")
-    if kind.drifts:
-        traits.append("depends on time")
+    traits += [words for trait, words in TRAITS.items() if getattr(kind, trait)]
     if kind.needs:
         traits.append(f"needs {' and '.join(kind.needs)}")
     if not kind.convex_in_retiming:
@@ -59,15 +56,8 @@ def described_effect(kind: type[Effect]) -> dict[str, Any]:
         "law": " ".join(text.split("\n\n")[0].split()),
         "text": text,
         "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "words": described(p),
-                "size": p.size,
-                "neutral": p.neutral,
-                "lower": p.lower,
-                "upper": p.upper,
-            }
+            {"name": p.name, "unit": p.unit, "words": described(p), "size": p.size, "neutral": p.neutral}
+            | {"lower": p.lower, "upper": p.upper}
             for p in kind.parameters
         ],
         "options": {key: list(words) for key, words in kind.options.items()},

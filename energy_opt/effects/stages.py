@@ -3,7 +3,8 @@
 Those of the stage "meter", what the meter makes of the true power, are here too. They never belong to an energy: they
 explain a log, not an arm. Each is linear in the power, so one law serves the reading and, column by column, its
 derivatives with respect to all that the power depends on. `sensitivity` is the exact derivative of the same discrete
-law by the effect's own number. Before a run's first sample the power is taken to have been what it was at that sample."""
+law by the effect's own number. Before a run's first sample the power is taken to have been what it was at that sample.
+"""
 
 from __future__ import annotations
 

@@ -68,7 +68,11 @@ def rule_from(quantity: str, value: Any, where: str) -> Rule:
         raise BadInput(
             f'{where}: columns.{quantity} = {value!r}; expected a header or {{ column = "...", unit = "..." }}'
         )
-    only(value, ("column", "product", "unit"), f"{where}: columns.{quantity}")
+    keys = ("column", "product", "unit")
+    unknown = next((key for key in value if key not in keys), None)
+    if unknown is not None:
+        hint = near(unknown, keys)
+        raise BadInput(f"{where}: columns.{quantity}: unknown key {unknown!r}; expected {', '.join(keys)}{hint}")
     if ("column" in value) == ("product" in value):
         raise BadInput(f"{where}: columns.{quantity}: expected either column or product")
     names = [value["column"]] if "column" in value else value["product"]
@@ -91,17 +95,6 @@ def _signal(quantity: str, value: Any, where: str) -> Rule:
             f"{where}: columns.{quantity} = {value!r}; expected a header, and a name of letters, digits, _ and -"
         )
     return Rule((column,))
-
-
-def only(table: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
-    """Refuse keys that are not known, with the one that is near.
-
-    Raises:
-        BadInput: names the first unknown key.
-    """
-    for key in table:
-        if key not in keys:
-            raise BadInput(f"{where}: unknown key {key!r}; expected {', '.join(keys)}{near(key, keys)}")
 
 
 def plain_rules(joints: Sequence[str]) -> dict[str, Rule]:

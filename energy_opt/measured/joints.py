@@ -289,11 +289,7 @@ def _step_fault(joints: Joints, kind: str, robot: Robot) -> tuple[int, str, str]
     if speed[j] > TOO_FAST * robot.limits.velocity[j] and degrees_fault(position, robot) is None:
         unit = robot.unit("velocity", robot.joints[j])
         limit = f"{robot.joints[j]}'s limit of {robot.limits.velocity[j]:.3g}"
-        return (
-            0,
-            "",
-            f"speeds of {speed[j]:.3g} {unit}, far above {limit}; is the time's unit right?",
-        )
+        return 0, "", f"speeds of {speed[j]:.3g} {unit}, far above {limit}; is the time's unit right?"
     return None
 
 
@@ -305,10 +301,9 @@ def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | 
     row, j = found
     lower, upper = robot.limits.lower, robot.limits.upper
     joint = robot.joints[j]
-    return (
-        row,
-        joint,
-        f"{position[row, j]:.4g} rad is far outside {joint}'s limits [{lower[j]:.4g}, {upper[j]:.4g}]: these look "
-        'like degrees; give the column\'s unit in log.toml ({ column = "...", unit = "deg" }), '
-        "or `energy-opt import` the file, which converts",
+    remedy = (
+        'these look like degrees; give the column\'s unit in log.toml ({ column = "...", unit = "deg" }), '
+        "or `energy-opt import` the file, which converts"
     )
+    outside = f"is far outside {joint}'s limits [{lower[j]:.4g}, {upper[j]:.4g}]"
+    return row, joint, f"{position[row, j]:.4g} rad {outside}: {remedy}"

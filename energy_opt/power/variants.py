@@ -3,7 +3,8 @@
 A draw has values that might as well be true by the data. A mixture is the mean of several models' powers, for plans
 that hold under more than one. Its members differ in values (draws from a model's covariance) or in effects (rivals);
 payload and tilt are the first one's, so that the inverse dynamics are evaluated once. Weights are parameters of what is
-built, like all values."""
+built, like all values.
+"""
 
 from __future__ import annotations
 

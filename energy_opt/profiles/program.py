@@ -15,7 +15,8 @@ which have bounds.
 
 Other limits (see `limits.base.PlaceRows`) are distances between bodies at places of the motion. A place stays at its
 share of its piece while the unknowns change. With J_k = dq_k/dx, a row's gradient g gives g^T J_k, and a place's
-Hessian H gives J_k^T H J_k, beside what the bending of q_k itself adds."""
+Hessian H gives J_k^T H J_k, beside what the bending of q_k itself adds.
+"""
 
 from __future__ import annotations
 

@@ -6,7 +6,8 @@ are G v and G a. By virtual work, torques (and gradients, and the columns of Jac
 G^T tau: that of a leader is its own plus its followers', each times its ratio.
 
 L links have a joint each, of which n move by themselves and take the others along. Arrays over links have one entry
-more than there are: the last, which index -1 reaches, is the base."""
+more than there are: the last, which index -1 reaches, is the base.
+"""
 
 from __future__ import annotations
 

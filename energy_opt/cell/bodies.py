@@ -125,7 +125,9 @@ class Scenery:
         """A body's placement as coal wants it."""
         key = (0 if self.bodies.still[body] else k, body)
         if key not in self._placed:
-            self.place(np.array([k]), np.array([body]))
+            b, joint = self.bodies, self.bodies.joint[body]
+            r = self.poses.rotation[k, joint]
+            self._placed[key] = placement(r @ b.rotation[body], r @ b.shift[body] + self.poses.origin[k, joint])
         return self._placed[key]
 
     def place(self, k: np.ndarray, body: np.ndarray) -> None:

@@ -185,9 +185,7 @@ class Cell:
         floor, _, _ = scene.apart(np.zeros_like(pair), pair)
         inside = inside_at(self.bodies, q)
         out = []
-        near = np.flatnonzero(floor < reach)
-        scene.place(np.zeros(2 * len(near), dtype=int), self.bodies.pairs[near].ravel())
-        for p in near.tolist():
+        for p in np.flatnonzero(floor < reach).tolist():
             ruler = self.bodies.ruler(p)
             a, b = self.bodies.pairs[p].tolist()
             at, bt = scene.placed(0, a), scene.placed(0, b)

@@ -212,7 +212,7 @@ def names_in(path: Path) -> list[str]:
     return [str(name) for name in _document(path)[1]]
 
 
-def _document(path: Path) -> tuple[dict[str, float], dict[str, Mapping[str, Any]]]:
+def _document(path: Path) -> tuple[dict[str, float], dict[Any, dict[str, Any]]]:
     """Scaling factors that are given, and the table of joints; every key of both is known."""
     document = read_yaml(path)
     for _ in range(len(WRAPPERS)):
@@ -222,36 +222,49 @@ def _document(path: Path) -> tuple[dict[str, float], dict[str, Mapping[str, Any]
     table = document.get("joint_limits") if isinstance(document, dict) else None
     if not isinstance(document, dict) or not isinstance(table, dict) or not table:
         raise BadInput(f"{path}: no joint_limits table; expected MoveIt's joint_limits.yaml")
-    _known(document, (*FACTORS, "joint_limits", *OTHERS), f"{path}")
-    factors = {}
-    for key in FACTORS:
-        value = _number(document, key, f"{path}: ")
-        if value is not None:
-            if not 0 < value <= 1:
-                raise BadInput(f"{path}: {key} = {value:g}; expected a factor above 0 and at most 1")
-            factors[key] = value
+    factors = _checked(document, (), tuple(FACTORS), ("joint_limits", *OTHERS), f"{path}", f"{path}: ")
+    for key, value in factors.items():
+        if not 0 < value <= 1:
+            raise BadInput(f"{path}: {key} = {value:g}; expected a factor above 0 and at most 1")
+    out = {}
     for name, row in table.items():
         where = f"{path}: joint_limits.{name}"
         if not isinstance(row, dict):
             raise BadInput(f"{where}: not a table of limits")
-        _known(row, (*FLAGS, *NUMBERS), where)
-        for key in FLAGS:
-            if not isinstance(row.get(key, False), bool):
-                raise BadInput(f"{where}.{key} = {row[key]!r}; expected true or false, without quotes")
-        for key in NUMBERS:
-            _number(row, key, f"{where}.")
-    return factors, table
+        out[name] = _checked(row, FLAGS, NUMBERS, (), where, f"{where}.")
+    return factors, out
 
 
-def _known(table: Mapping[Any, Any], keys: Sequence[str], where: str) -> None:
-    for key in table:
-        if key not in keys:
-            raise BadInput(f"{where}: unknown key {key!r}{near(str(key), keys) or '; known are ' + ', '.join(keys)}")
+def _checked(
+    table: Mapping[Any, Any], flags: Sequence[str], numbers: Sequence[str], others: Sequence[str], where: str, at: str
+) -> dict[str, Any]:
+    """Flags and numbers that a table has; `at` is what is before a key in a message.
+
+    Raises:
+        BadInput: a key is not known, a flag is not true or false, or a number is none.
+    """
+    out: dict[str, Any] = {}
+    known = (*flags, *numbers, *others)
+    for key, value in table.items():
+        if key not in known:
+            raise BadInput(f"{where}: unknown key {key!r}{near(str(key), known) or '; known are ' + ', '.join(known)}")
+        if key in flags:
+            if not isinstance(value, bool):
+                raise BadInput(f"{at}{key} = {value!r}; expected true or false, without quotes")
+            out[key] = value
+        elif key in numbers and value is not None:
+            try:
+                if isinstance(value, bool) or not isinstance(value, (int, float)) or np.isnan(value):
+                    raise TypeError
+                out[key] = float(value)
+            except (TypeError, OverflowError):
+                raise BadInput(f"{at}{key} = {str(value)[:40]!r} is not a number") from None
+    return out
 
 
 def _apply(arrays: dict[str, np.ndarray], j: int, row: Mapping[str, Any], where: str) -> None:
     """Put what one joint's row says into the bounds of joint j."""
-    low, high = _number(row, "min_position"), _number(row, "max_position")
+    low, high = row.get("min_position"), row.get("max_position")
     if row.get("has_position_limits", low is not None or high is not None):
         arrays["lower"][j] = arrays["lower"][j] if low is None else low
         arrays["upper"][j] = arrays["upper"][j] if high is None else high
@@ -259,7 +272,7 @@ def _apply(arrays: dict[str, np.ndarray], j: int, row: Mapping[str, Any], where:
         arrays["lower"][j], arrays["upper"][j] = -np.inf, np.inf
     if row.get("has_soft_limits", False):
         for key, side, narrower in (("soft_lower_limit", "lower", max), ("soft_upper_limit", "upper", min)):
-            if (value := _number(row, key)) is not None:
+            if (value := row.get(key)) is not None:
                 arrays[side][j] = narrower(arrays[side][j], value)
     if ("has_position_limits" in row or low is not None or high is not None) and not (
         arrays["lower"][j] < arrays["upper"][j]
@@ -273,7 +286,7 @@ def _apply(arrays: dict[str, np.ndarray], j: int, row: Mapping[str, Any], where:
             arrays[kind][j] = size
         elif f"has_{kind}_limits" in row:
             arrays[kind][j] = np.inf
-    braking = _number(row, "max_deceleration")
+    braking = row.get("max_deceleration")
     if row.get("has_deceleration_limits", braking is not None):
         if not braking or abs(braking) < SMALLEST:
             raise BadInput(f"{where}: has_deceleration_limits is true, but max_deceleration is missing or as good as 0")
@@ -284,8 +297,8 @@ def _size(row: Mapping[str, Any], kind: str, lowest: str | None, where: str) -> 
     """The bound on a magnitude, from max_<kind> and what means the other direction; None where there is none."""
     if row.get(f"has_{kind}_limits") is False:
         return None
-    largest = _number(row, f"max_{kind}")
-    other = None if lowest is None else _number(row, lowest)
+    largest = row.get(f"max_{kind}")
+    other = None if lowest is None else row.get(lowest)
     if largest is not None and largest <= 0:
         raise BadInput(f"{where}.max_{kind} = {largest:g}; expected a number above 0")
     if other is not None and other >= 0:
@@ -294,16 +307,3 @@ def _size(row: Mapping[str, Any], kind: str, lowest: str | None, where: str) -> 
     if given and min(given) < SMALLEST:
         raise BadInput(f"{where}.max_{kind} = {min(given):g}; expected {SMALLEST:g} or more")
     return min(given) if given else None
-
-
-def _number(row: Mapping[str, Any], key: str, where: str = "") -> float | None:
-    """A number of the row, None where it is not there; `where` is what is before the key in a message."""
-    value = row.get(key)
-    if value is None:
-        return None
-    try:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or np.isnan(value):
-            raise TypeError
-        return float(value)
-    except (TypeError, OverflowError):
-        raise BadInput(f"{where}{key} = {str(value)[:40]!r} is not a number") from None

@@ -2,7 +2,8 @@
 
 choose     the cheapest ring through the branches of every pose, by estimates of moves that share the cycle's time
 improve    where poses leave freedom, each end in turn is moved along it, by the same estimates
-solve      the cycle; its motions, bent, say where ends cost less; solved again
+settle     rough cycles, bent, say where ends cost less; settled there again
+solve      the cycle in full
 compare    with what is done today: at every pose the branch that is nearest to where the arm comes from
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,8 +19,9 @@ import numpy as np
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
-from energy_opt.jobs.cycle import Choice, Scorers
+from energy_opt.jobs.cycle import Choice, Plan, Scorers
 from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.rough import RoughCycles
 from energy_opt.jobs.run import JobResult, run_job
 from energy_opt.jobs.work import Cells, unloaded
 from energy_opt.motion.judge.energy import Scorer
@@ -28,11 +31,12 @@ from energy_opt.poses.freedom import Bent, has_freedom, improved
 from energy_opt.poses.given import in_base
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
-from energy_opt.poses.sets import Layer, Ring, Target, positions_near, positions_of, thinned
+from energy_opt.poses.sets import Layer, Ring, Target, positions_near, positions_of, straight_is_free, thinned
 from energy_opt.power import PowerModel
 
 SWEEPS = 3  # over all ends, by estimates
-WORTH = 1e-3  # of the losses: what bending promises less is not solved again
+WORTH = 1e-3  # of the losses: what bending promises less is not settled again
+SETTLED = 5  # rough cycles at most
 Ends = dict[int, np.ndarray]  # positions (n,) of steps
 
 
@@ -92,7 +96,9 @@ class Posed:
         bounds = [(steps[k].least, steps[k].most) for k in order]
         ring = Ring(layers, models, bounds)
         waiting = min(float(layer.standing.min()) for layer in layers)
-        chosen, energy = ring.cheapest(self.job.cycle_time - self.job.waiting, waiting)
+        cells = [self.cells.of(steps[k]) for k in order]
+        free = lambda k, a, b: straight_is_free(cells[k], a, b)  # noqa: E731
+        chosen, energy = ring.cheapest(self.job.cycle_time - self.job.waiting, waiting, free)
         ends = {k: layer.positions[c] for k, layer, c in zip(self.moving, layers, chosen, strict=True)}
         return self._improved(ends) if improve else ends, energy
 
@@ -172,14 +178,14 @@ class Posed:
             q = out[k] = reached[int(np.argmin(quick))]
         return out
 
-    def _bent_legs(self, result: JobResult) -> dict[int, Bent]:
+    def _bent_legs(self, plan: Plan) -> dict[int, Bent]:
         """The solved motions by the step that they end."""
-        pairs = zip(result.plan.legs, result.plan.answers, strict=True)
+        pairs = zip(plan.legs, plan.answers, strict=True)
         return {leg.steps[-1]: Bent(self._models(leg.steps[-1]), a.trajectory, True) for leg, a in pairs}
 
-    def bending(self, result: JobResult) -> Callable[[Ends], float]:
+    def bending(self, plan: Plan) -> Callable[[Ends], float]:
         """What the solved motions cost [J], waits included, when they are bent to other ends."""
-        of = self._bent_legs(result)
+        of = self._bent_legs(plan)
         places = sorted(of)
 
         def cost(ends: Ends) -> float:
@@ -191,9 +197,9 @@ class Posed:
 
         return cost
 
-    def bent(self, result: JobResult, ends: Ends) -> tuple[Ends, float]:
+    def bent(self, plan: Plan, ends: Ends) -> tuple[Ends, float]:
         """Ends at which the solved motions, bent, cost less, and what that promises [J]."""
-        of = self._bent_legs(result)
+        of = self._bent_legs(plan)
         places = sorted(of)
         ends, gain = dict(ends), 0.0
         for k, pose in self.poses.items():
@@ -212,6 +218,30 @@ class Posed:
             values = cost(np.vstack([ends[k], q]))
             gain, ends[k] = gain + float(values[0] - values[1]), q
         return ends, gain
+
+    def settled(self, rough: RoughCycles, ends: Ends, near: Plan | None = None) -> tuple[Ends, Plan | None, float]:
+        """Ends moved along their freedom to where the rough cycle costs least, that cycle, and its energy [J].
+
+        The derivative by an end is that of both its motions, bent (envelope theorem). Without a rough cycle, the ends
+        as they are and infinite energy.
+
+        Args:
+            near: a cycle with other ends, from whose motions the first begins.
+        """
+        plan, energy = None, np.inf
+        moved, gain = ends, np.inf
+        for _ in range(SETTLED):
+            try:
+                there, cost = rough.cycle(self.job.at(moved), self.cells, plan or near)
+            except Infeasible:
+                break
+            if cost >= energy:
+                break
+            ends, plan, energy = moved, there, cost
+            moved, gain = self.bent(plan, ends)
+            if gain <= WORTH * sum(answer.energy.loss for answer in plan.answers):
+                break
+        return ends, plan, energy
 
 
 def run_posed(
@@ -232,7 +262,7 @@ def run_posed(
     Args:
         ends: positions (n,) at the ends of all moving steps, by their index, in place of those that are chosen.
         compare: also solve the cycle with the nearest branches; where that is cheaper, it is the answer.
-        refine: solve again where the solved motions, bent, say that other ends cost less.
+        refine: move the ends along their freedom to where rough cycles cost least, before the cycle is solved.
         more: further arguments of `run_job`.
 
     Raises:
@@ -248,15 +278,14 @@ def run_posed(
     solves, errors = 0, []
     best: tuple[Ends, JobResult] | None = None
     greedy: float | None = None
-    for name, share in (("cycle", 0.4), ("nearest", 0.3)):
-        if name == "nearest" and not compare:
-            continue
+    for name in ("cycle", "nearest") if compare else ("cycle",):
+        part = partial(_part, progress, 0.0 if name == "cycle" else 0.5, 0.5 if compare else 1.0)
         ends = posed.greedy() if name == "nearest" else posed.estimated()[0] if asked is None else asked
+        if name == "cycle" and refine:
+            ends = posed.settled(RoughCycles(model, settings, job, stopped), ends)[0]
         solves += 1
         try:
-            found = run_job(
-                job.at(ends), model, settings, progress=_part(progress, 0.0 if name == "cycle" else 0.4, share), **known
-            )
+            found = run_job(job.at(ends), model, settings, progress=part, **known)
         except Infeasible as error:
             errors.append(error)
             continue
@@ -265,16 +294,6 @@ def run_posed(
             best = ends, found
     if best is None:
         raise errors[0]
-    if refine and not stopped():
-        ends, gain = posed.bent(best[1], best[0])
-        losses = sum(answer.energy.loss for answer in best[1].plan.answers)
-        if gain > WORTH * losses:
-            solves += 1
-            try:
-                found = run_job(job.at(ends), model, settings, progress=_part(progress, 0.7, 0.3), **known)
-                best = (ends, found) if _rank(found) < _rank(best[1]) else best
-            except Infeasible:
-                pass
     branches = {k: len(posed.sets[k]) for k in posed.poses}
     ends = {k: best[0][k] for k in posed.poses}
     return replace(best[1], choice=Choice(ends, posed.poses, branches, greedy, solves, cell.tool))
@@ -284,5 +303,5 @@ def _rank(result: JobResult) -> tuple[bool, float]:
     return not result.solved, result.energy
 
 
-def _part(progress: Callable[[str, float], None], first: float, share: float) -> Callable[[str, float], None]:
-    return lambda text, done: progress(text, first + share * done)
+def _part(progress: Callable[[str, float], None], first: float, share: float, text: str, done: float) -> None:
+    progress(text, first + share * done)

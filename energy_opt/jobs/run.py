@@ -19,6 +19,7 @@ from energy_opt.jobs.cycle import (
     Choice,
     Piece,
     Plan,
+    Rest,
     Scorers,
     assembled,
     cheapest_rest,
@@ -147,8 +148,7 @@ def run_job(
     legs = tuple(work.begun(leg) for leg in asked)
     timings = [work.timing(leg) for leg in legs]
     time = job.cycle_time - job.waiting
-    shortest = np.array([max(t.duration, leg.least) for t, leg in zip(timings, legs, strict=True)])
-    _check_time(job, legs, shortest, time)
+    shortest = _shortest(job, legs, timings)
     rest = cheapest_rest(job, work.scorers)
     plain = _plain(work, legs, timings, shortest, time)
 
@@ -174,12 +174,7 @@ def run_job(
         return energy_of(assembled(job, work.scorers, plan))
 
     progress("sharing the cycle's time", SHARING)
-    spare = time - float(shortest.sum())  # what one leg may take beyond its shortest duration; equal for near cycles
-    most = (least * 2 ** max(3, np.ceil(np.log2(1 + spare / max(least, 1e-6)))) for least in shortest)
-    fronts = [work.front(*each) for each in zip(legs, timings, most, strict=True)]
-    scorers = [work.scorers.of(leg.step) for leg in legs]
-    guess = slope_of_slowing(legs, timings, scorers, time / shortest.sum()) if legs else None
-    shares = allocate(fronts, time, rest.power, guess)
+    fronts, shares = shares_of(job, work, legs, timings, rest)
     retimed = all(leg.mode == "retime" for leg in legs)
     best = plan_of(shares.durations, 2 * SHARING, 1.0 if retimed else 0.6)
     if not retimed and not stopped():
@@ -211,7 +206,31 @@ def _declared_waits(job: Job, scorers: Scorers) -> float:
     return sum(standing_power(scorers, step, step.brakes) * step.wait for step in job.steps if step.wait is not None)
 
 
-def _check_time(job: Job, legs: Sequence[Leg], shortest: np.ndarray, time: float) -> None:
+def shares_of(
+    job: Job, work: Worker, legs: Sequence[Leg], timings: Sequence[Timing], rest: Rest
+) -> tuple[list[Front], Shares]:
+    """The fronts of the legs' first paths, and how the cycle's time is shared over these for least energy.
+
+    Raises:
+        Infeasible: the cycle, or the time of a leg, is too short.
+    """
+    time, shortest = job.cycle_time - job.waiting, _shortest(job, legs, timings)
+    spare = time - float(shortest.sum())  # what one leg may take beyond its shortest duration; equal for near cycles
+    most = (least * 2 ** max(3, np.ceil(np.log2(1 + spare / max(least, 1e-6)))) for least in shortest)
+    fronts = [work.front(*each) for each in zip(legs, timings, most, strict=True)]
+    scorers = [work.scorers.of(leg.step) for leg in legs]
+    guess = slope_of_slowing(legs, timings, scorers, time / shortest.sum()) if legs else None
+    return fronts, allocate(fronts, time, rest.power, guess)
+
+
+def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.ndarray:
+    """Shortest durations (L,) [s] of the legs' first paths.
+
+    Raises:
+        Infeasible: they do not fit into the cycle, or one into the time of its leg.
+    """
+    time = job.cycle_time - job.waiting
+    shortest = np.array([max(t.duration, leg.least) for t, leg in zip(timings, legs, strict=True)])
     for leg, least in zip(legs, shortest.tolist(), strict=True):
         if least > leg.most * (1 + 1e-12):
             raise Infeasible(
@@ -220,7 +239,7 @@ def _check_time(job: Job, legs: Sequence[Leg], shortest: np.ndarray, time: float
                 shortest_duration=least,
             )
     if shortest.sum() <= time + 1e-12 * job.cycle_time:
-        return
+        return shortest
     needed = float(shortest.sum() + job.waiting)
     text = f"the cycle of {job.cycle_time:g} s is too short: "
     if legs:

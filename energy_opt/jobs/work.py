@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
@@ -24,6 +26,8 @@ from energy_opt.motion.plan.ways import check_free
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+
+LOOKS = 40  # samples of a rough motion that are looked at for contact
 
 
 def unloaded(model: PowerModel) -> PowerModel:
@@ -55,12 +59,12 @@ class Worker:
 
     def __init__(
         self, job: Job, model: PowerModel, settings: Settings, cells: Cells, stopped: Callable[[], bool],
-        shares: Mapping[str, float] = MappingProxyType({}),
+        shares: Mapping[str, float] = MappingProxyType({}), planner: Planner | None = None,
     ) -> None:  # fmt: skip
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
         self.cells = cells
         self._steps: list[tuple[Leg, Neighbours]] = []
-        planner = Planner(job.robot, unloaded(model), settings, batch=True, stopped=stopped)
+        planner = planner or Planner(job.robot, unloaded(model), settings, batch=True, stopped=stopped)
         self._planner = planner.within(shares) if shares else planner
 
     def check_poses(self) -> None:
@@ -123,6 +127,33 @@ class Worker:
             return self._slowed_or(error, leg, timing, duration)
         return Answer(result.trajectory, result.energy, result.chosen, result.status)
 
+    def rough(self, leg: Leg, duration: float, near: Answer | None = None) -> Answer:
+        """The leg near its optimum in a fraction of the time of `solved`; it is not proven.
+
+        Args:
+            near: an answer to start from, of any ends; None for the first path.
+
+        Raises:
+            Infeasible: nothing within limits was found, or what was found touches something.
+        """
+        move, planner, cell = leg.move(duration), self.planner(leg), self.cells.of(leg.step)
+        blind = planner.around(None)
+        retimed = move.mode == "retime" or (near is not None and near.source == "retime")
+        for first in () if retimed else (near, None) if near is not None else (None,):
+            try:
+                begun = blind.sketch(move) if first is None else first.trajectory
+            except Infeasible:
+                break
+            motion = blind.settle(move, begun)
+            if motion is not begun and _touching(cell, motion):
+                motion = planner.settle(move, motion)
+            if motion is not begun and not _touching(cell, motion):
+                return Answer(motion, blind.score(motion), "sketch", "not_converged")
+        motion = blind.solve(replace(move, mode="retime", path=leg.path, via=())).trajectory
+        if _touching(cell, motion):
+            raise Infeasible(f"{leg.name}: a motion of {duration:.4g} s that is looked for roughly touches something")
+        return Answer(motion, blind.score(motion), "retime", "not_converged")
+
     def stepped(self, leg: Leg, timing: Timing, duration: float) -> Answer:
         """As `solved`, from the leg's optimum at the nearest duration where one is known: in a fifth of the time."""
         try:
@@ -151,3 +182,13 @@ class Worker:
         steps = Neighbours(self.planner(leg).single(leg.move(None)))
         self._steps.append((leg, steps))
         return steps
+
+
+def _touching(cell: Cell | None, motion: Trajectory) -> bool:
+    return (
+        cell is not None
+        and cell.checks
+        and any(
+            cell.touching(q) is not None for q in motion.sample(np.linspace(motion.time[0], motion.time[-1], LOOKS))[0]
+        )
+    )

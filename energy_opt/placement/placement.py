@@ -71,6 +71,6 @@ class Placement:
             "goals": [] if choice is None else [{"step": k + 1, "goal": q} for k, q in choice.ends.items()],
             "path": [at.document(self.what) for at in self.path],
             "looked_at": [at.document(self.what) for at in self.looked_at],
-            "solves": len(self.path) + (self.given_result is not None),
+            "solves": len(self.path),
             "warnings": list(self.warnings),
         }

@@ -1,15 +1,16 @@
 """The pose of the base, or of a fixture, that makes a job cheapest.
 
 estimate   the job at placements all over the box: the cheapest ring through the branches of its poses
-solve      the job at the best estimates, far from each other, with its scene
-descend    the solved motions, bent to the ends that another base asks for, cost no less than that base's optimum and at
-           this base as much (envelope theorem), so a base at which they cost less is better; solved again, and so on
+seed       rough cycles at the best estimates, far from each other
+descend    a cycle's motions, bent to the ends that another base asks for, cost no less than that base's optimum and at
+           this base as much (envelope theorem), so a base at which they cost less is better; there they settle again
+solve      the job in full, with its scene, at the placement that was given and at the answer alone
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -18,8 +19,10 @@ from scipy.spatial.transform import Rotation
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.jobs.cycle import Plan
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.posed import Ends, Posed, run_posed
+from energy_opt.jobs.rough import RoughCycles
 from energy_opt.jobs.run import JobResult
 from energy_opt.motion.move import Settings
 from energy_opt.placement.placement import Looked, Placement
@@ -27,13 +30,28 @@ from energy_opt.placement.request import PlaceRequest
 from energy_opt.poses.given import WORLD
 from energy_opt.power import PowerModel
 
+TRIES = 2  # times as many seeds are tried where rough cycles fail
 APART = 0.15  # of the box: distance of seeds
 FARTHEST = 0.2  # of the box: the farthest a step goes
 WORTH = 1e-3  # of the losses: a step that promises less ends the search
 POOL = 48  # positions from which inverse kinematics starts at a placement
 RELAXED, MOST_RELAXED = 1.6, 3.0  # steps go on by so much: bent motions bound the optimum from above, and bend more
 EVALUATIONS = 60  # of bent motions in a step
+ANSWERS = 3  # placements at most that are solved in full until one is proven
 UNREACHED = 1e9  # J that a placement is taken to cost from which a pose is out of reach
+
+
+@dataclass(frozen=True)
+class Rough:
+    """A rough cycle at a placement x, y, z, yaw (4,): positions at its ends, motions, and energy [J].
+
+    Without motions, and of infinite energy, where none was found.
+    """
+
+    point: np.ndarray
+    ends: Ends
+    plan: Plan | None
+    energy: float
 
 
 class Search:
@@ -56,7 +74,7 @@ class Search:
         self.bounds = request.bounds(self.given)
         self.span = self.bounds[:, 1] - self.bounds[:, 0]
         self.free = np.flatnonzero(self.span > 0)
-        self.solved: dict[tuple[float, ...], tuple[Ends, JobResult]] = {}
+        self.rough = RoughCycles(model, settings, self.job, stopped)
         self.path: list[Looked] = []
         self._pool: dict[int, np.ndarray] | None = None
 
@@ -112,7 +130,7 @@ class Search:
         return posed.estimated(improve=False)[1]
 
     def solve(self, point: np.ndarray, kind: str, ends: Ends | None = None) -> JobResult | None:
-        """The job at a placement; None where it cannot be done.
+        """The job at a placement in full; None where it cannot be done.
 
         Args:
             ends: positions at the ends of steps; by default those that are chosen there.
@@ -120,16 +138,31 @@ class Search:
         for chosen in self._choices(point) if ends is None else [ends]:
             try:
                 found = run_posed(
-                    self.job, self.model, self.settings, cell=self.at(point), ends=chosen, compare=False, refine=False,
-                    stopped=self.stopped,
+                    self.job, self.model, self.settings, cell=self.at(point), ends=chosen, compare=False,
+                    refine=ends is None, stopped=self.stopped,
                 )  # fmt: skip
             except Infeasible:
                 continue
             self.path.append(Looked(self.place(point), found.energy, kind))
-            self.solved[self.place(point)] = chosen, found
             return found
         self.path.append(Looked(self.place(point), np.nan, kind))
         return None
+
+    def settled(self, point: np.ndarray, kind: str, near: Rough | None = None, ends: Ends | None = None) -> Rough:
+        """The rough cycle at a placement; its energy is infinite where none is found.
+
+        Args:
+            near: that of another placement, from whose motions it starts; ends: positions at the ends of steps here.
+        """
+        best = Rough(point, ends or {}, None, np.inf)
+        for chosen in self._choices(point) if ends is None else [ends]:
+            posed = self.posed(point, {k: q[None] for k, q in chosen.items()})
+            found = Rough(point, *posed.settled(self.rough, chosen, None if near is None else near.plan))
+            if found.plan is not None:
+                best = found
+                break
+        self.path.append(Looked(self.place(point), best.energy, kind))
+        return best
 
     def _choices(self, point: np.ndarray) -> list[Ends]:
         """Positions at the ends of steps: those that are likely to be cheapest, and the nearest where these fail."""
@@ -139,47 +172,56 @@ class Search:
             return []
         return [posed.estimated()[0], posed.greedy()]
 
-    def better(self, point: np.ndarray) -> tuple[np.ndarray, Ends, float]:
-        """A placement near a solved one at which the bent motions cost less, positions there, and the gain [J]."""
-        ends, result = self.solved[self.place(point)]
-        here = self.posed(point, {k: q[None] for k, q in ends.items()})
-        bent = here.bending(result)
-        least = np.maximum(self.bounds[:, 0], point - FARTHEST * self.span)
-        most = np.minimum(self.bounds[:, 1], point + FARTHEST * self.span)
-        known: list[tuple[float, np.ndarray, Ends]] = []
+    def better(self, here: Rough) -> tuple[np.ndarray, float]:
+        """A placement near a rough cycle at which its motions, bent, cost less, and the gain [J]."""
+        assert here.plan is not None
+        starts, point = {k: q[None] for k, q in here.ends.items()}, here.point
+        bent = self.posed(point, starts).bending(here.plan)
+        least = np.maximum(self.bounds[:, 0], point - FARTHEST * self.span)[self.free]
+        most = np.minimum(self.bounds[:, 1], point + FARTHEST * self.span)[self.free]
+        if not len(self.free):
+            return point, 0.0
+        known: list[tuple[float, np.ndarray]] = []
 
         def cost(share: np.ndarray) -> float:
             at = point.copy()
-            at[self.free] = np.clip(point[self.free] + share * self.span[self.free], least[self.free], most[self.free])
-            try:
-                there = self.posed(at, {k: q[None] for k, q in ends.items()})
-            except Infeasible:
-                return UNREACHED
-            moved = {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
-            value = bent(moved)
-            known.append((value, at, moved))
+            at[self.free] = np.clip(point[self.free] + share * self.span[self.free], least, most)
+            ends = self.ends_at(at, here.ends)
+            value = UNREACHED if ends is None else bent(ends)
+            known.append((value, at))
             return value
 
         before = cost(np.zeros(len(self.free)))
-        if len(self.free):
-            sides = np.vstack([(least - point)[self.free], (most - point)[self.free]]) / self.span[self.free]
-            minimize(
-                cost, np.zeros(len(self.free)), method="L-BFGS-B", bounds=sides.T,
-                options={"maxfun": EVALUATIONS * (1 + len(self.free)), "eps": 1e-4, "maxiter": 12},
-            )  # fmt: skip
-        value, at, moved = min(known, key=lambda item: item[0])
-        there = self.posed(at, {k: q[None] for k, q in moved.items()})
-        moved, more = there.bent(result, moved)
-        return at, moved, before - value + more
+        sides = (np.vstack([least, most]) - point[self.free]) / self.span[self.free]
+        minimize(
+            cost, np.zeros(len(self.free)), method="L-BFGS-B", bounds=sides.T,
+            options={"maxfun": EVALUATIONS * (1 + len(self.free)), "eps": 1e-4, "maxiter": 12},
+        )  # fmt: skip
+        value, at = min(known, key=lambda item: item[0])
+        return at, before - value
 
-    def beyond(self, point: np.ndarray, at: np.ndarray, ends: Ends, relax: float) -> tuple[np.ndarray, str, Ends]:
-        """A step to a placement `at`, gone on by a factor, within the box; what `solve` takes."""
-        further = np.clip(point + relax * (at - point), self.bounds[:, 0], self.bounds[:, 1])
+    def ends_at(self, point: np.ndarray, ends: Ends) -> Ends | None:
+        """The positions at a placement that are next to others; None where a pose is out of reach."""
         try:
-            there = self.posed(further, {k: q[None] for k, q in ends.items()})
+            there = self.posed(point, {k: q[None] for k, q in ends.items()})
         except Infeasible:
-            return at, "step", ends
-        return further, "step", {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
+            return None
+        return {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
+
+    def step(self, here: Rough, relax: float) -> tuple[Rough | None, float]:
+        """A rough cycle that costs less, None where none is near, and the factor by which the next step goes on."""
+        assert here.plan is not None
+        at, gain = self.better(here)
+        if gain < WORTH * sum(answer.energy.loss for answer in here.plan.answers):
+            return None, relax
+        for factor in (relax, 1.0) if relax > 1 else (1.0,):
+            point = np.clip(here.point + factor * (at - here.point), self.bounds[:, 0], self.bounds[:, 1])
+            ends = self.ends_at(point, here.ends)
+            found = None if ends is None else self.settled(point, "step", here, ends)
+            if found is not None and found.energy < here.energy:
+                further = float(np.clip(factor * (here.energy - found.energy) / gain, 1.0, MOST_RELAXED))
+                return found, further if factor > 1 else 1.0
+        return None, relax
 
     @staticmethod
     def point(place: tuple[float, ...]) -> np.ndarray:
@@ -250,49 +292,44 @@ def place(
     if given_result is None:
         search.path.clear()
     looked = search.estimates()
-    reached = [(point, value) for point, value in looked if np.isfinite(value)]
-    seeds: list[np.ndarray] = []
     inside = bool(((given >= search.bounds[:, 0] - 1e-12) & (given <= search.bounds[:, 1] + 1e-12)).all())
-    done: list[tuple[bool, float, np.ndarray]] = []  # not solved, energy [J], placement: a proven one comes first
+    done: list[tuple[bool, float, np.ndarray, JobResult]] = []  # not solved, energy [J]: a proven one comes first
     if given_result is not None and inside:
-        done.append((not given_result.solved, given_result.energy, given))
-    for point, _ in reached:
-        if len(seeds) >= request.seeds or (stopped() and done):
+        done.append((not given_result.solved, given_result.energy, given, given_result))
+    seeds: list[Rough] = []
+    for point, value in looked:
+        found = sum(at.plan is not None for at in seeds)
+        if found >= request.seeds or len(seeds) >= TRIES * request.seeds or not np.isfinite(value) or stopped():
             break
-        near = [*seeds, *(at for *_, at in done)]
-        if any((np.abs(point - other)[search.free] < APART * search.span[search.free]).all() for other in near):
+        if any((np.abs(point - at.point)[search.free] < APART * search.span[search.free]).all() for at in seeds):
             continue
-        progress(f"seed {len(seeds) + 1}/{request.seeds}", 0.3 + 0.4 * len(seeds) / max(request.seeds, 1))
-        found = search.solve(point, "seed")
-        if found is not None:
-            seeds.append(point)
-            done.append((not found.solved, found.energy, point))
-    if not done:
-        raise _nowhere(search, looked)
-    best = min(done, key=lambda item: item[:2])
+        progress(f"seed {found + 1}/{request.seeds}", 0.4 + 0.2 * found / request.seeds)
+        seeds.append(search.settled(point, "seed"))
+    seeds.sort(key=lambda at: at.energy)
     relax = RELAXED
     for k in range(request.steps):
-        if stopped():
+        if stopped() or not seeds or seeds[0].plan is None:
             break
-        progress(f"step {k + 1}/{request.steps}", 0.7 + 0.3 * k / request.steps)
-        at, ends, gain = search.better(best[2])
-        losses = sum(answer.energy.loss for answer in search.solved[search.place(best[2])][1].plan.answers)
-        if gain < WORTH * losses:
+        progress(f"step {k + 1}/{request.steps}", 0.6 + 0.1 * k / request.steps)
+        lower, relax = search.step(seeds[0], relax)
+        if lower is None:
             break
-        found = search.solve(*search.beyond(best[2], at, ends, relax))
-        if found is None or not found.solved or (False, found.energy) >= best[:2]:
-            if relax == 1.0:
-                break
-            relax = 1.0  # the bound itself is kept
-            continue
-        relax = float(np.clip(relax * (best[1] - found.energy) / gain, 1.0, MOST_RELAXED)) if relax > 1 else 1.0
-        best = False, found.energy, search.point(search.path[-1].place)
-    answer = search.place(best[2])
+        seeds.insert(0, lower)
+    for rough in seeds[:ANSWERS]:
+        if done and (stopped() or (not done[-1][0] and done[-1][2] is not given)):
+            break
+        progress("answer", 0.7)
+        result = search.solve(rough.point, "answer", rough.ends or None)
+        if result is not None:
+            done.append((not result.solved, result.energy, rough.point, result))
+    if not done:
+        raise _nowhere(search, looked)
+    _, _, best, result = min(done, key=lambda item: item[:2])
     fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
     warnings = [f"joint positions do not change with the {request.fixture or 'base'}: {', '.join(fixed)}"]
     tried = tuple(Looked(search.place(point), value, "estimate") for point, value in looked)
     return Placement(
-        answer, search.solved[answer][1], search.given, given_result, tried, tuple(search.path),
+        search.place(best), result, search.given, given_result, tried, tuple(search.path),
         tuple(warnings if fixed else ()), request.fixture,
     )  # fmt: skip
 

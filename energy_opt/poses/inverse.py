@@ -39,14 +39,15 @@ class Reached:
     Attributes:
         positions: (K, n) [rad, m] that reach the pose.
         nearest: (n,) that comes nearest, where none reaches it; distance [m] and angle [rad] are what it misses by.
-        blocked: the joint whose limit holds it there; "" where none does.
+        beyond: the joint, and in words how far beyond which limit it would have to go; empty where nothing is reached
+            without limits either.
     """
 
     positions: np.ndarray
     nearest: np.ndarray
     distance: float
     angle: float
-    blocked: str
+    beyond: tuple[str, str] = ("", "")
 
 
 class ToolKinematics:
@@ -105,23 +106,45 @@ def reach(
     q = rng.uniform(low, high, size=(starts, len(low)))
     if near is not None:
         q[0] = np.clip(near, limits.lower, limits.upper)
-    q, error = solve(tool, pose, q)
+    begun = q
+    q, error = solve(tool, pose, begun)
     good = error < SMALL
     if not good.any():
         k = int(np.argmin(error))
         off = tool.missed(pose, q[k : k + 1])
-        at_end = np.minimum(q[k] - limits.lower, limits.upper - q[k]) < 1e-6
-        blocked = tool.robot.joints[int(np.argmax(at_end))] if at_end.any() else ""
         distance, angle = (float(np.linalg.norm(x)) for x in (off.shift, off.turn))
-        return Reached(np.zeros((0, len(low))), q[k], distance, angle, blocked)
+        return Reached(np.zeros((0, len(low))), q[k], distance, angle, _beyond(tool, pose, begun))
     found = distinct(turned_near(q[good], near, tool.robot))
-    return Reached(found, found[0], 0.0, 0.0, "")
+    return Reached(found, found[0], 0.0, 0.0)
 
 
-def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (N, n) that the starts q (N, n) lead to, and the largest error of each (N,) [m, rad]."""
+def _beyond(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[str, str]:
+    """The joint that is farthest beyond its limits where the starts q (N, n) reach a pose with the least excess."""
+    robot, limits = tool.robot, tool.robot.limits
+    q, error = solve(tool, pose, q, limited=False)
+    turning = ~np.array(robot.slides, dtype=bool)
+    for way, over in ((-1, q - limits.upper), (1, limits.lower - q)):  # whole turns towards the limits
+        q = q + way * TURN * turning * np.ceil(np.maximum(over, 0.0) / TURN - 0.5)
+    excess = np.maximum(np.maximum(q - limits.upper, limits.lower - q), 0.0)
+    if not (error < SMALL).any():
+        return "", ""
+    k = int(np.argmin(np.where(error < SMALL, excess.sum(axis=1), np.inf)))
+    j = int(np.argmax(excess[k]))
+    bound = limits.upper[j] if q[k, j] > limits.upper[j] else limits.lower[j]
+    unit = "m" if robot.slides[j] else "rad"
+    return robot.joints[
+        j
+    ], f"{robot.joints[j]} would have to be at {q[k, j]:.4g} {unit}, its limit is {bound:.4g} {unit}"
+
+
+def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (N, n) that the starts q (N, n) lead to, and the largest error of each (N,) [m, rad].
+
+    Args:
+        limited: within the joints' limits.
+    """
     limits = tool.robot.limits
-    lower, upper = limits.lower, limits.upper
+    lower, upper = (limits.lower, limits.upper) if limited else (-np.inf, np.inf)
     weight = np.array([1 / LENGTH] * 3 + [1.0] * 3)
     count, n = q.shape
     q = q.copy()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,9 @@ from energy_opt.poses.pose import Pose
 Target = Pose | np.ndarray  # where a move may end: a pose of the tool, or joint positions (n,)
 MOST = 24  # positions of a layer inside a cycle
 FURTHER = 60  # starts where none of those at hand reaches a pose
+AVOIDED = 12  # rings that are looked at for moves that touch
+DETOUR = 1e6  # J that a straight move is taken to cost which touches something: others come before it
+LOOKS = 12  # positions of a straight move that are looked at
 PRICES = 40  # of time that are tried at most
 
 
@@ -36,12 +39,12 @@ class Layer:
 
 def unreached(pose: Pose, found: Reached) -> Infeasible:
     """The error of a pose that no joint positions reach."""
-    held = f"; {found.blocked} is at its limit there" if found.blocked else ""
+    joint, beyond = found.beyond
     return Infeasible(
         f"{pose.name}: no joint positions reach it; the nearest that can be reached is "
-        f"{1e3 * found.distance:.4g} mm and {np.degrees(found.angle):.3g} deg away{held}",
-        joint=found.blocked or None,
-        limit="pose",
+        f"{1e3 * found.distance:.4g} mm and {np.degrees(found.angle):.3g} deg away{beyond and '; ' + beyond}",
+        joint=joint or None,
+        limit="position" if joint else "pose",
     )
 
 
@@ -79,6 +82,13 @@ def positions_near(tool: ToolKinematics, pose: Pose, starts: np.ndarray) -> np.n
     if not len(found.positions):
         raise unreached(pose, found)
     return found.positions
+
+
+def straight_is_free(cell: Cell | None, start: np.ndarray, goal: np.ndarray) -> bool:
+    """Does nothing touch on the straight line between positions (n,), at some places of it?"""
+    if cell is None or not cell.checks:
+        return True
+    return all(cell.touching(start + x * (goal - start)) is None for x in np.linspace(0, 1, LOOKS + 2)[1:-1])
 
 
 def free_of(q: np.ndarray, cell: Cell | None) -> np.ndarray:
@@ -123,13 +133,43 @@ class Ring:
             a, b = self.layers[k].positions, self.layers[(k + 1) % len(layers)].positions
             pairs = np.indices((len(a), len(b))).reshape(2, -1)
             self._curves[k] = curves(models, a[pairs[0]], b[pairs[1]])
+        self._looked: set[tuple[int, int, int]] = set()  # moves that were looked at for contact
+        sizes = [len(layer.positions) for layer in layers]
+        self._detours = [np.zeros((a, b)) for a, b in zip(sizes, [*sizes[1:], sizes[0]], strict=True)]  # J
 
-    def cheapest(self, time: float, waiting: float) -> tuple[list[int], float]:
+    def cheapest(
+        self, time: float, waiting: float, free: Callable[[int, np.ndarray, np.ndarray], bool] | None = None
+    ) -> tuple[list[int], float]:
         """The position of every layer in the cheapest ring of `time` s without waits, and its estimate [J].
 
         Args:
             waiting: what time that is left over takes [W]: the price of a second is at most this.
+            free: whether straight move k between two positions (n,) touches nothing; moves that do come last.
         """
+        for _ in range(AVOIDED):
+            chosen, energy, price = self._priced(time, waiting)
+            if free is None or not self._avoid(chosen, price, free):
+                break
+        return chosen, energy
+
+    def _avoid(self, chosen: list[int], price: float, free: Callable[[int, np.ndarray, np.ndarray], bool]) -> bool:
+        """Make moves that touch costly, until the cheapest ring at a price has none; whether any was found."""
+        any_found, count = False, len(self.layers)
+        for _ in range(AVOIDED):
+            pairs = [(k, chosen[k], chosen[(k + 1) % count]) for k in range(count) if self._curves[k] is not None]
+            ends = ((self.layers[k].positions[i], self.layers[(k + 1) % count].positions[j]) for k, i, j in pairs)
+            found = [pair for pair, (a, b) in zip(pairs, ends, strict=True)
+                     if pair not in self._looked and not self._looked.add(pair) and not free(pair[0], a, b)]  # type: ignore[func-returns-value]  # fmt: skip
+            if not found:
+                break
+            any_found = True
+            for k, i, j in found:
+                self._detours[k][i, j] = DETOUR
+            chosen = self._at(price)[0]
+        return any_found
+
+    def _priced(self, time: float, waiting: float) -> tuple[list[int], float, float]:
+        """The cheapest ring of `time` s, its estimate [J], and the price [W] of a second at which it is found."""
         low, high, best = None, waiting, self._at(waiting)
         step = 1.0 + abs(waiting)
         for _ in range(PRICES):
@@ -144,9 +184,9 @@ class Ring:
             if low is not None and high - low < 1e-3 * (1 + abs(high)):
                 break
             if step > 1e12:
-                return found[0], found[1]
+                return found[0], found[1], price
         chosen, energy, used = best
-        return chosen, energy + waiting * max(time - used, 0.0)
+        return chosen, energy + waiting * max(time - used, 0.0), high if low is None else low
 
     def _at(self, price: float) -> tuple[list[int], float, float]:
         """Choice, energy [J] and duration [s] of the ring that costs least at a price of time [W]."""
@@ -160,7 +200,7 @@ class Ring:
                 continue
             cost, time = of.cheapest(price, most, least)
             cost = np.where(of.shortest > most, 1e12, cost)
-            costs.append(cost.reshape(shape) + b.wait * b.standing)
+            costs.append(cost.reshape(shape) + b.wait * b.standing + self._detours[k])
             times.append(time.reshape(shape))
         count = len(self.layers)
         cut = int(np.argmin([len(layer.positions) for layer in self.layers]))

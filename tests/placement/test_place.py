@@ -18,7 +18,7 @@ from energy_opt.front.given import source_model
 from energy_opt.jobs import load_job
 from energy_opt.motion import Settings
 from energy_opt.placement import PlaceRequest, place
-from energy_opt.placement.search import Search
+from energy_opt.placement.search import Rough, Search
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.robot import load_robot
 
@@ -49,11 +49,13 @@ def test_a_proven_placement_comes_before_a_cheaper_one_that_is_none(
 
     def solve(search: Search, point: np.ndarray, kind: str, ends: object = None) -> SimpleNamespace:
         proven = point[0] == 0.0
-        found = SimpleNamespace(solved=proven, energy=5.0 if proven else 1.0)
-        search.solved[search.place(point)] = {}, found
-        return found
+        return SimpleNamespace(solved=proven, energy=5.0 if proven else 1.0)
+
+    def settled(search: Search, point: np.ndarray, kind: str) -> Rough:
+        return Rough(point, {}, SimpleNamespace(), 4.0 + point[0])
 
     monkeypatch.setattr(Search, "solve", solve)
+    monkeypatch.setattr(Search, "settled", settled)
     monkeypatch.setattr(Search, "estimates", lambda search: [(points[1], 1.0), (points[0], 5.0)])
     job = load_job(path, lambda name: ur.robot)
     found = place(job, source_model(ur.robot), PlaceRequest((-0.2, 0.2, 0.0, 0.0, 0.0, 0.0), seeds=2, steps=0))
@@ -93,6 +95,24 @@ def test_a_fixture_is_placed_with_its_shape_and_the_poses_in_its_frame(
         with pytest.raises(BadInput, match=says):
             place(load_job(path, lambda name: ur.robot), source_model(ur.robot), other, cell=request)
         path.write_text(JOB.replace('"world: -0.2, 0.5, 0.2,', '"tray: 0, 0, 0.2,'))
+
+
+def test_a_rough_cycle_follows_the_base_and_a_step_costs_less(tmp_path: Path, ur: ToolKinematics) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(JOB.replace("cycle_time = 6.0", "cycle_time = 8.0"))
+    job, model = load_job(path, lambda name: ur.robot), source_model(ur.robot)
+    box = PlaceRequest((-0.1, 0.1, -0.1, 0.1, 0.0, 0.0))
+    search = Search(job, model, box, Settings(starts=1), CellRequest(), lambda: False, lambda text, share: None)
+    here = search.settled(np.zeros(4), "seed")
+    there, _ = search.step(here, 1.0)
+    assert there is not None and there.energy < here.energy
+    anew = search.settled(there.point, "grid", ends=there.ends)  # from straight lines, its time shared anew
+    losses = sum(answer.energy.loss for answer in there.plan.answers)
+    assert abs(anew.energy - there.energy) < 0.05 * losses
+    for k, wanted in ((0, [0.45, 0.2, 0.1]), (1, [-0.2, 0.5, 0.2])):
+        answer = there.plan.answers[k]
+        at = by_pinocchio(ur.robot, answer.trajectory.position[-1])[:3, 3] + there.point[:3]
+        assert np.linalg.norm(at - wanted) <= (1e-3 if k else 1e-6)
 
 
 @pytest.mark.slow

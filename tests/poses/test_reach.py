@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -11,6 +12,7 @@ from tool_poses import by_pinocchio, pose_at
 
 from energy_opt.poses.inverse import ToolKinematics, jacobian_of, reach, solve
 from energy_opt.poses.pose import Freedom, Pose, missed
+from energy_opt.poses.sets import unreached
 from energy_opt.robot import load_robot
 
 
@@ -70,6 +72,29 @@ def test_a_panda_is_found_at_every_angle_of_its_redundancy() -> None:
         held = q[(error < 1e-9) & (np.abs(q[:, 6] - angle) < 0.05)]
         if len(held):
             assert np.abs(found - held[0, 6]).min() < 0.35
+
+
+@pytest.mark.parametrize(("name", "joint", "by"), [("panda", 4, 0.25), ("z1", 3, 0.25)])
+def test_a_pose_beyond_a_limit_alone_names_the_joint(name: str, joint: int, by: float) -> None:
+    """Judged by what the message says: at that value of that joint, others within their limits, the pose is reached."""
+    tool = ToolKinematics(load_robot(name))
+    limits = tool.robot.limits
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        q = rng.uniform(np.maximum(limits.lower, -3), np.minimum(limits.upper, 3))
+        q[joint] = limits.upper[joint] + by
+        pose = pose_at(tool, q)
+        found = reach(tool, pose, starts=80)
+        if not len(found.positions):
+            break
+    error = unreached(pose, found)
+    assert error.joint in tool.robot.joints and error.limit == "position"
+    value = float(str(error).rpartition("would have to be at ")[2].split()[0])
+    k = tool.robot.joints.index(error.joint)
+    assert not limits.lower[k] <= value <= limits.upper[k]
+    wide = replace(limits, lower=limits.lower - 1.5, upper=limits.upper + 1.5)
+    there = reach(ToolKinematics(replace(tool.robot, limits=wide)), pose).positions
+    assert np.abs(there[:, k] - value).min() < 0.05
 
 
 def test_freedom_counts_within_its_range_and_not_beyond() -> None:

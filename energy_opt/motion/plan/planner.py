@@ -219,8 +219,8 @@ class Planner:
             return self.solve(move, warm).trajectory
         return sketched(replace(self.context(move), cell=None), move, warm)
 
-    def settle(self, move: Move, motion: Trajectory, goal: OpenGoal, clear: bool = True) -> Trajectory:
-        """The motion near another at which its goal, too, is where it costs least; `clear`: of bodies."""
+    def settle(self, move: Move, motion: Trajectory, goal: OpenGoal | None = None, clear: bool = True) -> Trajectory:
+        """The optimum near a motion; where its goal is open, that too is where it costs least; `clear`: of bodies."""
         if move.mode == "retime" or self.settings.objective != "energy" or unseen(move):
             return motion
         context = self.context(move)

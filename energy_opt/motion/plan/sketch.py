@@ -44,16 +44,22 @@ def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> T
     return trajectory_of(found.curve, context.robot.joints)
 
 
-def settled(context: Context, move: Move, motion: Trajectory, goal: OpenGoal) -> Trajectory:
-    """The optimum of curve and goal together that is near a motion: the goal's freedom is among the variables.
+def settled(context: Context, move: Move, motion: Trajectory, goal: OpenGoal | None) -> Trajectory:
+    """The optimum that is near a motion, which is bent where its ends are others than the move's.
 
     Beside bodies it keeps the usual distances; nothing is proven. The motion itself where the search comes to nothing.
+
+    Args:
+        goal: of which the freedom is among the variables, so that curve and goal are optimized together.
     """
     task = task_of(context, move, motion.duration, move.duration)
     task = replace(task, open=goal)
     reshaper = context.reshaper("energy")
     level = reshaper.fine(task.vias)
-    curve = task.curve(level.shape, Line.of(motion))
+    line = Line.of(motion)
+    share = (line.u**3 * (10 - 15 * line.u + 6 * line.u**2))[:, None]
+    bent = line.q + (1 - share) * (move.start - line.q[0]) + share * (move.goal - line.q[-1])
+    curve = task.curve(level.shape, replace(line, q=bent))
     if context.cell is None:
         best = reshaper.solved(curve, task, context.stopped)
         return motion if best.broken > FEASIBLE else trajectory_of(best.curve, context.robot.joints)

@@ -1,10 +1,13 @@
-"""Placements of a base against a grid: the same job solved at every placement of a grid, and by the search.
+"""Placements of a base against a grid: the same job at every placement of a grid, and by the search.
 
     python benchmarks/place.py [--jobs 2] [--grid 10 10 2] [--starts 1] [--keep rows.jsonl] [--out FILE]
 
-The jobs have poses of the tool with a free turn; at every placement of the grid their joint positions are chosen as the
-search chooses them, and the whole cycle is solved. The search's own solves are counted against the grid's. The answer's
-poses are judged by Pinocchio from the URDF. Seconds are CPU times. A placement that was kept is not solved again.
+The jobs have poses of the tool with a free turn. At every placement of the grid the cycle is solved roughly: from the
+joint positions that the search would choose there, and from those and the motions of the best neighbour before it; the
+cheaper one counts. The grid's best three are solved in full: the least of these is what the search is compared with.
+Placements at which the search solves a cycle, roughly or in full, are counted against the grid's. Poses are judged by
+Pinocchio from the URDF. Differences are compared with the losses, as most of the energy is standby that no placement
+changes. Seconds are CPU times. What was kept is not solved again.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ from energy_opt.placement import PlaceRequest, place
 from energy_opt.placement.search import Search
 from energy_opt.robot import load_robot
 
+CONFIRMED = 3  # placements of the grid that are solved in full
 MODEL = "source-method-2"
 BOX = (-0.2, 0.2, -0.2, 0.2, 0.0, 0.1)
 JOBS = {
@@ -97,20 +101,24 @@ def main() -> int:
 
         search = kept(f"{name}: search", partial(searched, job, model, settings))
         axes = [np.linspace(BOX[2 * k], BOX[2 * k + 1], args.grid[k]) for k in range(3)]
-        grid = [
-            kept(f"{name}: {x:.6g} {y:.6g} {z:.6g}", partial(placed_at, job, model, settings, (x, y, z)))
-            for x, y, z in product(*axes)
-        ]
-        known = [row["energy"] for row in grid if row["energy"] is not None]
-        row = {"job": name, "grid": len(grid), "least": min(known), "most": max(known), **search,
-               "grid_seconds": sum(row["seconds"] for row in grid)}  # fmt: skip
+        slices = [kept(f"{name}: x = {x:.6g}", partial(sliced, job, model, settings, x, *axes[1:])) for x in axes[0]]
+        rough = [at for row in slices for at in row["found"]]
+        best = sorted((at for at in rough if at["ends"]), key=lambda at: at["energy"])[:CONFIRMED]
+        full = [kept(f"{name}: {at['at']}", partial(confirmed, job, model, settings, at)) for at in best]
+        least = min((row for row in full if row["energy"] is not None), key=lambda row: row["energy"])
+        most = max(at["energy"] for at in rough if at["ends"])
+        row = {"job": name, "grid": len(rough), "least": least["energy"], "losses": least["losses"], "most": most,
+               **search, "grid_seconds": sum(row["seconds"] for row in (*slices, *full))}  # fmt: skip
         rows.append(row)
-        lines.append([name, len(grid), row["least"], row["most"], row["energy"], row["given"], row["solves"],
+        lines.append([name, len(rough), row["least"], most, row["energy"], row["given"], row["losses"], row["solves"],
                       row["seconds"], row["grid_seconds"]])  # fmt: skip
-    header = ["job", "grid", "least [J]", "most [J]", "search [J]", "given [J]", "solves", "CPU [s]", "grid's CPU [s]"]
+    header = ["job", "grid", "least [J]", "most [J]", "search [J]", "given [J]", "losses [J]", "solves", "CPU [s]",
+              "grid's CPU [s]"]  # fmt: skip
     print(table(header, lines))
     checks = {
-        "within 1 % of the grid's least": all(r["energy"] <= 1.01 * r["least"] for r in rows),
+        "within 1 % of the losses of the grid's least": all(
+            r["energy"] <= r["least"] + 0.01 * r["losses"] for r in rows
+        ),
         "poses kept to 2 um by Pinocchio": all(r["missed"] < 2e-6 and r["status"] == "solved" for r in rows),
         "at most 5 % of the grid's solves": all(r["solves"] <= 0.05 * r["grid"] for r in rows),
     }
@@ -129,13 +137,38 @@ def searched(job: Any, model: Any, settings: Settings) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def placed_at(job: Any, model: Any, settings: Settings, at: tuple[float, float, float]) -> dict[str, Any]:
-    """The row of one placement x, y, z [m] of the base; its energy [J] is None where the job cannot be done."""
+def sliced(job: Any, model: Any, settings: Settings, x: float, across: np.ndarray, up: np.ndarray) -> dict[str, Any]:
+    """Rough cycles at all placements of the grid with the same x [m]; without `ends` where none was found."""
+    begin, search, known = time.process_time(), searching(job, model, settings), {}
+    for (j, y), (k, z) in product(enumerate(across), enumerate(up)):
+        point = np.array([x, y, z, 0.0])
+        found = [search.settled(point, "grid")]
+        near = [known[at] for at in ((j - 1, k), (j, k - 1)) if at in known and known[at].plan is not None]
+        if near:
+            least = min(near, key=lambda at: at.energy)
+            ends = search.ends_at(point, least.ends)
+            found += [] if ends is None else [search.settled(point, "grid", least, ends)]
+        known[j, k] = min(found, key=lambda at: at.energy)
+    rows = [
+        {"at": at.point.tolist(), "energy": at.energy, "ends": {k: q.tolist() for k, q in at.ends.items()}
+         if at.plan is not None else {}} for at in known.values()
+    ]  # fmt: skip
+    return {"found": rows, "seconds": time.process_time() - begin}
+
+
+def searching(job: Any, model: Any, settings: Settings) -> Search:
+    """A search that only looks where it is asked to."""
+    return Search(job, model, PlaceRequest(BOX), settings, CellRequest(), lambda: False, lambda text, share: None)
+
+
+def confirmed(job: Any, model: Any, settings: Settings, at: dict[str, Any]) -> dict[str, Any]:
+    """A placement of the grid solved in full; its energy [J] is None where the job cannot be done."""
     begin = time.process_time()
-    box = PlaceRequest((at[0], at[0], at[1], at[1], at[2], at[2]))
-    search = Search(job, model, box, settings, CellRequest(), lambda: False, lambda text, share: None)
-    found = search.solve(np.array([*at, 0.0]), "grid")
-    return {"energy": None if found is None else found.energy, "seconds": time.process_time() - begin}
+    ends = {int(k): np.array(q) for k, q in at["ends"].items()}
+    found = searching(job, model, settings).solve(np.array(at["at"]), "grid", ends)
+    losses = None if found is None else sum(answer.energy.loss for answer in found.plan.answers)
+    energy = None if found is None or not found.solved else found.energy
+    return {"energy": energy, "losses": losses, "seconds": time.process_time() - begin}
 
 
 if __name__ == "__main__":

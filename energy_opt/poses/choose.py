@@ -93,13 +93,16 @@ class Chooser:
             raise self._none(move, goals, found)
         promising = self._improved(move, open_)
         tried = self._screened(move, promising)
+        settled: list[Sketched] = []
         if tried:
             best = min(tried, key=_cost)
             settled = self._settled(move, *best, False)  # within limits, which a sketch need not be: in its place
             tried = [*settled, *(item for item in tried if item is not best)] if settled else tried
         answer, solved = self._full(move, promising, tried)
-        better = self._settled(move, answer[0], answer[1].trajectory, True)
         worth = WORTH * sum(scorer.energy(answer[1].trajectory).loss for scorer in self.scorers) / len(self.scorers)
+        same = settled and np.array_equal(settled[0][0].goal, answer[0].goal)
+        done = same and abs(_cost(settled[0]) - _cost(answer)) < worth  # the motion that its goal was settled with
+        better = [] if done else self._settled(move, answer[0], answer[1].trajectory, True)
         again = None
         if better and _cost(better[0]) < (answer[0].energy or np.inf) - worth:
             again = self._attempt(move, better[0][0], [better[0][1]])
@@ -306,5 +309,5 @@ def _rank(item: Solved) -> tuple[bool, float]:
     return result.status != "solved", np.inf if goal.energy is None else goal.energy
 
 
-def _cost(item: Sketched) -> float:
+def _cost(item: Sketched | Solved) -> float:
     return np.inf if item[0].energy is None else item[0].energy

@@ -141,13 +141,13 @@ class Worker:
         retimed = move.mode == "retime" or (near is not None and near.source == "retime")
         for first in () if retimed else (near, None) if near is not None else (None,):
             try:
-                begun = blind.sketch(move) if first is None else first.trajectory
+                guess = blind.sketch(move) if first is None else first.trajectory
             except Infeasible:
                 break
-            motion = blind.settle(move, begun)
-            if motion is not begun and _touching(cell, motion):
+            motion = blind.settle(move, guess)
+            if motion is not guess and _touching(cell, motion):
                 motion = planner.settle(move, motion)
-            if motion is not begun and not _touching(cell, motion):
+            if motion is not guess and not _touching(cell, motion):
                 return Answer(motion, blind.score(motion), "sketch", "not_converged")
         motion = blind.solve(replace(move, mode="retime", path=leg.path, via=())).trajectory
         if _touching(cell, motion):

@@ -222,22 +222,22 @@ class Chooser:
         pose = goal.pose
         if pose is None or not has_freedom(self.tool, pose):
             return []
-        end, self.screened = goal.goal, self.screened + 1
+        self.screened += 1
+        wanted, end = pose, goal.goal
+        found: list[Sketched] = []
         for shifted in range(2):
             open_goal = PosedGoal(self.tool, pose, end, self._work)
             if open_goal.count or shifted:
                 motion = self._settle(replace(move, goal=end), motion, open_goal, clear)
                 end = motion.position[-1]
+            if inside(self.tool, wanted, end) and is_free(self.cell if clear else None, end):
+                found.append((replace(goal, goal=end, energy=self._energy(motion), status="screened"), motion))
             bent = partial(Bent(self.scorers, motion, move.duration is not None), None)
             moved = None if shifted else used(self.tool, pose, end, bent)
             if moved is None:
                 break
             pose, end = moved
-        assert goal.pose is not None
-        if not inside(self.tool, goal.pose, end) or not is_free(self.cell if clear else None, end):
-            return []
-        energy = self._energy(motion)
-        return [(replace(goal, goal=end, energy=energy, status="screened"), motion)]
+        return sorted(found, key=_cost)[:1]
 
     def _work(self, q: np.ndarray) -> np.ndarray:
         return np.asarray(np.mean([scorer.potential(q) for scorer in self.scorers], axis=0))

@@ -34,6 +34,7 @@ SHARES = np.array([1.6, 1.0, 0.5, 0.2, 0.06, 0.02])  # of a step that are tried
 ROUNDS = 10
 FLAT = 1e-6  # singular values of the pose's Jacobian below this share leave a direction free
 WIDE = 1e-5  # [m, rad] a tolerance that is worth using
+LESS = 1.0, 0.8, 0.5  # of a tolerance that are tried: what is free turns with the pose, and its range may end there
 MARGIN = 5e-9  # [m, rad] of a tolerance that is left, for what inverse kinematics misses
 SAMPLES = 81
 PRICE = 10.0  # times the loss and the square of what a limit is broken by: motions give way to limits locally
@@ -160,12 +161,15 @@ def used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[P
     for part, allowed in zip((by_error[:3], by_error[3:]), pose.tolerance, strict=True):
         size = float(np.linalg.norm(part))
         parts.append(-part / size * (allowed - MARGIN) if size > 0 and allowed > WIDE else np.zeros(3))
-    at = pose.matrix.copy()
-    at[:3, 3] += at[:3, :3] @ parts[0]
-    at[:3, :3] = at[:3, :3] @ Rotation.from_rotvec(parts[1]).as_matrix()
-    shifted = replace(pose, matrix=at)
-    found, error = solve(tool, shifted, q[None])
-    return (shifted, found[0]) if error[0] < SMALL else None
+    for share in LESS:
+        at = pose.matrix.copy()
+        at[:3, 3] += share * at[:3, :3] @ parts[0]
+        at[:3, :3] = at[:3, :3] @ Rotation.from_rotvec(share * parts[1]).as_matrix()
+        shifted = replace(pose, matrix=at)
+        found, error = solve(tool, shifted, q[None])
+        if error[0] < SMALL and inside(tool, pose, found[0]):
+            return shifted, found[0]
+    return None
 
 
 def inside(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> bool:

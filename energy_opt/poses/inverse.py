@@ -106,14 +106,14 @@ def reach(
     q = rng.uniform(low, high, size=(starts, len(low)))
     if near is not None:
         q[0] = np.clip(near, limits.lower, limits.upper)
-    begun = q
-    q, error = solve(tool, pose, begun)
+    at_first = q
+    q, error = solve(tool, pose, at_first)
     good = error < SMALL
     if not good.any():
         k = int(np.argmin(error))
         off = tool.missed(pose, q[k : k + 1])
         distance, angle = (float(np.linalg.norm(x)) for x in (off.shift, off.turn))
-        return Reached(np.zeros((0, len(low))), q[k], distance, angle, _beyond(tool, pose, begun))
+        return Reached(np.zeros((0, len(low))), q[k], distance, angle, _beyond(tool, pose, at_first))
     found = distinct(turned_near(q[good], near, tool.robot))
     return Reached(found, found[0], 0.0, 0.0)
 

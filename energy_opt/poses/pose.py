@@ -35,7 +35,9 @@ class Freedom:
         if self.axis not in AXES:
             raise BadInput(f"--free {self.axis}: expected one of {', '.join(AXES)}")
         if not self.low <= self.high:
-            raise BadInput(f"--free {self.axis}: the range begins at {self.low:g} and ends at {self.high:g}")
+            unit, scale = ("deg", 180 / np.pi) if self.axis in TURNS else ("mm", 1e3)
+            ends = f"begins at {scale * self.low:g} {unit} and ends at {scale * self.high:g} {unit}"
+            raise BadInput(f"--free {self.axis}: the range {ends}; give the lower end first")
 
     @classmethod
     def of(cls, word: str) -> Freedom:

@@ -16,8 +16,8 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.candidates import task_of
 from energy_opt.motion.reshape.task import Line
 from energy_opt.poses.estimate import straight
-from energy_opt.poses.freedom import Bent, PosedGoal, improved
-from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.poses.freedom import Bent, PosedGoal, improved, inside, used
+from energy_opt.poses.inverse import ToolKinematics, solve
 from energy_opt.poses.pose import Freedom
 from energy_opt.robot import load_robot
 
@@ -134,3 +134,18 @@ def test_no_step_along_the_freedom_leads_to_a_cheaper_answer(name: str, inside: 
         limits = planner.robot.limits
         assert np.minimum(q - limits.lower, limits.upper - q).min() < 1e-9
     assert min(plus, minus) > here - 1e-5
+
+
+def test_a_tolerance_is_used_where_a_free_range_has_ended(ur: ToolKinematics) -> None:
+    """At the end of a free shift, turning the pose shifts the tool: what is taken of the tolerance leaves room."""
+    q = np.array([0.3, -1.2, 1.4, -1.7, -1.5, 0.2])
+    free = (Freedom.of("rz:-30:30"), Freedom.of("x:-40:40"))
+    pose = pose_at(ur, q, free=free, tolerance=(1e-3, np.radians(1)))
+    shift = np.eye(4)
+    shift[0, 3] = 0.04
+    end, error = solve(ur, replace(pose, matrix=pose.matrix @ shift, free=()), q[None])
+    assert error[0] < 1e-9
+    for slope in np.random.default_rng(3).normal(size=(8, 6)):
+        found = used(ur, pose, end[0], lambda rows, slope=slope: rows @ slope)
+        assert found is not None and slope @ found[1] < slope @ end[0]
+        assert inside(ur, pose, found[1])

@@ -28,7 +28,7 @@ from energy_opt.effects.friction import (
     ViscousFriction,
 )
 from energy_opt.effects.mechanics import Armature, BaseTilt, GravitySpring, LinkInertia, Payload, PayloadChange
-from energy_opt.effects.parameter import EXACT, Exact, Kinks, Parameter, Smooth
+from energy_opt.effects.parameter import EXACT, Kinks, Parameter, Smooth
 from energy_opt.effects.recorded import DcLink, IdleHold, RunOffset, SignalPower, WindingSelfHeating
 from energy_opt.effects.registry import (
     ALL_EFFECTS,
@@ -62,7 +62,7 @@ from energy_opt.effects.stages import (
 
 __all__ = [
     "ALL_EFFECTS", "BY_NAME", "EXACT", "Armature", "AsymmetricFriction", "BaseTilt", "CopperLoss",
-    "CoulombFriction", "DailyFriction", "DcLink", "DriveEffect", "Effect", "Exact", "FrictionCurve",
+    "CoulombFriction", "DailyFriction", "DcLink", "DriveEffect", "Effect", "FrictionCurve",
     "GearEfficiency", "GravitySpring", "HeatEffect", "IdleHold", "InverterLoss", "IronLoss", "Kinks", "LinkInertia",
     "LoadFriction", "MeterDelay", "MeterEffect", "MeterFilter", "MeterGain", "MeterWindow", "MotionPower",
     "Parameter", "Payload", "PayloadChange", "PowerEffect", "PowerLawFriction", "PsuLoss", "Regeneration",

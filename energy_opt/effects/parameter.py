@@ -7,8 +7,9 @@ solver needs.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
-from typing import Any, Protocol, cast
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -136,23 +137,6 @@ SLIDING_SPEED = 0.01  # [rad/s] smoothing width about standstill: about a hundre
 LOAD_WIDTH = 0.05  # [N m] smoothing width of what friction bears at rest
 
 
-class Kinks(Protocol):
-    """How sign, abs, clamp, sign(x) |x|^exponent and steps are written; `width` is the half-width of the rounding, in
-    the unit of x.
-
-    `direction` is that of dry friction where it holds at rest: sign(v) of a joint that moves; `bearing` of one that
-    rests; s^3 + (1 - s^2) bearing between, with s from -1 to 1, so that friction nowhere exceeds its level.
-    """
-
-    def sign(self, x: ca.SX, width: float) -> ca.SX: ...
-    def magnitude(self, x: ca.SX, width: float) -> ca.SX: ...
-    def positive(self, x: ca.SX, width: float) -> ca.SX: ...
-    def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX: ...
-    def moving(self, v: ca.SX) -> ca.SX: ...
-    def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX: ...
-    def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX: ...
-
-
 def bearing(load: ca.SX, level: ca.SX) -> ca.SX:
     """Direction and share (-1 to 1) in which friction of up to `level` [N m] bears `load` [N m] at rest.
 
@@ -162,8 +146,13 @@ def bearing(load: ca.SX, level: ca.SX) -> ca.SX:
     return -load / ca.fmax(ca.fmax(ca.fabs(load), level), TINY)
 
 
-class Exact:
-    """The laws as they are."""
+class Kinks:
+    """How sign, abs, clamp, sign(x) |x|^exponent and steps are written: here as they are, exactly.
+
+    `width` is the half-width of the rounding, in the unit of x, where they are rounded (`Smooth`). `direction` is that
+    of dry friction where it holds at rest: sign(v) of a joint that moves; `bearing` of one that rests;
+    s^3 + (1 - s^2) bearing between, with s from -1 to 1, so that friction nowhere exceeds its level.
+    """
 
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
         s = ca.fmax(ca.fmin(v / MOVING_SPEED, 1), -1)
@@ -190,7 +179,7 @@ class Exact:
 
 
 @dataclass(frozen=True)
-class Smooth:
+class Smooth(Kinks):
     """Twice differentiable stand-ins; `scale` multiplies every width (1 = as stated at each law, smaller = sharper).
 
     sign(x) = x / sqrt(x^2 + w^2), |x| = sqrt(x^2 + w^2) - w, max(x, 0) = (x + sqrt(x^2 + w^2)) / 2 - w / 2.
@@ -228,22 +217,11 @@ class Smooth:
         return 1 - ca.exp(-ca.dot(v, v) / (w * w))
 
 
-class _Along:
-    """Other kinks, but the sign of the joints' velocity `v` is `way`."""
-
-    def __init__(self, kinks: Kinks, v: ca.SX, way: ca.SX) -> None:
-        self._kinks, self._v, self._way = kinks, v, way
-
-    def sign(self, x: ca.SX, width: float) -> ca.SX:
-        return self._way if x is self._v else self._kinks.sign(x, width)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._kinks, name)
-
-
 def along(kinks: Kinks, v: ca.SX, way: ca.SX) -> Kinks:
     """Kinks with `way` (n, 1) as the sign of the joints' velocity v (n, 1)."""
-    return cast(Kinks, _Along(kinks, v, way))
+    out = copy(kinks)
+    object.__setattr__(out, "sign", lambda x, width: way if x is v else kinks.sign(x, width))
+    return out
 
 
-EXACT = Exact()
+EXACT = Kinks()

@@ -18,7 +18,7 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import Exact, Signals
+from energy_opt.effects import EXACT, Signals
 from energy_opt.motion.path import JointPath
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_function, drive_terms
@@ -50,7 +50,7 @@ def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
     tau = inertial * a + centrifugal * b + gravity
     p = shared.model.symbols(n)
     x = Signals(q, q1 * ca.sqrt(b), q1 * a + q2 * b, tau, ca.SX(0))
-    tau_m = drive_terms(shared.model, x, p, Exact()).tau_m
+    tau_m = drive_terms(shared.model, x, p, EXACT).tau_m
     return ca.Function("motor_torque", [a, b, at, p], [tau_m, ca.jacobian(tau_m, a), ca.jacobian(tau_m, b)])
 
 

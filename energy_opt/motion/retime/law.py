@@ -18,7 +18,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import EXACT, Signals
+from energy_opt.effects import Kinks, Signals
 from energy_opt.effects.parameter import bearing
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
@@ -31,18 +31,16 @@ WIDTHS = (400.0, 40.0, 4.0, 1.0)
 
 
 @dataclass(frozen=True)
-class AlongPath:
+class AlongPath(Kinks):
     """Kinks for a path that is passed forwards at speed `rate` = sqrt(b); `typical` is a usual value of it.
 
-    `width` multiplies the smoothing width of every kink.
+    `width` multiplies the smoothing width of every kink. Signs, and powers with their sign, are exact: they are fixed
+    along the path.
     """
 
     rate: ca.SX
     typical: ca.SX
     width: ca.SX
-
-    def sign(self, x: ca.SX, width: float) -> ca.SX:
-        return ca.sign(x)
 
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
         return ca.if_else(v == 0, bearing(load, level), ca.sign(v))
@@ -55,12 +53,6 @@ class AlongPath:
         d = width * self.width / self.typical
         y = x / self.rate
         return self.rate * (y + ca.sqrt(y * y + d * d) - d) / 2
-
-    def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
-        return EXACT.power(x, exponent, width)  # its sign is fixed along the path
-
-    def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX:
-        return EXACT.below(x, bound, width)
 
     def moving(self, v: ca.SX) -> ca.SX:
         return ca.SX(1)

@@ -17,7 +17,7 @@ import energy_opt as eo
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.reports import plots
-from energy_opt.reports.solids import drawn
+from energy_opt.reports.motion import drawn
 from energy_opt.robot.kinematics import Kinematics
 
 START = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]

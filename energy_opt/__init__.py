@@ -28,15 +28,15 @@ if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` s
     from energy_opt.front.evaluate import evaluate as evaluate
     from energy_opt.front.given import source_model as source_model
     from energy_opt.front.identify import identify as identify
-    from energy_opt.front.importing import import_logs as import_logs
     from energy_opt.front.job import job as job
     from energy_opt.front.optimize import optimize as optimize
-    from energy_opt.front.passport import passport as passport
     from energy_opt.front.place import place as place
+    from energy_opt.front.robots import passport as passport
     from energy_opt.front.robots import robots as robots
-    from energy_opt.front.run import repeat as repeat
+    from energy_opt.front.simulate import import_logs as import_logs
     from energy_opt.front.simulate import simulate as simulate
     from energy_opt.front.tradeoff import tradeoff as tradeoff
+    from energy_opt.front.verbs import repeat as repeat
     from energy_opt.motion import Planner as Planner
     from energy_opt.motion import Result as Result
     from energy_opt.motion import Trajectory as Trajectory
@@ -55,8 +55,7 @@ __all__ = [
 ]  # fmt: skip
 
 _VERBS = (
-    "bench", "check", "diagnose", "evaluate", "identify", "job", "optimize", "passport", "place", "robots", "simulate",
-    "tradeoff",
+    "bench", "check", "diagnose", "evaluate", "identify", "job", "optimize", "place", "robots", "simulate", "tradeoff",
 )  # fmt: skip
 _PLACES = {
     **{name: f"energy_opt.front.{name}" for name in _VERBS},
@@ -65,9 +64,10 @@ _PLACES = {
     **dict.fromkeys(("AnyOf", "pose_from"), "energy_opt.poses"),
     **dict.fromkeys(("PowerModel", "load_model"), "energy_opt.power"),
     **dict.fromkeys(("Planner", "Result", "Trajectory"), "energy_opt.motion"),
-    "import_logs": "energy_opt.front.importing",
+    "import_logs": "energy_opt.front.simulate",
     "load_scene": "energy_opt.cell.scene_files",
-    "repeat": "energy_opt.front.run",
+    "passport": "energy_opt.front.robots",
+    "repeat": "energy_opt.front.verbs",
     "source_model": "energy_opt.front.given",
 }
 _OWN_NAMES = {"load_scene": "read_scene"}

@@ -11,7 +11,7 @@ def command() -> int:
     heeded = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
     if heeded:
         signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # no work that could be lost is under way
-    from energy_opt.cli.interrupt import interrupt
+    from energy_opt.cli.faults import interrupt
     from energy_opt.cli.main import main
 
     if heeded:

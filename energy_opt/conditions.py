@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from energy_opt.errors import BadInput
 from energy_opt.motion.limits.base import State as State
@@ -20,77 +20,68 @@ from energy_opt.motion.limits.own import OwnLimit as Limit
 
 @dataclass(frozen=True)
 class Condition:
-    """Base of conditions that are options, too."""
+    """Base of conditions that are options, too.
+
+    Attributes:
+        option: the one that says the same, by its name in a request; its value is the condition's only field.
+        word: what `--keep` calls it; empty for other options.
+    """
+
+    option: ClassVar[str] = "keep"
+    word: ClassVar[str] = ""
 
     def options(self) -> dict[str, Any]:
         """The options that say the same, by their names in a request."""
-        raise NotImplementedError
+        (value,) = vars(self).values()
+        return {self.option: (f"{self.word}:{value:g}",) if self.word else value}
 
 
 @dataclass(frozen=True)
 class MaxPower(Condition):
     """The arm's electrical power stays at or below `watts` [W]; power that flows back is not bounded."""
 
+    option = "max_power"
     watts: float
-
-    def options(self) -> dict[str, Any]:
-        """`--max-power`."""
-        return {"max_power": self.watts}
 
 
 @dataclass(frozen=True)
 class ToolSpeed(Condition):
     """The tool's origin moves at most this fast [m/s]."""
 
+    option = "tool_speed"
     metres_per_second: float
-
-    def options(self) -> dict[str, Any]:
-        """`--tool-speed`."""
-        return {"tool_speed": self.metres_per_second}
 
 
 @dataclass(frozen=True)
 class ToolAcceleration(Condition):
     """The tool's origin accelerates at most this much [m/s^2]."""
 
+    option = "tool_acceleration"
     metres_per_second2: float
-
-    def options(self) -> dict[str, Any]:
-        """`--tool-acceleration`."""
-        return {"tool_acceleration": self.metres_per_second2}
 
 
 @dataclass(frozen=True)
 class KeepUpright(Condition):
     """The tool's axis that points up at the start stays within `degrees` of up."""
 
+    word = "upright"
     degrees: float = 5.0
-
-    def options(self) -> dict[str, Any]:
-        """`--keep upright`."""
-        return {"keep": (f"upright:{self.degrees:g}",)}
 
 
 @dataclass(frozen=True)
 class KeepOrientation(Condition):
     """The tool's rotation from that at the start stays within `degrees`."""
 
+    word = "orientation"
     degrees: float = 2.0
-
-    def options(self) -> dict[str, Any]:
-        """`--keep orientation`."""
-        return {"keep": (f"orientation:{self.degrees:g}",)}
 
 
 @dataclass(frozen=True)
 class KeepLine(Condition):
     """The tool's origin stays within `millimetres` of the straight line between its ends."""
 
+    word = "line"
     millimetres: float = 1.0
-
-    def options(self) -> dict[str, Any]:
-        """`--keep line`."""
-        return {"keep": (f"line:{self.millimetres:g}",)}
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,13 @@ import json
 import math
 import os
 import re
+import sys
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import tomli_w
@@ -273,6 +274,11 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
 def words_of(text: str) -> list[str]:
     """The words of a list, separated by commas, spaces or both; two commas in a row leave an empty word."""
     return re.split(r"\s*,\s*|\s+", text.strip().removesuffix(","))
+
+
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Is an entry a number that a float can hold? (TOML's integers may have thousands of digits.)"""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def finite_number(word: str, where: str, expected: str = "") -> float:

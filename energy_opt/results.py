@@ -1,12 +1,15 @@
-"""Which files of a folder are whose: what each verb's runs leave there, and whether it is of one motion."""
+"""What every verb returns, and which files of a folder are whose."""
 
 from __future__ import annotations
 
 import hashlib
+from html import escape
+from os import PathLike
 from pathlib import Path
+from typing import Any, Self
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_json
+from energy_opt.files import read_json, to_json
 
 # What says that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
 ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "job", "results.jsonl": "bench",
@@ -109,3 +112,44 @@ def no_other_verb(out: Path, own: str) -> None:
     for name, verb in ANSWERS.items():
         if name != own and (Path(out) / name).is_file():
             raise BadInput(f"{out} holds the results of {verb} ({name}); choose another --out, or add --force")
+
+
+def exit_of(interrupted: bool, good: bool) -> int:
+    """The command line's exit code of an answer: 130 where it was interrupted, 0 where it is good, else 4."""
+    return 130 if interrupted else 0 if good else 4
+
+
+class Found:
+    """What a verb found.
+
+    Each result class has a `document`. It overrides `kept`, which writes its files, where it has any, and `text`
+    where a terminal shows a table of it.
+    """
+
+    document: Any  # the content of its JSON file, or a method that returns it
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        return 0
+
+    def to_json(self) -> str:
+        """The document as JSON text."""
+        return to_json(self.document() if callable(self.document) else self.document)
+
+    def text(self, out: Path) -> str:
+        """What the command prints of a result that is saved in `out`; empty where its messages said all."""
+        return ""
+
+    def save(self, out: str | PathLike[str]) -> Path:
+        """Write its files into the folder `out`, whole or not at all; returns the folder."""
+        self.kept(Path(out))
+        return Path(out)
+
+    def kept(self, out: Path) -> Self:
+        """Write its files into the folder `out`; returns the same with what is known of them."""
+        return self
+
+    def _repr_html_(self) -> str:
+        lines = self.text(Path(".")).splitlines() or str(self).splitlines()
+        return f"<pre>{escape(chr(10).join(line for line in lines if line != 'files in .'))}</pre>"

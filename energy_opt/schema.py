@@ -5,7 +5,7 @@ A fault says what is wrong, where (tables of a list by number and by their `name
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError
@@ -23,6 +23,18 @@ def _number(value: object) -> object:
         raise ValueError("expected a number below 1e300") from None
 
 
+def reads(read: Callable[[Any], Any]) -> BeforeValidator:
+    """A validator out of a function that takes a value of a file and raises BadInput."""
+
+    def validate(value: Any) -> Any:
+        try:
+            return read(value)
+        except BadInput as error:
+            raise ValueError(str(error)) from None
+
+    return BeforeValidator(validate)
+
+
 Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
 Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
@@ -32,7 +44,8 @@ PLAIN = {
     "string_type": "text", "string_too_short": "text that is not empty", "string_pattern_mismatch": "text in one line",
     "list_type": "a list", "dict_type": "a table", "model_type": "a table", "bool_type": "true or false",
     "greater_than": "a number above {gt:g}", "greater_than_equal": "{ge:g} or more", "less_than": "less than {lt:g}",
-    "less_than_equal": "{le:g} or less",
+    "less_than_equal": "{le:g} or less", "too_short": "{min_length} or more entries",
+    "too_long": "{max_length} entries at most",
 }  # fmt: skip
 
 
@@ -80,6 +93,7 @@ def _line(model: type[Table], document: Mapping[str, Any], fault: Any) -> str:
     text = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     if fault["type"] in PLAIN:
         text = f"expected {PLAIN[fault['type']].format(**fault.get('ctx', {}))}"
+        text += ", without quotes" if fault["type"] == "bool_type" and isinstance(fault.get("input"), str) else ""
     elif fault["type"] != "value_error" and not text.startswith("expected"):
         text = f"expected {text}"
     shown = fault.get("input")
@@ -98,7 +112,9 @@ def _place(document: Any, loc: tuple[Any, ...]) -> list[str]:
     at = document
     for part in loc:
         if isinstance(part, int):
-            at = at[part] if isinstance(at, list) and part < len(at) else None
+            if not isinstance(at, list):  # one value is a list of itself
+                continue
+            at = at[part] if part < len(at) else None
             named = at.get("name") if isinstance(at, Mapping) else None
             out[-1] = f"{out[-1]} {part + 1}" + (f" ({named})" if isinstance(named, str) else "")
         elif not isinstance(at, Mapping) or part in at or part == loc[-1]:

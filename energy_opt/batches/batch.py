@@ -11,18 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from energy_opt.batches.executors import cluster, local
-from energy_opt.batches.journal import Journal, read_journal
-from energy_opt.batches.records import Record, Row, write_parquet
-from energy_opt.batches.runner import Solver, run_tasks
+from energy_opt.batches.executors import Solver, cluster, local, run_tasks
+from energy_opt.batches.records import Journal, Record, Row, read_journal, write_parquet
 from energy_opt.batches.suite import Suite
-from energy_opt.batches.summary import summarize
-from energy_opt.batches.words import table
+from energy_opt.batches.summary import summarize, table
 from energy_opt.batches.work import solve_task
 from energy_opt.files import write_json
-from energy_opt.found import Found
 from energy_opt.power.worth import PerYear
 from energy_opt.requests.option import Request
+from energy_opt.results import Found
 
 log = logging.getLogger(__name__)
 

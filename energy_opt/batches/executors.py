@@ -1,4 +1,4 @@
-"""Where moves are computed: processes of this machine, or the workers of a Dask cluster, behind one interface."""
+"""Where moves are computed (processes of this machine, or a Dask cluster), and what keeps the workers busy."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED as FIRST
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from multiprocessing.connection import wait
+from multiprocessing import connection
 
+from energy_opt.batches.records import Record, failed
+from energy_opt.batches.task import Task
+from energy_opt.batches.work import solve_task
 from energy_opt.errors import BadInput, EnergyOptError
 
 # For workers: one thread for linear algebra, and no code from the current folder (a `selectors.py` that lies there).
@@ -36,7 +41,7 @@ def _follow_parent() -> None:
 
     def leave() -> None:
         if parent is not None:
-            wait([parent.sentinel])
+            connection.wait([parent.sentinel])
         os._exit(1)
 
     threading.Thread(target=leave, daemon=True).start()
@@ -89,3 +94,56 @@ def cluster(address: str) -> Iterator[Place]:
             yield Place(executor, 2 * threads)
         finally:
             executor.shutdown(wait=False)
+
+
+Solver = Callable[[Task], Record]
+
+
+def run_tasks(tasks: Sequence[Task], place: Opener, solve: Solver = solve_task) -> Iterator[Record]:
+    """Records of all tasks, in the order in which they come.
+
+    Tasks that were in the hands of a pool whose worker died are tried again, each alone; the one that kills its
+    worker again becomes a row that says so.
+    """
+    left = deque(sorted(tasks, key=_by_build(tasks)))
+    while left:
+        suspects = yield from _drain(left, place, solve)
+        for task in suspects:
+            alone = deque([task])
+            if (yield from _drain(alone, lambda: local(1), solve)):
+                yield failed(task, "the worker process died while it solved this move")
+
+
+def _by_build(tasks: Sequence[Task]) -> Callable[[Task], tuple[int, int]]:
+    """Sort key that keeps tasks of one built problem together, in the order of the suite otherwise."""
+    first: dict[object, int] = {}
+    group = {task.index: first.setdefault(task.build, task.index) for task in tasks}
+    return lambda task: (group[task.index], task.index)
+
+
+def _drain(left: deque[Task], place: Opener, solve: Solver) -> Generator[Record, None, list[Task]]:
+    """Run tasks from `left` until it is empty or a worker dies; returns the tasks that were under way when one did."""
+    running: dict[Future[Record], Task] = {}
+    suspects: list[Task] = []
+    with place() as at:
+        while (left and not suspects) or running:
+            while left and not suspects and len(running) < at.window:
+                try:
+                    running[at.executor.submit(solve, left[0])] = left[0]
+                except BrokenExecutor:
+                    if not running:
+                        suspects.append(left.popleft())
+                    break
+                left.popleft()
+            done, _ = wait(running, return_when=FIRST)
+            for future in sorted(done, key=lambda f: running[f].index):
+                task = running.pop(future)
+                try:
+                    yield future.result()
+                except BrokenExecutor:
+                    suspects.append(task)
+                except CancelledError:
+                    raise EnergyOptError("the cluster gave up its work; --resume does what is left") from None
+                except Exception as error:
+                    yield failed(task, f"{type(error).__name__}: {error}")
+    return suspects

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from energy_opt.batches.faults import Files, is_number
-from energy_opt.batches.surroundings import Surroundings
+from energy_opt.batches.tables import MoveTable
+from energy_opt.batches.task import Surroundings
 from energy_opt.errors import BadInput, near
-from energy_opt.files import read_text
+from energy_opt.files import is_number, read_text
 from energy_opt.formats import read_path
 from energy_opt.robot import Limits, Robot
 
@@ -78,8 +79,8 @@ def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
     return tuple(float(item) for item in value)
 
 
-def posed_move(name: str, table: Mapping[str, Any], robot: Robot, files: Files, around: Surroundings) -> NamedMove:
-    """A move between poses of the tool, or joint positions and such poses.
+def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Surroundings) -> NamedMove:
+    """A move between poses of the tool, or joint positions and such poses; `folder` has the files of poses.
 
     Raises:
         BadInput: no such pose, or a frame that is not in the scene.
@@ -89,28 +90,24 @@ def posed_move(name: str, table: Mapping[str, Any], robot: Robot, files: Files, 
     from energy_opt.poses.given import Given, in_base, poses_of_scene
 
     scene = carried.from_text(around.scene) if around.scene else None
-    reader = Given(files.path(".", "moves"), poses_of_scene(scene))
-    free, tolerance = table.get("free", ()), table.get("pose_tolerance")
+    reader = Given(folder, poses_of_scene(scene))
 
     def pose(value: Any, what: str, axes: Any = ()) -> Any:
-        return in_base(reader.pose(value, what, axes, tolerance), robot, scene, around.request.base_pose)
+        return in_base(reader.pose(value, what, axes, row.pose_tolerance), robot, scene, around.request.base_pose)
 
-    start = pose(table["start_pose"], "start_pose") if "start_pose" in table else None
-    goal = pose(table["goal_pose"], "goal_pose", free) if "goal_pose" in table else None
-    begin, end = (joint_values(table[e], robot.joints) if e in table else (0.0,) * robot.n for e in ("start", "goal"))
-    via = tuple(pose(value, "via_pose", free) for value in table.get("via_pose", ()))
+    start = None if row.start_pose is None else pose(row.start_pose, "start_pose")
+    goal = None if row.goal_pose is None else pose(row.goal_pose, "goal_pose", row.free)
+    begin, end = ((0.0,) * robot.n if q is None else joint_values(q, robot.joints) for q in (row.start, row.goal))
+    via = tuple(pose(value, "via_pose", row.free) for value in row.via_pose)
     ends = Ends(start, (np.array(end) if goal is None else goal,), via)
     return NamedMove(name, begin, end, (), ("", ""), ends.to_text())
 
 
-def given_path(name: str, file: Any, joints: Sequence[str], files: Files) -> NamedMove:
-    """A move along the path in a file beside the suite.
+def given_path(name: str, file: Path, joints: Sequence[str]) -> NamedMove:
+    """A move along the path in a file.
 
     Raises:
-        BadInput: no such file, or none that holds waypoints or a trajectory of these joints.
+        BadInput: it holds no waypoints or trajectory of these joints.
     """
-    if not isinstance(file, str) or not files.path(file, "moves").is_file():
-        raise BadInput(f"path {file!r} is not a file beside the suite")
-    path = files.path(file, "moves")
-    found = read_path(path, joints)
-    return NamedMove(name, tuple(found.start.tolist()), tuple(found.goal.tolist()), (), (path.suffix, read_text(path)))
+    found = read_path(file, joints)
+    return NamedMove(name, tuple(found.start.tolist()), tuple(found.goal.tolist()), (), (file.suffix, read_text(file)))

@@ -33,21 +33,26 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import count, product
 from pathlib import Path
 from typing import Any
 
-from energy_opt.batches.entries import MEAN, NAMES, OF_POSES, Group, read_group
-from energy_opt.batches.faults import Faults, Files
 from energy_opt.batches.moves import NamedMove, given_path, joint_values, posed_move, random_moves
-from energy_opt.batches.task import Duration, Task
+from energy_opt.batches.tables import MEAN, CellTable, GroupTable
+from energy_opt.batches.task import Duration, RobotSource, Surroundings, Task
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene_files import carried, read_scene
 from energy_opt.effects import loaded_sources
-from energy_opt.errors import BadInput, near
-from energy_opt.files import read_toml, to_json
-from energy_opt.power.known import named_model
+from energy_opt.errors import BadInput
+from energy_opt.files import inside, read_text, read_toml, to_json
+from energy_opt.power import PowerModel, load_model
+from energy_opt.power.known import NAMED, is_named, named_model
 from energy_opt.power.variants import of_joints
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, known_robots
+from energy_opt.schema import faults_of
 
 FORMAT = "energy-opt/suite/1"
 MEMBERS = ("source-method-2", "careful")  # of the mean
@@ -89,153 +94,209 @@ def load_suite(
     Raises:
         BadInput: names every fault of the file, one a line.
     """
-    suite, faults = _read(Path(path), overrides or {}, seed, allow_outside, allow_large)
-    if faults:
-        raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
+    reading = _Reading(Path(path), overrides or {}, seed, allow_outside, allow_large)
+    suite = reading.suite()
+    if reading.faults:
+        raise BadInput("\n".join(reading.lines()))
     return replace(suite, tasks=tuple(_with_compile(suite.tasks, compile)))
 
 
 def check_suite(path: str | Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:
     """Every fault of a suite file, one line each; empty where it is usable. Arguments are those of `load_suite`."""
+    reading = _Reading(Path(path), {}, None, allow_outside, allow_large)
     try:
-        return [f"{path}: {fault}" for fault in _read(Path(path), {}, None, allow_outside, allow_large)[1]]
+        reading.suite()
     except BadInput as error:
         return str(error).splitlines()
+    return reading.lines()
 
 
-def _read(
-    path: Path, overrides: Mapping[str, Any], seed: int | None, allow_outside: bool, allow_large: bool
-) -> tuple[Suite, list[str]]:
-    document = read_toml(path)
-    faults = Faults()
-    if document.get("format") != FORMAT:
-        faults.add("format", f"{document.get('format')!r}; expected {FORMAT!r}")
-    name = document.get("name", path.stem)
-    if not isinstance(name, str) or not NAME.fullmatch(name) or len(name) > 100:
-        faults.add("name", f"{name!r}; expected letters, digits, spaces and . _ + - (it names a folder)")
-    top = {key: value for key, value in document.items() if key not in ("format", "name", "groups")}
-    _unknown(top, "", faults)
-    groups = document.get("groups", [])
-    if not isinstance(groups, list) or not all(isinstance(group, Mapping) for group in groups):
-        faults.add("groups", "is not a list of [[groups]] tables")
-        groups = []
-    for number, group in enumerate(groups, start=1):
-        _unknown(group, f"groups {number}: ", faults)
-    tables = [("", top)] if not groups else [(f"groups {n}: ", {**top, **g}) for n, g in enumerate(groups, start=1)]
-    tasks: list[Task] = []
-    for where, table in tables:
-        own = table.get("settings", {})
-        table = _seeded({**table, **overrides}, seed)
-        if isinstance(own, Mapping) and "settings" in overrides:
-            table["settings"] = {**own, **overrides["settings"]}
-        files = Files(path.parent, allow_outside, frozenset(overrides), allow_large)
-        group = read_group(table, files, faults.within(where))
-        tasks += _product(str(name), group, len(tasks), files, faults.within(where))
-    if not faults and not tasks:
-        faults.add("moves", "none; give [[moves]] with start and goal, or random = { count, seed, range }")
-    for label, count in Counter(task.label for task in tasks).items():
-        if count > 1 and not faults:
-            faults.add("moves", f"{label!r} is there {count} times; give each move its own name")
-    return Suite(str(name), path, tuple(tasks)), faults.lines
+@dataclass
+class _Reading:
+    """One reading of a suite; faults are collected, so that one reading names them all.
 
+    Attributes:
+        path: the suite; overrides, seed, allow_outside, allow_large: as those of `load_suite`.
+        where: the group that is read, before each of its faults.
+    """
 
-def _seeded(table: dict[str, Any], seed: int | None) -> dict[str, Any]:
-    """The table with another seed, where one is given and the table is sound enough to take it."""
-    if seed is None:
-        return table
-    random, settings = table.get("random"), table.get("settings", {})
-    if isinstance(random, Mapping):
-        table["random"] = {**random, "seed": seed}
-    elif isinstance(random, list):
-        table["random"] = [
-            {**row, "seed": seed + k} if isinstance(row, Mapping) else row for k, row in enumerate(random)
-        ]
-    if isinstance(settings, Mapping):
-        table["settings"] = {**settings, "seed": seed}
-    return table
+    path: Path
+    overrides: Mapping[str, Any]
+    seed: int | None
+    allow_outside: bool
+    allow_large: bool
+    where: str = ""
+    faults: dict[str, None] = field(default_factory=dict)
 
+    def lines(self) -> list[str]:
+        """The faults, each with the file's name."""
+        return [f"{self.path}: {fault}" for fault in self.faults]
 
-def _unknown(table: Mapping[str, Any], where: str, faults: Faults) -> None:
-    for key in table:
-        if key not in NAMES:
-            hint = near(key, NAMES) or f"; known: {', '.join(NAMES)}"
-            faults.add(f"{where}{key}", f"unknown key{hint}")
-
-
-def _product(suite: str, group: Group, at: int, files: Files, faults: Faults) -> Iterator[Task]:
-    """All records of a group, in the order robot, move, mode, duration, payload, model, objective."""
-    for source, robot in group.robots:
-        models = []
-        for name, given in group.models:
-            if name == MEAN:
-                records = [{"name": member, **named_model(member, robot).to_document()} for member in MEMBERS]
-                models.append((name, to_json({MEAN: records})))
-                continue
-            effects = named_model(name, robot) if given is None else given
-            try:
-                effects = of_joints(effects, robot)
-                effects.check(robot.n)
-            except BadInput as error:
-                faults.add(f"models {name} on {robot.name}", str(error))
-            models.append((name, to_json(effects.to_document())))
-        for move, timings in _moves(group, robot, files, faults):
-            for mode in group.modes:
-                for timing in timings:
-                    for payload in group.payloads:
-                        for model, content in models:
-                            for objective in group.objectives:
-                                yield Task(
-                                    at,
-                                    suite,
-                                    source,
-                                    move.name,
-                                    move.start,
-                                    move.goal,
-                                    move.via,
-                                    mode,
-                                    timing,
-                                    payload,
-                                    model,
-                                    content,
-                                    objective,
-                                    group.settings,
-                                    loaded_sources(),
-                                    group.surroundings,
-                                    move.path,
-                                    ends=move.ends,
-                                )
-                                at += 1
-
-
-def _moves(group: Group, robot: Robot, files: Files, faults: Faults) -> Iterator[tuple[NamedMove, list[Duration]]]:
-    """Given moves first, then random ones."""
-    for number, (name, table, timings) in enumerate(group.moves, start=1):
-        where = f"moves {number} ({name}) on {robot.name}"
+    @contextmanager
+    def at(self, key: str) -> Iterator[None]:
+        """A part of the file: what is wrong in it becomes a fault, and reading goes on after it."""
         try:
-            if "path" in table:
-                yield given_path(name, table["path"], robot.joints, files), timings or group.timings
-                continue
-            if any(key in table for key in OF_POSES):
-                yield posed_move(name, table, robot, files, group.surroundings), timings or group.timings
-                continue
-            start, goal = (joint_values(table[end], robot.joints) for end in ("start", "goal"))
-            via = tuple(joint_values(point, robot.joints) for point in table.get("via", []))
+            yield
         except BadInput as error:
-            faults.add(where, str(error))
-            continue
-        yield NamedMove(name, start, goal, via), timings or group.timings
-    for count, seed, share in group.random:
-        for move in random_moves(robot, count, seed, share):
-            yield move, group.timings
+            self.faults[f"{self.where}{key}: {error}"] = None
+
+    def inside(self, name: str, key: str) -> Path:
+        """The path that the entry `key` names: in the suite's folder, or anywhere where an option named it."""
+        return inside(self.path.parent, name, self.allow_outside or key in self.overrides)
+
+    def file(self, name: str, key: str, others: Iterable[str] = ()) -> Path:
+        """The same of a file that is there.
+
+        Raises:
+            BadInput: there is none; `others` are names that would do in its place.
+        """
+        path = self.inside(name, key)
+        if not path.is_file():
+            either = f"neither a file beside the suite nor one of {', '.join(others)}" if others else ""
+            raise BadInput(f"{name!r} is {either or 'not a file beside the suite'}")
+        return path
+
+    def suite(self) -> Suite:
+        """The suite, as far as it is sound."""
+        document = read_toml(self.path)
+        name, groups = document.pop("name", self.path.stem), document.pop("groups", [])
+        with self.at("format"):
+            if (given := document.pop("format", None)) != FORMAT:
+                raise BadInput(f"{given!r}; expected {FORMAT!r}")
+        with self.at("name"):
+            if not isinstance(name, str) or not NAME.fullmatch(name) or len(name) > 100:
+                raise BadInput(f"{name!r}; expected letters, digits, spaces and . _ + - (it names a folder)")
+        if not isinstance(groups, list) or not all(isinstance(group, Mapping) for group in groups):
+            self.faults["groups: is not a list of [[groups]] tables"] = None
+            groups = []
+        tasks: list[Task] = []
+        for number, group in enumerate(groups or [{}], start=1):
+            self.where = f"groups {number}: " if groups else ""
+            table, faults = faults_of(GroupTable, self._seeded({**document, **group}))
+            self.faults |= {self.where + fault: None for fault in faults}
+            if table is not None:
+                tasks += self._product(str(name), table, len(tasks))
+        self.where = ""
+        with self.at("moves"):
+            if not self.faults and not tasks:
+                raise BadInput("none; give [[moves]] with start and goal, or random = { count, seed, range }")
+            twice = [label for label, count in Counter(task.label for task in tasks).items() if count > 1]
+            if twice and not self.faults:
+                count = sum(task.label == twice[0] for task in tasks)
+                raise BadInput(f"{twice[0]!r} is there {count} times; give each move its own name")
+        return Suite(str(name), self.path, tuple(tasks))
+
+    def _seeded(self, table: dict[str, Any]) -> dict[str, Any]:
+        """A table under the overrides and, where one is given and it is sound enough to take it, the seed."""
+        own = table.get("settings", {})
+        table |= self.overrides
+        if isinstance(own, Mapping) and "settings" in self.overrides:
+            table["settings"] = {**own, **self.overrides["settings"]}
+        if self.seed is None:
+            return table
+        random, settings = table.get("random", []), table.get("settings", {})
+        given = random if isinstance(random, list) else [random]
+        table["random"] = [
+            {**row, "seed": self.seed + k} if isinstance(row, Mapping) else row for k, row in enumerate(given)
+        ]
+        if isinstance(settings, Mapping):
+            table["settings"] = {**settings, "seed": self.seed}
+        return table
+
+    def _product(self, suite: str, table: GroupTable, first: int) -> Iterator[Task]:
+        """All tasks of a group, in the order robot, move, mode, duration, payload, model, objective."""
+        numbers, around = count(first), self._surroundings(table)
+        models = [(name, self._model(name)) for name in table.models]
+        shared: dict[str, Any] = {
+            "settings": tuple(sorted(table.settings.items())), "own_effects": loaded_sources(), "surroundings": around,
+        }  # fmt: skip
+        for source, robot in self._robots(table):
+            contents = [(name, self._effects(name, model, robot)) for name, model in models]
+            for move, timings in self._moves(table, robot, around):
+                of_move: dict[str, Any] = {"start": move.start, "goal": move.goal, "via": move.via, "path": move.path}
+                of_move |= {"move": move.name, "ends": move.ends}
+                for mode, timing, payload, (name, effects), objective in product(
+                    table.modes, timings or table.durations, table.payloads, contents, table.objectives
+                ):
+                    yield Task(
+                        next(numbers), suite, source, mode=mode, timing=timing, payload=payload, model=name,
+                        effects=effects, objective=objective, **of_move, **shared,
+                    )  # fmt: skip
+
+    def _robots(self, table: GroupTable) -> list[tuple[RobotSource, Robot]]:
+        """The robots that can be loaded, with what they are loaded from."""
+        out, limits = [], None
+        lock = tuple(sorted(table.lock.items()))
+        with self.at("limits"):
+            limits = None if table.limits is None else read_text(self.file(table.limits, "limits"))
+        for name in table.robots:
+            with self.at("robots"):
+                source = RobotSource(name, None, limits, lock)
+                if name not in known_robots():
+                    file = self.file(name, "robots", known_robots())
+                    source = RobotSource(file.stem, read_text(file), limits, lock, str(file.resolve()))
+                out.append((source, source.load()))
+        return out
+
+    def _model(self, name: str) -> PowerModel | None:
+        """The model of a file; None for those known by name, which are each robot's own."""
+        with self.at("models"):
+            if name != MEAN and not is_named(name):
+                return load_model(self.file(name, "models", [MEAN, *NAMED]))
+        return None
+
+    def _effects(self, name: str, model: PowerModel | None, robot: Robot) -> str:
+        """A model's content for a robot, as JSON; of the mean, that of its members."""
+        if name == MEAN:
+            members = [{"name": member, **named_model(member, robot).to_document()} for member in MEMBERS]
+            return to_json({MEAN: members})
+        with self.at(f"models {name} on {robot.name}"):
+            if model is not None or is_named(name):
+                model = of_joints(named_model(name, robot) if model is None else model, robot)
+                model.check(robot.n)
+        return "" if model is None else to_json(model.to_document())
+
+    def _surroundings(self, table: GroupTable) -> Surroundings:
+        """Body and cell that a table asks for."""
+        given = table.model_dump(include=set(CellTable.model_fields) - {"scene", "srdf"}, exclude_none=True)
+        given = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+        request, scene, srdf = CellRequest(), "", ""
+        with self.at("cell"):
+            folders = given.get("package_dirs", ())
+            given["package_dirs"] = tuple(self.inside(name, "package_dirs").resolve() for name in folders)
+            request = CellRequest(**given)
+        with self.at("scene"):
+            if table.scene is not None:
+                file, bounds = self.inside(table.scene, "scene"), (self.allow_outside, self.allow_large)
+                scene = carried.to_text(read_scene(file, allow_outside=bounds[0], allow_large=bounds[1]))
+        with self.at("srdf"):
+            srdf = "" if table.srdf is None else read_text(self.inside(table.srdf, "srdf"))
+        return Surroundings(request, scene, srdf)
+
+    def _moves(
+        self, table: GroupTable, robot: Robot, around: Surroundings
+    ) -> Iterator[tuple[NamedMove, list[Duration]]]:
+        """Given moves first, then random ones; each with durations of its own, where it has any."""
+        for number, row in enumerate(table.moves, start=1):
+            name = row.name or f"move{number:02d}"
+            with self.at(f"moves {number} ({name}) on {robot.name}"):
+                if row.path is not None:
+                    move = given_path(name, self.file(row.path, "moves"), robot.joints)
+                elif row.posed:
+                    move = posed_move(name, row, robot, self.inside(".", "moves"), around)
+                else:
+                    start, goal = (joint_values(end, robot.joints) for end in (row.start, row.goal))
+                    move = NamedMove(name, start, goal, tuple(joint_values(point, robot.joints) for point in row.via))
+                yield move, row.durations
+        for random in table.random:
+            for move in random_moves(robot, random.count, random.seed, random.range):
+                yield move, []
 
 
 def _with_compile(tasks: tuple[Task, ...], policy: str) -> Iterator[Task]:
     from energy_opt.numerics.compile import compiler
 
-    if policy == "auto":
-        shared = Counter(task.build for task in tasks) if compiler() else Counter()
-        for task in tasks:
-            yield replace(task, compile="always" if shared[task.build] >= COMPILE_FROM else "never")
-    else:
-        for task in tasks:
-            yield replace(task, compile=policy)
+    shared = Counter(task.build for task in tasks) if policy == "auto" and compiler() else Counter()
+    auto = {task.index: "always" if shared[task.build] >= COMPILE_FROM else "never" for task in tasks if shared}
+    for task in tasks:
+        yield replace(task, compile=auto.get(task.index, "never") if policy == "auto" else policy)

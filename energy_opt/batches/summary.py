@@ -1,4 +1,4 @@
-"""What a batch comes to: failures first, then savings, proxies against energy, times, certificates, and the machine."""
+"""What a batch comes to: failures, savings, other objectives, times, certificates, the machine; and as a table."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import importlib.metadata
 import os
 import platform
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from energy_opt.batches.records import IDENTITY, Row
 from energy_opt.motion.result import ROUNDING
-from energy_opt.power.worth import PerYear
+from energy_opt.power.worth import PerYear, per_year_words
 
 PACKAGES = ("energy-opt", "casadi", "pin", "toppra", "numpy", "scipy")
 WORST = 5  # records that a list of the worst holds
@@ -171,3 +172,28 @@ def _cpu() -> str:
             return next(names, platform.processor())
     except OSError:
         return platform.processor()
+
+
+def table(summary: Mapping[str, Any], out: Path) -> str:
+    """The summary as a short table."""
+    status = ", ".join(f"{count} {name}" for name, count in sorted(summary["status"].items()))
+    lines = [f"{summary['suite']}: {sum(summary['status'].values())} of {summary['moves']} moves: {status or 'none'}"]
+    for row in summary["failures"][:10]:
+        lines.append(f"  {row['robot']} {row['move']} {row['mode']} {row['timing']}: {row['status']}: {row['error']}")
+    if len(summary["failures"]) > 10:
+        lines.append(f"  ... and {len(summary['failures']) - 10} more, in report.html")
+    if summary["savings"]:
+        lines.append("loss saved against the same path at the same duration [%]:")
+        lines.append(f"  {'':44s} {'moves':>6} {'mean':>7} {'worst':>7} {'median':>7} {'best':>7}")
+    for row in summary["savings"]:
+        label = " ".join(str(row[n]) for n in ("robot", "mode", "objective", "model", "payload", "timing") if row[n])
+        found = row["loss_percent"]
+        numbers = " ".join(
+            f"{found[name]:7.2f}" if found[name] is not None else f"{'-':>7}"
+            for name in ("mean", "worst", "median", "best")
+        )
+        lines.append(f"  {label:44s} {found['count']:6d} {numbers}")
+    if "per_year" in summary:
+        lines.append(per_year_words(summary["per_year"], summary["per_year"]["cycles_per_year"]))
+    lines.append(f"{summary['run']['moves_per_second']:.3g} moves/s; results in {out}")
+    return "\n".join(lines)

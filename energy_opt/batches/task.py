@@ -9,19 +9,52 @@ import json
 import re
 import shutil
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from energy_opt.batches.faults import is_number
-from energy_opt.batches.surroundings import Surroundings
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene_files import carried
 from energy_opt.effects import Payload, load_source
 from energy_opt.errors import BadInput
-from energy_opt.files import plain, read_text
+from energy_opt.files import is_number, plain, read_text
 from energy_opt.power import Mixture, PowerModel
 from energy_opt.power.model import model_from_document
 from energy_opt.robot import Robot, load_robot
+
+if TYPE_CHECKING:
+    from energy_opt.cell.cell import Cell
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a move must keep clear of.
+
+    Attributes:
+        request: as asked for, less its files.
+        scene, srdf: the content of these files (see `carried`); empty where there is none.
+    """
+
+    request: CellRequest = field(default_factory=CellRequest)
+    scene: str = ""
+    srdf: str = ""
+
+    def cell(self, robot: Robot, payload: tuple[float, ...] = ()) -> Cell:
+        """The robot's body in its cell; a payload's box is about its centre of mass."""
+        from energy_opt.cell.cell import Cell
+
+        request = self.request
+        if request.payload_size is not None:
+            request = replace(request, payload_at=payload[1:]) if payload else replace(request, payload_size=None)
+        scene = carried.from_text(self.scene) if self.scene else None
+        with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
+            if self.srdf:
+                file = Path(folder) / f"{robot.name}.srdf"
+                file.write_text(self.srdf, encoding="utf-8")
+                request = replace(request, srdf=file)
+            return Cell(robot, request, scene)
+
 
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
 MODES: tuple[Literal["retime", "reshape"], ...] = ("retime", "reshape")

@@ -7,7 +7,11 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
+import threading
 import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from energy_opt.errors import BadInput, EnergyOptError
 
@@ -62,3 +66,40 @@ def one_line(message: str) -> str:
     if len(text) <= LONGEST:
         return text
     return f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
+
+
+_pressed = threading.Event()
+
+
+def was_pressed() -> bool:
+    """Whether Ctrl-C has come since the command began."""
+    return _pressed.is_set()
+
+
+def interrupt(signum: int, frame: object) -> None:
+    """What Ctrl-C does while nothing is there that could be written: the command ends.
+
+    A library that is interrupted while it is imported may raise another error in its place: `was_pressed` tells.
+    """
+    _pressed.set()
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
+    """A function that tells whether Ctrl-C has been pressed inside the block."""
+    event = threading.Event()
+
+    def request(signum: int, frame: object) -> None:
+        if event.is_set():
+            interrupt(signum, frame)
+        event.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield event.is_set
+        return
+    before = signal.signal(signal.SIGINT, request)
+    try:
+        yield event.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)

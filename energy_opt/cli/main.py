@@ -13,12 +13,10 @@ from typing import Any
 
 from energy_opt import __version__
 from energy_opt.cli.examples import EXAMPLES, example
-from energy_opt.cli.faults import as_error, one_line
-from energy_opt.cli.interrupt import was_pressed
+from energy_opt.cli.faults import as_error, one_line, was_pressed
 from energy_opt.cli.options import Help, Parser, add_options, request_of
-from energy_opt.cli.streams import flushed, of_output, opened
+from energy_opt.cli.streams import flushed, of_output, opened, view
 from energy_opt.cli.terminal import Terminal
-from energy_opt.cli.view import view
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
 from energy_opt.files import read_text
 from energy_opt.folders import leave_folders

@@ -8,10 +8,30 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import Any, NoReturn
 
-from energy_opt.cli.usage import epilog
 from energy_opt.errors import BadInput
+from energy_opt.files import read_toml
 from energy_opt.front.verbs import Verb
 from energy_opt.requests.option import Option, Request, flag_of, options_of
+
+UNITS = "Units are SI: rad (m for prismatic joints), s, N m (N), W, J. Joints are matched by name, never by order."
+
+MOVE = "--robot panda --start 0,-0.785,0,-2.356,0,1.571,0.785 --goal 1.2,0.3,0.4,-1.2,-0.5,2.2,-0.4"
+
+
+def usage_of(verb: str) -> tuple[list[str], str, str]:
+    """What usage.toml says of a verb: commands, what it reads, what it writes."""
+    usage = read_toml(Path(__file__).with_name("usage.toml"))[verb]
+    return [line.replace("{MOVE}", MOVE) for line in usage["commands"]], usage["reads"], usage["writes"]
+
+
+def epilog(verb: str) -> str:
+    """The text below a verb's options."""
+    commands, read, written = usage_of(verb)
+    title = "example:" if len(commands) == 1 else "example, in this order:"
+    if verb in ("identify", "passport"):
+        title = "examples:"
+    return "\n".join([title, *(f"  {line}" for line in commands), "", f"reads: {read}", f"writes: {written}", UNITS])
+
 
 ON_OFF = ("on", "off")
 

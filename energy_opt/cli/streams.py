@@ -1,4 +1,4 @@
-"""The command's standard streams: closed, full or without a reader, each fault is one line."""
+"""Standard streams as they are found, and the report that opens in a browser."""
 
 from __future__ import annotations
 
@@ -52,3 +52,25 @@ def flushed() -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise
     return 0
+
+
+def view(out: Path, quiet: bool = False) -> None:
+    """Open the report that was written into `out`; where there is no display, say where it is."""
+    import webbrowser
+
+    report = (Path(out) / "report.html").resolve()
+    if not report.is_file():
+        return
+    try:
+        if has_display() and webbrowser.open(report.as_uri()):
+            return
+    except webbrowser.Error:
+        pass
+    if not quiet:
+        print(f"no browser to open; the report is {report}", file=sys.stderr)
+
+
+def has_display() -> bool:
+    """Is there anything that a browser can be seen on? (On a bare terminal one would take the keyboard.)"""
+    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
+    return named or sys.platform in ("darwin", "win32")

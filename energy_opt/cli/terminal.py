@@ -1,15 +1,121 @@
-"""The desk of the command line: messages and progress on stderr, Ctrl-C as a request to stop."""
+"""The terminal that a verb talks to: messages, and progress with the time that is left."""
 
 from __future__ import annotations
 
+import logging
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import TracebackType
+from typing import TextIO
 
-from energy_opt.cli.faults import one_line, printable
-from energy_opt.cli.interrupt import stop_on_interrupt
-from energy_opt.cli.progress import Progress
+from energy_opt.cli.faults import one_line, printable, stop_on_interrupt
 from energy_opt.front.desk import Desk, Show
+
+PATIENCE = 1.0  # [s] what takes less is done without a word
+TICK = 0.5  # [s]
+LEAST_SHARE = 0.03  # of the work: before it is done nothing can be said of the time left
+WIDTH = 100  # of the line
+
+
+class Progress(logging.Handler, Show):
+    """Shows progress while its block lasts; silent with --quiet, and off a terminal without -v."""
+
+    def __init__(self, quiet: bool, verbose: bool, stream: TextIO | None = None) -> None:
+        super().__init__(logging.INFO)
+        self._stream = stream or sys.stderr
+        self._lines = verbose and not quiet
+        self._rewrites = not self._lines and not quiet and self._stream.isatty()
+        self._begin = self._stage_begin = time.monotonic()
+        self._text, self._detail = "", ""
+        self._share: float | None = None
+        self._expected: float | None = None
+        self._own = False  # the verb says itself how far it is
+        self._span: tuple[float, float] | None = None  # of all the work, that a stage's own shares are of
+        self._ended, self._written = threading.Event(), False
+        self._before = logging.NOTSET
+
+    def __enter__(self) -> Progress:
+        if self._lines or self._rewrites:
+            logger = logging.getLogger("energy_opt")
+            self._before = logger.level
+            logger.addHandler(self)
+            logger.setLevel(logging.INFO)
+        if self._rewrites:
+            threading.Thread(target=self._tick, daemon=True).start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ended.set()
+        if self._lines or self._rewrites:
+            logger = logging.getLogger("energy_opt")
+            logger.removeHandler(self)
+            logger.setLevel(self._before)
+        with self.lock or threading.RLock():
+            if self._written:
+                self._stream.write("\r" + " " * WIDTH + "\r")
+                self._stream.flush()
+
+    def __call__(self, text: str, share: float | None = None) -> None:
+        """The verb begins to do `text`; `share` of all its work is done."""
+        self._own, self._text, self._share, self._detail, self._expected = True, text, share, "", None
+        self._span = None
+        self._say(text)
+
+    def stage(self, text: str, low: float, high: float) -> None:
+        """The verb begins to do `text`, which takes all its work from the share `low` to `high`; parts say the rest."""
+        self(text, low)
+        self._span = low, high
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """A stage of the solver."""
+        self._detail = record.getMessage()
+        self._expected, self._stage_begin = getattr(record, "expected", None), time.monotonic()
+        share = getattr(record, "share", None)
+        if share is not None and self._span is not None:
+            self._share = self._span[0] + (self._span[1] - self._span[0]) * share
+        elif share is not None and not self._own:
+            self._share = share
+        self._say(f"  {self._detail}" if self._own else self._detail)
+
+    def line(self) -> str:
+        """Seconds so far, seconds left where that can be told, and what is being done."""
+        now = time.monotonic()
+        words = [f"{now - self._begin:.0f} s"]
+        left = self.left(now)
+        if left is not None:
+            words.append(f"about {left:.0f} s left")
+        text = ": ".join(part for part in (self._text, self._detail) if part)
+        return f"{', '.join(words)} | {text}"[:WIDTH]
+
+    def left(self, now: float) -> float | None:
+        """Seconds, by the stage's own estimate or by the share of the work that is done."""
+        if self._expected is not None:
+            return max(self._expected - (now - self._stage_begin), 0.0)
+        if self._share is None or self._share < LEAST_SHARE:
+            return None
+        return (now - self._begin) * (1 - self._share) / self._share
+
+    def _say(self, text: str) -> None:
+        if self._lines:
+            left = self.left(time.monotonic())
+            more = "" if left is None else f", about {left:.0f} s left"
+            self._stream.write(f"[{time.monotonic() - self._begin:6.1f} s{more}] {text}\n")
+            self._stream.flush()
+
+    def _tick(self) -> None:
+        while not self._ended.wait(TICK):
+            if time.monotonic() - self._begin < PATIENCE:
+                continue
+            with self.lock or threading.RLock():
+                if not self._ended.is_set():
+                    self._stream.write("\r" + self.line().ljust(WIDTH))
+                    self._stream.flush()
+                    self._written = True
 
 
 class Terminal(Desk):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from energy_opt.errors import BadInput
-from energy_opt.formats import bags, franka, messages, table, urscript, urscript_read
+from energy_opt.formats import bags, franka, messages, table, urscript
 from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
@@ -52,7 +52,7 @@ FORMATS: dict[str, Format] = {
         Format(
             "mcap", ".mcap", "bag with a trajectory_msgs/JointTrajectory", bags.read, bags.write_mcap, bags.SUFFIXES[1:]
         ),
-        Format("urscript", ".script", "program for Universal Robots", urscript_read.read, urscript.write),
+        Format("urscript", ".script", "program for Universal Robots", urscript.read, urscript.write),
         Format("franka", ".franka.csv", "joint positions for libfranka", franka.read, franka.write),
     )
 }  # fmt: skip
@@ -106,4 +106,4 @@ def read_path(path: str | Path, joints: Sequence[str]) -> JointPath:
     return read(path).of(joints).path()
 
 
-__all__ = ["FORMATS", "Format", "JointPath", "Rows", "Trajectory", "read", "read_path", "read_trajectory", "write"]
+__all__ = ["FORMATS", "Format", "JointPath", "Samples", "Trajectory", "read", "read_path", "read_trajectory", "write"]

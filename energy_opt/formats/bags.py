@@ -1,6 +1,6 @@
 """Bags of ROS 2 (sqlite3, MCAP) and ROS 1, read and written without ROS. The only module that imports rosbags.
 
-Old sqlite3 bags do not say what their messages look like; the definitions that are needed then stand below.
+Old sqlite3 bags do not say what their messages look like; the definitions that are needed then are in moveit_msgs.toml.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.files import inside, read_yaml, replacing
+from energy_opt.files import inside, read_toml, read_yaml, replacing
 from energy_opt.formats.messages import FIELDS, message, planned, trajectories
 from energy_opt.formats.unpacking import bounded
 from energy_opt.formats.waypoints import Samples
@@ -36,34 +36,7 @@ PLANS = (
     "control_msgs/action/FollowJointTrajectory_Goal",
     "control_msgs/action/FollowJointTrajectory_SendGoal_Request",
 )
-
-# Fields as the packages moveit_msgs and object_recognition_msgs publish them.
-DEFINITIONS = {
-    "object_recognition_msgs/msg/ObjectType": "string key\nstring db",
-    "moveit_msgs/msg/CollisionObject": (
-        "byte ADD=0\nbyte REMOVE=1\nbyte APPEND=2\nbyte MOVE=3\n"
-        "std_msgs/Header header\ngeometry_msgs/Pose pose\nstring id\nobject_recognition_msgs/ObjectType type\n"
-        "shape_msgs/SolidPrimitive[] primitives\ngeometry_msgs/Pose[] primitive_poses\n"
-        "shape_msgs/Mesh[] meshes\ngeometry_msgs/Pose[] mesh_poses\n"
-        "shape_msgs/Plane[] planes\ngeometry_msgs/Pose[] plane_poses\n"
-        "string[] subframe_names\ngeometry_msgs/Pose[] subframe_poses\nbyte operation"
-    ),
-    "moveit_msgs/msg/AttachedCollisionObject": (
-        "string link_name\nmoveit_msgs/CollisionObject object\nstring[] touch_links\n"
-        "trajectory_msgs/JointTrajectory detach_posture\nfloat64 weight"
-    ),
-    "moveit_msgs/msg/RobotState": (
-        "sensor_msgs/JointState joint_state\nsensor_msgs/MultiDOFJointState multi_dof_joint_state\n"
-        "moveit_msgs/AttachedCollisionObject[] attached_collision_objects\nbool is_diff"
-    ),
-    "moveit_msgs/msg/RobotTrajectory": (
-        "trajectory_msgs/JointTrajectory joint_trajectory\n"
-        "trajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory"
-    ),
-    "moveit_msgs/msg/DisplayTrajectory": (
-        "string model_id\nmoveit_msgs/RobotTrajectory[] trajectory\nmoveit_msgs/RobotState trajectory_start"
-    ),
-}
+DEFINITIONS = Path(__file__).with_name("moveit_msgs.toml")
 
 
 def is_bag(path: Path) -> bool:
@@ -210,7 +183,7 @@ def _types() -> Any:
     typesys = _library().typesys
     types = typesys.get_typestore(typesys.Stores.LATEST)
     added: dict[str, Any] = {}
-    for name, text in DEFINITIONS.items():
+    for name, text in read_toml(DEFINITIONS).items():
         added.update(typesys.get_types_from_msg(text, name))
     types.register(added)
     return types

@@ -13,8 +13,7 @@ from energy_opt.formats import Format, urscript
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.output import STEPS, Written, file_of, read_back
 from energy_opt.formats.program import NANOSECOND, Part, in_tool, joined
-from energy_opt.formats.resample import RATES, Sampled, broken, resampled
-from energy_opt.formats.steps import on_steps
+from energy_opt.formats.resample import RATES, Sampled, broken, on_steps, resampled
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Limits

@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_table, write_table
-from energy_opt.formats.steps import of_steps
+from energy_opt.formats.resample import of_steps
 from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.trajectory import Trajectory
 

@@ -4,20 +4,22 @@ The program refuses to begin unless the arm is at its start. It then follows the
 `servoj`, one command for every step of the controller (2 ms on the e-series, 8 ms on CB3), at the pace `speed`: 1.0 is
 the trajectory as it was planned, and 0.1 a good first try. At 500 Hz the positions stand in the program one by one, and
 nothing is computed on the controller. What is left of a step at the end of a part is carried into the next, so that a
-cycle keeps its time.
-"""
+cycle keeps its time."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.files import write_text
-from energy_opt.formats.program import Part
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.files import read_text, write_text
+from energy_opt.formats.program import Part, joined, standing
+from energy_opt.formats.resample import of_steps
+from energy_opt.formats.waypoints import Samples
+from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.names import commented
 
 JOINTS = 6
@@ -157,7 +159,7 @@ _QUINTIC = [
     "  end",
 ]
 
-# Ends a motion at q and stands still until `wait` s after its end.
+# Ends a motion at q and rests until `wait` s after its end.
 _REST = [
     "  def rest(q, wait, t, dt, speed):",
     "    local begun = t",
@@ -188,3 +190,78 @@ def _streamed(trajectory: Trajectory) -> list[str]:
     """One servoj for every row; a slower pace lasts longer at each."""
     command = f"servoj({{}}, 0, 0, {1 / STREAM_RATE:.9f} / speed, {LOOKAHEAD}, {GAIN})"
     return [f"  {command.format(vector(q))}" for q in trajectory.position[1:]]
+
+
+_CALL = re.compile(r"^  (?:t = )?(quintic|rest|servoj|set_payload|movej)\((.*)\)$", re.M)
+_NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
+_NAMES = re.compile(r"^# (.*)$", re.M)
+
+
+def read_program(path: Path) -> list[Part]:
+    """The parts of a program: motions, and waits with what is carried; joint names from its first line.
+
+    Raises:
+        BadInput: it is no program that `urscript` writes.
+    """
+    text = read_text(path)
+    named = _NAMES.search(text)
+    joints = tuple((named[1] if named else "").split(", "))
+    start = re.search(r"local start = (\[.*\])", text)
+    if len(joints) != JOINTS or start is None:
+        raise BadInput(f"{path}: not a program of this package: no line with six joints, or no start")
+    out: list[Part] = []
+    at, payload = np.array(_numbers(start[1])), None
+    samples: list[np.ndarray] = []
+    times: list[float] = []
+    stream: list[np.ndarray] = []
+
+    def end() -> None:
+        """What was collected becomes a part."""
+        nonlocal samples, times, stream
+        if samples:
+            block = np.array(samples)  # (N, 3, n)
+            out.append(Part(Trajectory(joints, whole(np.array(times)), *block.transpose(1, 0, 2)), payload=payload))
+        elif stream:
+            out.append(Part(of_steps(joints, np.array(stream), STREAM_RATE), payload=payload))
+        samples, times, stream = [], [], []
+
+    for name, words in _CALL.findall(text):
+        numbers = _numbers(words)
+        if name == "quintic" and len(numbers) == 1 + 6 * JOINTS:
+            step, (first, last) = numbers[0], np.reshape(numbers[1:], (2, 3, JOINTS))
+            if samples and np.abs(first - samples[-1]).max() > 0:
+                end()
+            if not samples:
+                samples, times = [first], [0.0]
+            samples.append(last)
+            times.append(times[-1] + step)
+            at = last[0]
+        elif name == "servoj":
+            stream = stream or [at]
+            stream.append(np.array(numbers[:JOINTS]))
+        elif name == "rest":
+            end()
+            out.append(Part(standing(joints, at, numbers[JOINTS]), waits=True, payload=payload))
+        elif name == "set_payload":
+            end()
+            mass, x, y, z = numbers
+            payload = (mass, x, y, z)
+        else:
+            raise BadInput(
+                f"{path}: {name}({words[:40]}...): not a command of a followed motion; expected quintic, servoj, rest "
+                "or set_payload (of standard moves, give the trajectory.csv beside the program)"
+            )
+    end()
+    if not out:
+        raise BadInput(f"{path}: no motion in it")
+    return out
+
+
+def read(path: Path) -> Samples:
+    """All motions and waits of a program as one."""
+    t = joined([part.trajectory for part in read_program(path)])
+    return Samples(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration)
+
+
+def _numbers(words: str) -> list[float]:
+    return [float(word) for word in _NUMBER.findall(words)]

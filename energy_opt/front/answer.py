@@ -1,4 +1,4 @@
-"""A solved move with what it was asked for: it prints in five lines and saves what the command writes."""
+"""A solved move with what it was asked for: its files, and the table that the command prints."""
 
 from __future__ import annotations
 
@@ -7,13 +7,27 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from energy_opt import formats
 from energy_opt.cell.cell import Cell
+from energy_opt.cell.load import own_body
+from energy_opt.files import replacing, write_json
 from energy_opt.folders import written_whole
-from energy_opt.formats.output import Written
-from energy_opt.found import Found
+from energy_opt.formats.output import Written, unchanged
+from energy_opt.front.desk import Answered
 from energy_opt.motion import Move, Result
-from energy_opt.power.worth import per_year_words
+from energy_opt.motion.judge.by_joint import loss_by_joint
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.timing.toppra import INTERVALS
+from energy_opt.power.model import model_from_document
+from energy_opt.power.worth import per_year_words, until
+from energy_opt.reports import plots
+from energy_opt.reports.motion import drawn
+from energy_opt.reports.optimize import page
+from energy_opt.reports.words import clearance_words, goals_words, input_words, limits_words, same
 from energy_opt.requests.moves import OptimizeRequest
+from energy_opt.results import exit_of
 from energy_opt.robot import Robot
 
 UNCHECKED = "self-collision is off: whether the arm touches itself was not checked"
@@ -22,14 +36,12 @@ ANSWER = "result.json"
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
-class Answer(Result, Found):
+class Answer(Result, Answered):
     """A result that knows its robot and the request that it answers, and so can be saved.
 
     Attributes:
         arm: the robot.
         move: what was solved; where the goal is a set, its ends are those that were chosen.
-        request: what was asked, with what its words and files came to; `run` repeats it.
-        stamp: version, and the command line where there was one.
         cell: the arm's body and what stood around it; None where nothing was kept clear of.
         goals: where the goal is a set, the candidates that were looked at, the nearest one, and by what the ends miss
             their poses.
@@ -40,7 +52,6 @@ class Answer(Result, Found):
     arm: Robot
     move: Move
     request: OptimizeRequest
-    stamp: Mapping[str, Any] = field(default_factory=dict)
     cell: Cell | None = None
     goals: Mapping[str, Any] = field(default_factory=dict)
     controllers: Callable[[Result, Path], list[Written]] | None = None
@@ -61,19 +72,15 @@ class Answer(Result, Found):
     @property
     def exit_code(self) -> int:
         """Of the command line."""
-        if self.interrupted:
-            return 130
-        return 0 if self.status == "solved" and all(row.valid for row in self.files) else 4
+        return exit_of(self.interrupted, self.status == "solved" and all(row.valid for row in self.files))
 
     def document(self) -> dict[str, object]:
         """result.json."""
         worth = {} if self.request.worth is None else {"per_year": self.per_year}
-        request = {**self.request.document(), **self.stamp}
-        return {"format": FORMAT, **super().document(), **worth, **self.goals, "request": request}
+        return {"format": FORMAT, **super().document(), **worth, **self.goals, "request": self.asked}
 
     def text(self, out: Path) -> str:
         """The short table for a terminal, of an answer that was saved into `out`."""
-        from energy_opt.front.output import table
 
         return table(self, out, self.arm, self.year)
 
@@ -82,7 +89,6 @@ class Answer(Result, Found):
 
         Beside them the files for controllers that the request asks for.
         """
-        from energy_opt.front.output import put
 
         with written_whole(out, ANSWER) as aside:
             files = () if self.controllers is None else tuple(self.controllers(self, aside))
@@ -100,3 +106,129 @@ def answer_of(result: Result, **known: Any) -> Answer:
     if known["request"].self_collision is False:
         of_result["warnings"] = (*result.warnings, UNCHECKED)
     return Answer(**{**of_result, **known})
+
+
+def put(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None = None) -> None:
+    """Write result.json (`document`), trajectory.csv, trajectory.yaml, plot.png and report.html into a folder.
+
+    Args:
+        out: whose files take their places together later.
+        cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
+    """
+    own = []
+    for name in ("csv", "yaml"):
+        form = formats.FORMATS[name]
+        path = out / f"trajectory{form.suffix}"
+        form.write(result.trajectory, path)
+        own.append(unchanged(path, form, result.trajectory, result.certificate).document())
+    document = {**document, "written": [*own, *result.written]}
+    _picture_and_report(result, robot, document, out, cell or own_body(robot))
+    write_json(out / "result.json", document)
+
+
+def _picture_and_report(
+    result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None
+) -> None:
+    t, scaled = result.trajectory, result.baseline("scaled")
+    assert t.effort is not None and t.power is not None
+    curve, names = None, {"result": result.energy.by_effect}
+    if scaled is not None and scaled.trajectory.power is not None:
+        curve = plots.Curve("scaled", scaled.trajectory.time, scaled.trajectory.power)
+        names["scaled"] = scaled.energy.by_effect
+    shown = {name: {k: v for k, v in energy.items() if k != "standby"} for name, energy in names.items()}
+    figure = plots.plot_move(
+        t.time, t.velocity, t.effort, t.power, joints=t.joints, velocity_limit=robot.limits.velocity,
+        effort_limit=robot.limits.effort, baseline=curve, by_effect=shown,
+        title=f"{result.robot}, {result.mode}, {t.duration:.3f} s",
+    )  # fmt: skip
+    picture = plots.png(figure)
+    with replacing(out / "plot.png") as aside:
+        aside.write_bytes(picture)
+    motions = {b.name: b.trajectory for b in result.baselines}
+    bodies, scene = drawn(cell)
+    page(document, t, motions, robot, bodies, scene, _lost(result, robot, document)).write(out / "report.html")
+
+
+def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:
+    """Losses (n,) [J] by joint and effect of the result and of "scaled", under the model of the request."""
+    model = (document.get("request") or {}).get("model")
+    if model is None:
+        return {}
+    scorer, scaled = Scorer(robot, model_from_document(model, "request")), result.baseline("scaled")
+    motions = {"result": result.trajectory, **({} if scaled is None else {"scaled": scaled.trajectory})}
+    return {name: loss_by_joint(scorer, motion) for name, motion in motions.items()}
+
+
+def _energies(result: Result) -> tuple[list[str], list[list[object]]]:
+    """Header and records of the table of energies."""
+    columns = [("result", result.trajectory.duration, result.energy)]
+    columns += [(b.name, b.duration, b.energy) for b in result.baselines]
+    header = ["", *(name for name, _, _ in columns)]
+    records: list[list[object]] = [["duration [s]", *(duration for _, duration, _ in columns)]]
+    for part in ("total", "standby", "stored", "loss"):
+        records.append([part, *(getattr(energy, part) for _, _, energy in columns)])
+    for effect in result.energy.by_effect:
+        values = [energy.by_effect.get(effect) for _, _, energy in columns]
+        if not any(same(values, row[1:]) for row in records[1:]):  # what repeats a line above says nothing
+            records.append([f"  {effect}", *values])
+    return header, records
+
+
+def _why_less(result: Result) -> list[str]:
+    """Why the fastest timing takes less than the result, where it does: it pays the overhead for a shorter time."""
+    fastest, duration = result.baseline("toppra"), result.trajectory.duration
+    if fastest is None or fastest.energy.total >= result.energy.total or fastest.duration >= duration * (1 - 1e-6):
+        return []
+    power = result.energy.standby / duration
+    return [
+        f"toppra is the fastest timing: {fastest.duration:.3g} s instead of {duration:.3g} s; standby alone is "
+        f"{power:.3g} W, {power * (duration - fastest.duration):.4g} J of the difference"
+    ]
+
+
+def _under(row: Mapping[str, Any]) -> str:
+    """What one of several models makes of the move, as a line."""
+    joules, share = row["saving_joules"], row["saving_loss_percent"]
+    if joules is None:
+        return f"  under {row['name']}: {row['total']:.3f} J"
+    of_loss = "" if share is None else f", {share:.2f} % of the loss"
+    uncertainty = ""
+    if "saving_joules_interval" in row:
+        low, high = row["saving_joules_interval"]
+        uncertainty = f"; between {low:.3f} and {high:.3f} J (95 %) by what its data leave open"
+    return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}{uncertainty}"
+
+
+def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
+    """The short table for the terminal; `year` says what the saving is worth in one."""
+    header, records = _energies(result)
+    lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name in header[1:])]
+    for name, *values in records:
+        cells = "".join(f"{value:>12.4f}" if isinstance(value, float) else f"{'-':>12}" for value in values)
+        lines.append(f"{name:<22}{cells}")
+    beside = input_words(result.document())
+    lines += [beside] if beside else _why_less(result)
+    several = len(result.models) > 1
+    lines.append(f"{result.saved} (under {result.models[0]['name']})" if several else result.saved)
+    lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]
+    goals = goals_words(result.document())
+    lines += [goals] if goals else []
+    if ((result.saving or {}).get("joules") or 0.0) > 0:
+        lines.append(until(result.break_even_friction))
+    lines += [year] if year else []
+    certificate = result.certificate.document()
+    lines.append(limits_words(certificate, robot.unit))
+    for row in result.travel:
+        units = robot.unit("position", str(row["joint"]))
+        lines.append(
+            f"{row['joint']} travels {row['path']:.3g} {units}; its goal is {row['straight']:.3g} {units} away"
+        )
+    if result.certificate.clearance is not None:
+        lines.append(clearance_words(result.certificate.clearance.document()))
+    if result.bound:
+        lines.append(
+            f"no timing of this path takes less than {result.bound} (proven on a grid of {INTERVALS} intervals; gap "
+            f"{result.optimality.gap_percent:.1e} %)"
+        )
+    lines.append(f"files: {out}/result.json, trajectory.csv, trajectory.yaml, plot.png, report.html")
+    return "\n".join(lines)

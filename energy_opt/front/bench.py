@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.batches import Batch, compare, comparison_text, load_suite, run_batch
-from energy_opt.batches.surroundings import KEYS
+from energy_opt.batches.tables import CellTable
 from energy_opt.errors import BadInput
-from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, payload_from
 from energy_opt.power import PowerModel
 from energy_opt.requests.verbs import BenchRequest
+from energy_opt.results import Found
 from energy_opt.robot import Robot
 
 MOST_JOBS = 1024  # on one machine
@@ -107,7 +107,7 @@ def overrides_of(request: BenchRequest) -> dict[str, Any]:
 def _surroundings(request: BenchRequest) -> dict[str, Any]:
     """Body and cell in a suite's words, as far as options say them."""
     around = cell_of(request)
-    out = {key: value for key, value in around.document().items() if key in KEYS}
+    out = {key: value for key, value in around.document().items() if key in CellTable.model_fields}
     if request.self_collision is not None:
         out["self_collision"] = around.self_collision
     if request.planner is not None:

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import BadInput, EnergyOptError
-from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_from, robot_of
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.requests.verbs import CheckRequest
-from energy_opt.results import faults_of_results
+from energy_opt.results import Found, faults_of_results
 from energy_opt.robot import Robot
 
 

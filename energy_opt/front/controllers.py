@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,110 +46,112 @@ def check_controllers(request: OptimizeRequest, joints: int) -> None:
         raise BadInput("--vias are those of --as moves; give it too")
 
 
-def moves_of(
-    request: OptimizeRequest, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
-) -> tuple[Result, StandardMoves | None]:
-    """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none.
+@dataclass(frozen=True)
+class Controllers:
+    """What a plan is written as for controllers, as a request asks for it.
 
-    `robust` plans them where several models are in force. Where the duration is free and standard moves need longer
-    than the free trajectory, all is planned anew for that.
+    Attributes:
+        planner: under the model that results are stated under.
+        robust: plans where several models are in force; None: `planner` does.
     """
-    if request.standard is None or result.interrupted:
-        return result, None
-    try:
-        return _moves(request, planner, robust, move, result)
-    except Infeasible as error:
-        if move.duration is not None or error.shortest_duration is None:
-            raise
-        longer = ROOM * error.shortest_duration
-        if move.max_duration is not None and longer > move.max_duration:
-            raise
-    slower = replace(move, duration=longer, max_duration=None)
-    return _moves(request, planner, robust, slower, (planner if robust is None else robust).solve(slower))
 
+    request: OptimizeRequest
+    planner: Planner
+    robust: RobustPlanner | None
 
-def with_duration_of_moves(
-    request: OptimizeRequest, planner: Planner, robust: RobustPlanner | None, move: Move, error: Infeasible
-) -> Infeasible:
-    """The error with a shortest duration [s] that also works for the standard moves that --as asks for.
+    @property
+    def solver(self) -> Planner | RobustPlanner:
+        """What plans."""
+        return self.planner if self.robust is None else self.robust
 
-    The duration that an error names is that of a free trajectory; standard moves may need more.
-    """
-    if request.standard is None or move.duration is None or error.shortest_duration is None:
+    def moves(self, move: Move, result: Result) -> tuple[Result, StandardMoves | None]:
+        """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none.
+
+        Where the duration is free and standard moves need longer than the free trajectory, all is planned anew for
+        that.
+        """
+        if self.request.standard is None or result.interrupted:
+            return result, None
+        try:
+            return self._standard(move, result)
+        except Infeasible as error:
+            if move.duration is not None or error.shortest_duration is None:
+                raise
+            longer = ROOM * error.shortest_duration
+            if move.max_duration is not None and longer > move.max_duration:
+                raise
+        slower = replace(move, duration=longer, max_duration=None)
+        return self._standard(slower, self.solver.solve(slower))
+
+    def _standard(self, move: Move, result: Result) -> tuple[Result, StandardMoves | None]:
+        """The result with the standard moves in its place, in the same time."""
+        from energy_opt.profiles import standard_moves
+
+        return standard_moves(self.planner, self.robust, move, result, self.request.vias or 0)
+
+    def with_duration(self, move: Move, error: Infeasible) -> Infeasible:
+        """The error with a shortest duration [s] that also works for the standard moves that --as asks for.
+
+        The duration that an error names is that of a free trajectory; standard moves may need more.
+        """
+        if self.request.standard is None or move.duration is None or error.shortest_duration is None:
+            return error
+        slower = replace(move, duration=error.shortest_duration)
+        try:
+            self._standard(slower, self.solver.solve(slower))
+        except Infeasible as fault:
+            return error.named(None if fault.shortest_duration is None else ROOM * fault.shortest_duration)
         return error
-    slower = replace(move, duration=error.shortest_duration)
-    try:
-        _moves(request, planner, robust, slower, (planner if robust is None else robust).solve(slower))
-    except Infeasible as fault:
-        return error.named(None if fault.shortest_duration is None else ROOM * fault.shortest_duration)
-    return error
 
+    def with_room(self, move: Move, result: Result, moves: StandardMoves | None) -> tuple[Result, StandardMoves | None]:
+        """The result and its standard moves, planned again where samples of --write break limits."""
+        from energy_opt.formats.output import Files, Shares, said, wanted, with_room
 
-def _moves(
-    request: OptimizeRequest, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result
-) -> tuple[Result, StandardMoves | None]:
-    """The result with the standard moves in its place, in the same time."""
-    from energy_opt.profiles import standard_moves
+        if result.interrupted or result.status != "solved":
+            return result, moves
+        judge = self.judge(move)
+        formats = [form for form in wanted(self.request.write) if moves is None or form.name != "urscript"]
 
-    return standard_moves(planner, robust, move, result, request.vias or 0)
+        def again(shares: Shares) -> tuple[Result, StandardMoves | None]:
+            several = None if self.robust is None else self.robust.within(shares)
+            narrow = replace(self, planner=self.planner.within(shares), robust=several)
+            return narrow.moves(move, narrow.solver.solve(move))
 
+        files = Files(formats, self.request.rate)
+        (found, chosen), shares = with_room(
+            (result, moves), lambda answer: files.certificates(answer[0].trajectory, judge), again
+        )
+        if not shares or found.status != "solved":
+            return result, moves
+        found = self.planner.instead(found, move, found.trajectory)
+        found = found if self.robust is None else self.robust.solve_by(lambda _: found)
+        return replace(found, message=said(shares, found.energy.total - result.energy.total)), chosen
 
-def with_room_of(
-    request: OptimizeRequest, planner: Planner, robust: RobustPlanner | None, move: Move, result: Result,
-    moves: StandardMoves | None,
-) -> tuple[Result, StandardMoves | None]:  # fmt: skip
-    """The result and its standard moves, planned again where samples of --write break limits."""
-    from energy_opt.formats.output import wanted
-    from energy_opt.formats.room import Files, Shares, said, with_room
+    def judge(self, move: Move) -> Judging:
+        """What judges the files of a move."""
+        from energy_opt.formats.judging import Judging
+        from energy_opt.motion.judge.energy import Scorer
 
-    if result.interrupted or result.status != "solved":
-        return result, moves
-    judge = judge_of(planner, move)
-    formats = [form for form in wanted(request.write) if moves is None or form.name != "urscript"]
+        planner = self.planner
+        scorer = Scorer(planner.robot, planner.model)
+        return Judging(scorer, planner.limits(move), planner.cell, planner.settings.verify_samples)
 
-    def again(shares: Shares) -> tuple[Result, StandardMoves | None]:
-        narrow, several = planner.within(shares), None if robust is None else robust.within(shares)
-        found = (narrow if several is None else several).solve(move)
-        return moves_of(request, narrow, several, move, found)
+    def write(self, move: Move, result: Result, moves: StandardMoves | None, out: Path) -> list[Written]:
+        """Write the files that --write and --as ask for into `out`, read back and judged."""
+        from energy_opt.formats import FORMATS, output
+        from energy_opt.formats.program import load_of
+        from energy_opt.profiles import movej
 
-    files = Files(formats, request.rate)
-    (found, chosen), shares = with_room(
-        (result, moves), lambda answer: files.certificates(answer[0].trajectory, judge), again
-    )
-    if not shares or found.status != "solved":
-        return result, moves
-    found = planner.instead(found, move, found.trajectory)
-    found = found if robust is None else robust.solve_by(lambda _: found)
-    joules = found.energy.total - result.energy.total
-    return replace(found, message=said(shares, joules)), chosen
-
-
-def judge_of(planner: Planner, move: Move) -> Judging:
-    """What judges the files of a move."""
-    from energy_opt.formats.judging import Judging
-    from energy_opt.motion.judge.energy import Scorer
-
-    scorer = Scorer(planner.robot, planner.model)
-    return Judging(scorer, planner.limits(move), planner.cell, planner.settings.verify_samples)
-
-
-def write_controllers(
-    request: OptimizeRequest, planner: Planner, move: Move, result: Result, moves: StandardMoves | None, out: Path
-) -> list[Written]:
-    """Write the files that --write and --as ask for into `out`, read back and judged."""
-    from energy_opt.formats import FORMATS, output
-    from energy_opt.formats.program import load_of
-    from energy_opt.profiles import movej
-
-    judge = judge_of(planner, move)
-    formats, records = output.wanted(request.write), []
-    if moves is not None:
-        scripts = FORMATS["urscript"] in formats
-        records += movej.write(moves, planner.robot, judge, out, ["moves.yaml", *(["trajectory.script"] * scripts)])
-        formats = [form for form in formats if form.name != "urscript"]
-    payload = load_of(planner.robot, planner.model)
-    records += output.write(result.trajectory, judge, formats, out, request.rate, request.joint_prefix, payload)
-    return records
+        judge, robot, request = self.judge(move), self.planner.robot, self.request
+        formats, records = output.wanted(request.write), []
+        if moves is not None:
+            scripts = FORMATS["urscript"] in formats
+            records += movej.write(moves, robot, judge, out, ["moves.yaml", *(["trajectory.script"] * scripts)])
+            formats = [form for form in formats if form.name != "urscript"]
+        payload = load_of(robot, self.planner.model)
+        return records + output.write(
+            result.trajectory, judge, formats, out, request.rate, request.joint_prefix, payload
+        )
 
 
 def kept_words(moves: StandardMoves) -> str:

@@ -8,24 +8,75 @@ from __future__ import annotations
 import functools
 import inspect
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 from energy_opt import __version__
 from energy_opt.errors import BadInput, Infeasible, near
-from energy_opt.files import write_json
-from energy_opt.folders import written_whole
-from energy_opt.found import Found
-from energy_opt.front.guard import guard
+from energy_opt.files import plain, read_json, write_json
+from energy_opt.folders import take_folder, written_whole
 from energy_opt.requests.option import Request, options_of
+from energy_opt.results import Found, no_folder_in_the_way, no_other_verb
+
+SAME_ANSWER = ("verb", "version", "command", "folder")  # what may differ between two requests for the same thing
+
+
+def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
+    """Refuse to overwrite the answer to another request, unless forced; that there was none is no answer to keep.
+
+    Raises:
+        BadInput: `file` holds such an answer; says what differs. Or another verb's results lie beside it, or its folder
+            cannot be written, or another run is writing there.
+    """
+    take_folder(file.parent)
+    no_folder_in_the_way(file.parent, file.name)
+    if force:
+        return
+    no_other_verb(file.parent, file.name)
+    if not file.is_file():
+        return
+    try:
+        document = read_json(file)
+    except BadInput:
+        return
+    held = document.get("request")
+    if not isinstance(held, dict) or document.get("status") == "infeasible":
+        return
+    wanted = plain(request)
+    keys = sorted((set(held) | set(wanted)) - set(SAME_ANSWER))
+    differ = [key for key in keys if held.get(key) != wanted.get(key) and (held.get(key) or wanted.get(key))]
+    if differ:
+        raise BadInput(
+            f"{file.parent} holds the result of another request ({', '.join(differ)}); "
+            "choose another --out, or overwrite it with --force"
+        )
+
 
 P = ParamSpec("P")
 Asked = TypeVar("Asked", bound=Request)
 
 Given = TypeVar("Given", bound=Found)
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Answered(Found):
+    """What a verb found, with what it was asked for.
+
+    Attributes:
+        request: what was asked, with what its words and files came to; `run` repeats it.
+        stamp: version, and the command line where there was one.
+    """
+
+    request: Any
+    stamp: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """The request's document, stamped."""
+        return {**self.request.document(), **self.stamp}
 
 
 class Show:
@@ -78,14 +129,29 @@ class Desk:
         command = None if self.command is None else shlex.join(["energy-opt", *self.command])
         return {**request, "version": __version__, "command": command}
 
-    def take(self, answer: str, request: Mapping[str, Any]) -> None:
-        """Make sure, before the work begins, that `answer` can be written; see `guard`."""
+    def take(self, answer: str, request: Request, **more: Any) -> dict[str, Any]:
+        """The request's document, with `more`, stamped; before the work it is made sure that `answer` can be written.
+
+        Raises:
+            BadInput: see `guard`.
+        """
+        document = self.stamped({**request.document(), **more})
         if self.out is not None:
-            guard(self.out / answer, request, self.force)
+            guard(self.out / answer, document, self.force)
+        return document
 
     def keep(self, found: Given) -> Given:
         """Write what was found; returns the same with what is known of its files."""
         return found if self.out is None else found.kept(self.out)
+
+    def report(self, files: Iterable[Any] = (), assumed: str = "", warnings: Iterable[str] = ()) -> None:
+        """Say which files were written for controllers, what was assumed, and what to beware of."""
+        for row in files:
+            self.say(f"{row.file if self.out is None else self.out / row.file}: {row}")
+        if assumed:
+            self.say(assumed)
+        for warning in warnings:
+            self.say(f"warning: {warning}")
 
     def failed(self, answer: str, error: Infeasible, **about: Any) -> None:
         """Write why there is no answer; `about` goes into the error's document."""

@@ -17,11 +17,9 @@ from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
 from energy_opt.folders import written_whole
 from energy_opt.formats import table
-from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, model_from, payload_from, robot_of
+from energy_opt.front.given import cell_of, model_from, payload_from, request_of_set, robot_of, robot_of_set
 from energy_opt.front.moves import documents
-from energy_opt.front.sets import request_of_set, robot_of_set
 from energy_opt.measured import MeasuredSet, read_set
 from energy_opt.motion.plan.robust import Rival
 from energy_opt.next_motion import propose, rivals_of
@@ -30,6 +28,7 @@ from energy_opt.passports import changes_since
 from energy_opt.power import PowerModel, load_model, source_method_2
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import DiagnoseRequest
+from energy_opt.results import Found
 
 if TYPE_CHECKING:
     from energy_opt.cell.request import CellRequest
@@ -85,8 +84,7 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
     surroundings = cell_of(request)  # of the motion to record next
     if not 0 < request.tolerance <= 100:
         raise BadInput(f"--tolerance {request.tolerance:g}: expected per cent of the energy, above 0 and at most 100")
-    document = desk.stamped(asked.document())
-    desk.take(ANSWER, document)
+    document = desk.take(ANSWER, asked)
     with desk.working() as (stopped, show):
         show.stage("searching", 0.0, 1.0)
         found = diagnosed(measured, declared, request.seed, request.tolerance, given, stopped)

@@ -1,8 +1,9 @@
-"""Where a move that is asked for begins, passes and ends: positions, poses of the tool, or any of several."""
+"""Ends of a move that are poses of the tool or one of several positions: those asked for, and those chosen."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,13 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
+from energy_opt.front.answer import Answer
 from energy_opt.front.given import positions, refuse_degrees
+from energy_opt.motion import Settings, Trajectory
+from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.ends import Ends
 from energy_opt.poses.given import Given, poses_of_request
+from energy_opt.poses.judge import pose_document
 from energy_opt.poses.pose import AnyOf, Freedom, Pose
 from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot
@@ -100,3 +105,31 @@ def written(given: Mapping[str, Any], name: str) -> Pose:
     except (KeyError, TypeError, ValueError) as fault:
         raise BadInput(f"{name}: {fault}; a pose has matrix, free and tolerance") from None
     return Pose(matrix, tuple(ranges), (distance, angle), name, str(given.get("frame", "")))
+
+
+def _passing(trajectory: Trajectory, q: np.ndarray) -> np.ndarray:
+    """Where a motion is nearest to positions q (n,)."""
+    from scipy.optimize import minimize_scalar
+
+    time = trajectory.time
+    k = int(np.argmin(np.linalg.norm(trajectory.position - q, axis=1)))
+    ends = time[max(k - 1, 0)], time[min(k + 1, len(time) - 1)]
+
+    def miss(t: float) -> float:
+        return float(np.linalg.norm(trajectory.sample(np.array([t]))[0][0] - q))
+
+    found = minimize_scalar(miss, bounds=ends, method="bounded", options={"xatol": 1e-12})
+    return np.asarray(trajectory.sample(np.array([found.x]))[0][0])
+
+
+def with_goals(result: Answer, chosen: Chosen, poses: dict[str, Pose], settings: Settings) -> Answer:
+    """The answer with the goals that were looked at, and by what its ends miss their poses."""
+    positions = result.trajectory.position
+    at = {"start": positions[0], "goal": positions[-1]}
+    for k, q in enumerate(chosen.move.via, start=1):
+        at[f"via {k}"] = _passing(result.trajectory, q)
+    said = pose_document(result.arm, settings.tool, poses, at)
+    status = result.status
+    if not all(end["valid"] for end in said.values()):
+        status = "not_converged"
+    return replace(result, status=status, goals={**chosen.document(), "poses": said})

@@ -18,15 +18,15 @@ from energy_opt.evaluations.output import ANSWER, document, table
 from energy_opt.evaluations.output import write as saved
 from energy_opt.evaluations.source import Stretch, joints_in, robot_named
 from energy_opt.formats.output import Written
-from energy_opt.found import Found
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, named_robot, robot_of
-from energy_opt.front.moves import documents, payload_document
+from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
+from energy_opt.front.moves import documents
 from energy_opt.front.rivals import rivals_of
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
+from energy_opt.results import Found, exit_of
 from energy_opt.robot import Robot, known_robots, load_robot
 
 AnyMotion = Trajectory | str | PathLike[str]
@@ -50,7 +50,7 @@ class Answers(Found):
     @property
     def exit_code(self) -> int:
         """Of the command line."""
-        return 0 if all(row.valid for row in self.files) else 4
+        return exit_of(False, all(row.valid for row in self.files))
 
     def document(self) -> dict[str, Any]:
         """evaluate.json."""
@@ -110,14 +110,12 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
         request, files=tuple(motion.name for motion in motions), robot=named_robot(robot, request.robot or robot),
         model=documents(rivals), payload=payload_document(request.payload),
     )  # fmt: skip
-    document = desk.stamped(asked.document())
-    desk.take(ANSWER, document)
+    document = desk.take(ANSWER, asked)
     answers = desk.keep(Answers(robot, asked, document, found))
     for evaluation in answers.found:
         for note in evaluation.motion.notes:
             desk.say(f"note: {note}")
-    for row in answers.files:
-        desk.say(f"{row.file if desk.out is None else desk.out / row.file}: {row}")
+    desk.report(answers.files)
     return answers
 
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,11 +18,14 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, near
 from energy_opt.files import finite_number, words_of
+from energy_opt.measured import read_log
+from energy_opt.measured.sets import robot_of as robot_of_log
 from energy_opt.power import PowerModel
 from energy_opt.power.known import is_named, model_of, named_model
 from energy_opt.power.model import model_from_document
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.groups import CellGroup, RobotGroup
+from energy_opt.requests.verbs import DiagnoseRequest, IdentifyRequest
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot.limits import look_like_degrees
 
@@ -154,6 +158,11 @@ def payload_from(given: Any) -> Payload:
     return Payload(mass=numbers[0], com=numbers[1:] if numbers.size == 4 else np.zeros(3))
 
 
+def payload_document(given: Any) -> dict[str, Any] | None:
+    """A payload as a request has it."""
+    return None if given is None else {name: value.tolist() for name, value in payload_from(given).values.items()}
+
+
 def cell_of(request: CellGroup) -> CellRequest:
     """Body and cell as a request has them.
 
@@ -248,3 +257,24 @@ def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
             f"{where}: {value:g} rad for {robot.joints[found[1]]} is far outside its limits: these look like degrees; "
             f"positions are radians ({value:g} deg = {np.radians(value):.4g} rad)"
         )
+
+
+Asked = TypeVar("Asked", IdentifyRequest, DiagnoseRequest)
+
+
+def robot_of_set(request: IdentifyRequest | DiagnoseRequest, folder: Path) -> Robot:
+    """The robot that the set of a folder names, with the request's limits and locked joints."""
+    limits = None if request.limits is None else Path(request.limits)
+    return robot_of_log(read_log(folder, request.allow_outside), limits, request.locked)
+
+
+def request_of_set(request: Asked, robot: Robot, **known: Any) -> Asked:
+    """The request with what its words came to.
+
+    Raises:
+        BadInput: the seed is below 0.
+    """
+    if request.seed < 0:
+        raise BadInput(f"--seed {request.seed}: expected 0 or more")
+    named = None if request.robot is None else named_robot(robot, request.robot)
+    return replace(request, robot=named, payload=payload_document(request.payload), **known)

@@ -11,12 +11,11 @@ import numpy as np
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, read_table, write_table
-from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, payload_from, robot_of
-from energy_opt.front.sets import request_of_set, robot_of_set
+from energy_opt.front.given import cell_of, payload_from, request_of_set, robot_of, robot_of_set
 from energy_opt.measured import read_set
 from energy_opt.requests.verbs import IdentifyRequest
+from energy_opt.results import Found
 from energy_opt.robot import PointMass, Robot
 from energy_opt.static_poses import Identification, Suggestion, poses_of, suggest
 from energy_opt.static_poses import identify as of_poses
@@ -91,8 +90,7 @@ def run(request: IdentifyRequest, desk: Desk) -> Identification | Suggested:
     for remark in measured.remarks:
         desk.say(f"note: {remark}")
     asked = request_of_set(request, measured.robot)
-    document = desk.stamped(asked.document())
-    desk.take(ANSWER, document)
+    document = desk.take(ANSWER, asked)
     result = replace(of_poses(measured.robot.name, poses_of(measured, mass)), request=document)
     result = desk.keep(result)
     desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))

@@ -11,39 +11,36 @@ from typing import Any
 from energy_opt.errors import Infeasible
 from energy_opt.folders import written_whole
 from energy_opt.formats import Format
-from energy_opt.formats.output import Written
-from energy_opt.formats.room import Files
-from energy_opt.found import Found
+from energy_opt.formats.output import Files, Written
 from energy_opt.front.controllers import check_written
-from energy_opt.front.desk import Desk, verb
+from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import content_of, job_from, job_settings, resolved_job
 from energy_opt.front.rivals import rivals_of, said, with_careful
 from energy_opt.front.workcell import WORKCELL, CellAnswer, run_workcell_job
 from energy_opt.jobs import JobResult, run_job, run_posed
 from energy_opt.jobs.models import compared, grounded, mean_of, stated
-from energy_opt.jobs.program import with_room, write_programs
+from energy_opt.jobs.output import with_room, write_programs
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.worth import per_year_words
 from energy_opt.requests.moves import JobRequest
+from energy_opt.results import exit_of
 
 ANSWER = "job.json"
 
 
-@dataclass(frozen=True, repr=False)
-class JobAnswer(Found):
+@dataclass(frozen=True, repr=False, kw_only=True)
+class JobAnswer(Answered):
     """A solved job with what it was asked for.
 
     Attributes:
         result: the cycle: its pieces, baselines, what was kept clear of.
-        request: what was asked; `run` repeats it. stamp: version, and the command line where there was one.
         formats: of the programs that are written beside it. files: those that were written, read back and judged.
         saved: job.json as it was written.
     """
 
     result: JobResult
     request: JobRequest
-    stamp: Mapping[str, Any]
     formats: tuple[Format, ...] = ()
     files: tuple[Written, ...] = ()
     saved: Mapping[str, Any] | None = None
@@ -51,16 +48,14 @@ class JobAnswer(Found):
     @property
     def exit_code(self) -> int:
         """Of the command line."""
-        if self.result.interrupted:
-            return 130
         written = [] if self.saved is None else self.saved["written"]
-        return 0 if self.result.solved and all(row["valid"] for row in written) else 4
+        return exit_of(self.result.interrupted, self.result.solved and all(row["valid"] for row in written))
 
     def document(self) -> dict[str, Any]:
         """job.json, less its files."""
         from energy_opt.jobs.output import document
 
-        found = {**document(self.result), "request": {**self.request.document(), **self.stamp}}
+        found = {**document(self.result), "request": self.asked}
         worth, slowed = self.request.worth, self.slowed
         if worth is not None:
             found["per_year"] = worth.of(None if slowed is None else slowed - self.result.energy)
@@ -81,8 +76,7 @@ class JobAnswer(Found):
 
         with written_whole(out, ANSWER) as aside:
             records = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
-            request = {**self.request.document(), **self.stamp}
-            found = write(self.result, request, aside, self.request.worth, records)
+            found = write(self.result, self.asked, aside, self.request.worth, records)
         return replace(self, files=tuple(records), saved=found)
 
     def __repr__(self) -> str:
@@ -97,7 +91,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
     Raises:
         BadInput: a fault of the job; names the step. Infeasible: no motion keeps the limits in the time there is.
     """
-    from energy_opt.jobs.resume import Answers
+    from energy_opt.jobs.work import Answers
 
     if content_of(request)[0].get("format") == WORKCELL:
         return run_workcell_job(request, desk)
@@ -112,8 +106,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
     settings = job_settings(request)
     cell, limits = cell_of(request), vars(job.robot.limits)
     asked = resolved_job(request, job.robot, rivals, kind)
-    document = desk.stamped(asked.document())
-    desk.take(ANSWER, document)
+    document = desk.take(ANSWER, asked)
     about = [*(rival.model.to_document() for rival in rivals), job.robot.name, limits, vars(settings), cell.document()]
     known: dict[str, Any] = {}
     answers = None if desk.out is None else Answers(desk.out, job.robot.joints, about, request.resume)
@@ -136,15 +129,11 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
         else:
             result = stated(result, rivals)
         result = grounded(result, rivals)
-        answer = desk.keep(JobAnswer(result, asked, desk.stamped({}), tuple(formats)))
-    for row in answer.files:
-        desk.say(f"{row.file if desk.out is None else desk.out / row.file}: {row}")
+        answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamped({}), formats=tuple(formats)))
     if result.solved and answers is not None:
         answers.forget()
-    if line := assumed(result.assumptions):
-        desk.say(line)
-    for warning in result.warnings if answer.saved is None else answer.saved["warnings"]:
-        desk.say(f"warning: {warning}")
+    warnings = result.warnings if answer.saved is None else answer.saved["warnings"]
+    desk.report(answer.files, assumed(result.assumptions), warnings)
     return answer
 
 

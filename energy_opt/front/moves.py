@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.front.given import named_robot, payload_from, positions, refuse_degrees
+from energy_opt.front.given import named_robot, positions, refuse_degrees
 from energy_opt.motion import Move, Settings
 from energy_opt.motion.path import JointPath, of_trajectory, through
 from energy_opt.motion.plan.robust import Kind, Rival
@@ -158,8 +158,3 @@ def _path(path: JointPath | None) -> Any:
     if path.source is None:
         return path(path.knots).tolist()
     return {name: getattr(path.source, name).tolist() for name in OF_TRAJECTORY}
-
-
-def payload_document(given: Any) -> dict[str, Any] | None:
-    """A payload as a request has it."""
-    return None if given is None else {name: value.tolist() for name, value in payload_from(given).values.items()}

@@ -2,31 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import Infeasible
 from energy_opt.front.answer import ANSWER, Answer, answer_of
-from energy_opt.front.controllers import (
-    check_controllers,
-    kept_words,
-    moves_of,
-    with_duration_of_moves,
-    with_room_of,
-    write_controllers,
-)
+from energy_opt.front.controllers import Controllers, check_controllers, kept_words
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.ends import ends_of
+from energy_opt.front.ends import ends_of, with_goals
 from energy_opt.front.given import cell_of, robot_of
-from energy_opt.front.goals import with_goals
-from energy_opt.front.input_time import at_input_time, solved
 from energy_opt.front.moves import move_of, resolved, settings_of
 from energy_opt.front.rivals import compared, members, rivals_of
-from energy_opt.motion import Planner
+from energy_opt.motion import Move, Planner, Result
+from energy_opt.motion.move import LONGEST, SHORTEST
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.poses.solve import solve_to
 from energy_opt.power.assumptions import said
 from energy_opt.requests.moves import OptimizeRequest
+
+
+def at_input_time(move: Move, objective: str = "energy") -> Move:
+    """The move at the duration of the given trajectory, where neither a duration nor a bound of it was asked for."""
+    free = move.duration is None and move.max_duration is None
+    if move.input is None or not free or objective == "time" or not SHORTEST <= move.input.duration <= LONGEST:
+        return move
+    return replace(move, duration=move.input.duration)
+
+
+def solved(solve: Callable[[Move], Result], move: Move, asked: Move) -> tuple[Result, Move]:
+    """The move solved, and as it was solved: where the given trajectory is too fast for the limits, its time is free.
+
+    Args:
+        move: see `at_input_time`. asked: as it was asked for.
+
+    Raises:
+        Infeasible: no motion holds the limits.
+    """
+    try:
+        return solve(move), move
+    except Infeasible as error:
+        if move == asked or error.shortest_duration is None:
+            raise
+        said = f"the {move.duration:.4g} s of the given trajectory are too short ({error}); the duration is free"
+    result = solve(asked)
+    return replace(result, warnings=(*result.warnings, said)), asked
 
 
 def run(request: OptimizeRequest, desk: Desk) -> Answer:
@@ -44,45 +65,40 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
     given = move_of(request, robot, ends, desk.say, duration=request.duration, max_duration=request.max_duration)
     move = at_input_time(given, settings.objective)
     asked = resolved(request, robot, rivals, kind, given, ends)
-    document = desk.stamped(asked.document())
-    desk.take(ANSWER, document)
+    document = desk.take(ANSWER, asked)
     with desk.working() as (stopped, _):
         cell = load_cell(robot, around)
         known: dict[str, Any] = {"cell": cell, "stopped": stopped}
         planner = Planner(robot, rivals[0].model, settings, **known)
         robust = None if kind is None else RobustPlanner(robot, rivals, kind, settings, **known)
+        controllers, chosen = Controllers(request, planner, robust), None
         try:
-            solver, chosen = planner if robust is None else robust, None
             if ends is None:
-                found, move = solved(solver.solve, move, given)
+                found, move = solved(controllers.solver.solve, move, given)
             else:
-                chosen = solve_to(ends, move, robot, members(rivals), cell, settings, solver, kind == "worst")
+                chosen = solve_to(
+                    ends, move, robot, members(rivals), cell, settings, controllers.solver, kind == "worst"
+                )
                 found, move = chosen.result, chosen.move
-            found, moves = with_room_of(
-                request, planner, robust, move, *moves_of(request, planner, robust, move, found)
-            )
+            found, moves = controllers.with_room(move, *controllers.moves(move, found))
             answer = answer_of(
                 compared(found, rivals, robot), arm=robot, move=move, request=asked, stamp=desk.stamped({}), cell=cell,
-                controllers=lambda result, out: write_controllers(request, planner, move, result, moves, out),
+                controllers=lambda result, out: controllers.write(move, result, moves, out),
             )  # fmt: skip
             if ends is not None and chosen is not None:
                 answer = with_goals(answer, chosen, ends.poses, settings)
         except Infeasible as fault:
-            error = fault if ends is not None else with_duration_of_moves(asked, planner, robust, move, fault)
+            error = fault if ends is not None else replace(controllers, request=asked).with_duration(move, fault)
             desk.failed(
                 ANSWER, error, robot=robot.name, joints=list(robot.joints), mode=move.mode, duration=move.duration,
                 request=document,
             )  # fmt: skip
             raise error from None
         answer = desk.keep(answer)
-    for row in answer.files:
-        desk.say(f"{row.file if desk.out is None else desk.out / row.file}: {row}")
+    desk.report(answer.files)
     if moves is not None:
         desk.say(kept_words(moves))
-    if line := said(answer.assumptions):
-        desk.say(line)
-    for warning in answer.warnings:
-        desk.say(f"warning: {warning}")
+    desk.report((), said(answer.assumptions), answer.warnings)
     if answer.message:
         desk.say(f"{answer.status}: {answer.message}")
     return answer

@@ -1,17 +1,25 @@
-"""The verb `robots`: the robots known by name, with joints and limits."""
+"""The verbs `robots`, `effects` and `passport`: what is known of arms and effects."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from energy_opt.found import Found
+from energy_opt.effects import effect_class, known_effects
+from energy_opt.effects.registry import described_effect
 from energy_opt.front.desk import Desk, verb
+from energy_opt.front.given import several
+from energy_opt.passports import Passport
+from energy_opt.passports import passport as passport_of
 from energy_opt.power.assumptions import grouped, rests_on
-from energy_opt.requests.verbs import RobotsRequest
+from energy_opt.power.model import model_from_document
+from energy_opt.requests.option import plain
+from energy_opt.requests.verbs import EffectsRequest, PassportRequest, RobotsRequest
+from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
 
 KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
@@ -76,3 +84,63 @@ def _text(r: Robot) -> str:
     for what, value, source, note in grouped(row for row in rests_on(r) if row.source in ("published", "assumed")):
         lines.append(f"  {source}: {what} {value}" + (f" ({note})" if note else ""))
     return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Effects(Found):
+    """Effects as they describe themselves."""
+
+    found: tuple[dict[str, Any], ...]
+
+    def document(self) -> dict[str, Any]:
+        """Name, law, parameters with units and bounds, options and traits of each."""
+        return {"effects": list(self.found)}
+
+    def text(self, out: Path) -> str:
+        """A paragraph for each, for a terminal."""
+        return "\n\n".join(map(_paragraph, self.found))
+
+
+def run_effects(request: EffectsRequest, desk: Desk) -> Effects:
+    """The effects known, with parameters, units and laws."""
+    kinds = [effect_class(name) for name in request.names] or list(known_effects().values())
+    return Effects(tuple(described_effect(kind) for kind in kinds))
+
+
+effects = verb(EffectsRequest, run_effects)
+
+
+def _paragraph(row: dict[str, Any]) -> str:
+    lines = [row["name"], f"  {row['law']}"]
+    for p in row["parameters"]:
+        lines.append(f"  {p['name']:<16} {p['words']}; {p['lower']:g} to {p['upper']:g}")
+    lines += [f"  {key:<16} {' or '.join(words)}" for key, words in row["options"].items()]
+    return "\n".join([*lines, f"  {', '.join(row['traits'])}"])
+
+
+ANSWER_OF_PASSPORT = "passport.json"
+
+
+def model_list(given: Any) -> list[Any]:
+    """Models one by one; documents of models as models."""
+    return [
+        model_from_document(dict(model), "model") if isinstance(model, Mapping) else model for model in several(given)
+    ]
+
+
+def run_passport(request: PassportRequest, desk: Desk) -> Passport:
+    """The electrical passport of one model of an arm, or of several side by side.
+
+    Raises:
+        BadInput: a file is at fault, a name or a robot is not known, or lists do not fit the robot.
+    """
+    found = passport_of(model_list(request.models), request.robot, request.limits)
+    states = [arm.model.to_document() for arm in found.arms]
+    robot = request.robot if request.robot is None else str(getattr(request.robot, "name", request.robot))
+    document = desk.take(ANSWER_OF_PASSPORT, replace(request, robot=robot), contents=plain(states))
+    result = desk.keep(replace(found, request=document))
+    desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))
+    return result
+
+
+passport = verb(PassportRequest, run_passport)

@@ -12,14 +12,12 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
-from energy_opt.found import Found
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.ends import ends_of
 from energy_opt.front.given import cell_of, robot_of
-from energy_opt.front.grounds import break_even_friction
-from energy_opt.front.job_over_time import JobFront, run_job
+from energy_opt.front.jobs import JobFront, run_job
 from energy_opt.front.moves import move_of, resolved, settings_of
-from energy_opt.front.rivals import members, rivals_of, said, with_careful
+from energy_opt.front.rivals import break_even_friction, members, rivals_of, said, with_careful
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.robust import Kind, Rival, RobustPlanner
 from energy_opt.motion.travel import detours
@@ -30,6 +28,7 @@ from energy_opt.power.assumptions import Assumption, assumptions
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.worth import PerYear
 from energy_opt.requests.moves import TradeoffRequest
+from energy_opt.results import Found
 from energy_opt.robot import Robot
 
 if TYPE_CHECKING:
@@ -118,12 +117,10 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff | JobFront:
     around = cell_of(request)
     ends = ends_of(request, robot, around)
     move = move_of(request, robot, ends, desk.say)
-    for warning in robot.warnings:
-        desk.say(f"warning: {warning}")
+    desk.report(warnings=robot.warnings)
     settings = settings_of(request)
     asked = replace(resolved(request, robot, rivals, kind, move, ends), durations=durations, duration=None)
-    document = desk.stamped(asked.document())
-    desk.take(ANSWER, document)
+    document = desk.take(ANSWER, asked)
     with desk.working() as (stopped, show):
 
         def progress(front: Front, expected: int) -> None:
@@ -140,10 +137,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff | JobFront:
         )
         found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
         answer = desk.keep(Tradeoff(front, found, robot, move, asked, mean_of(planner).cell))
-    if line := assumed([Assumption(**row) for row in found["assumptions"]]):
-        desk.say(line)
-    for warning in found["warnings"]:
-        desk.say(f"warning: {warning}")
+    desk.report((), assumed([Assumption(**row) for row in found["assumptions"]]), found["warnings"])
     if "message" in found:
         desk.say(found["message"])
     return answer

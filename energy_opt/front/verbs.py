@@ -1,14 +1,20 @@
-"""The verbs: what each is for, its request, and the function that does it."""
+"""The verbs (what each is for, its request, the function that does it), and `run`, which repeats a written request."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+from energy_opt.errors import BadInput, near
+from energy_opt.files import read_json
+from energy_opt.front.desk import Desk, verb
 from energy_opt.requests import moves, verbs
 from energy_opt.requests.option import Request
+from energy_opt.requests.verbs import RunRequest
+from energy_opt.results import ANSWERS
 
 
 @dataclass(frozen=True)
@@ -18,7 +24,7 @@ class Verb:
     Attributes:
         summary: what it is for, in one line.
         request: what it can be asked.
-        place: the module with the function `run` that does it.
+        place: the module with the function that does it, and after a colon its name where that is not `run`.
         out: the folder of its results where none is given; empty where it has none, or where its request says.
         report: whether that holds a report.html.
         answer: the file there that holds its answer; empty where that is no file.
@@ -36,7 +42,8 @@ class Verb:
     @property
     def run(self) -> Callable[..., Any]:
         """The function that does it, of a request and a desk."""
-        function: Callable[..., Any] = importlib.import_module(f"energy_opt.front.{self.place}").run
+        module, _, name = self.place.partition(":")
+        function: Callable[..., Any] = getattr(importlib.import_module(f"energy_opt.front.{module}"), name or "run")
         return function
 
 
@@ -73,11 +80,12 @@ VERBS = {
         verbs.DiagnoseRequest, "diagnose", "diagnosis", True, "diagnosis.json",
     ),
     "import": Verb(
-        "logs as labs have them to a measured set; guesses columns and units", verbs.ImportRequest, "importing"
+        "logs as labs have them to a measured set; guesses columns and units",
+        verbs.ImportRequest, "simulate:run_import",
     ),
     "passport": Verb(
         "an arm's electrical passport from its models; several side by side",
-        verbs.PassportRequest, "passport", "passport", True,
+        verbs.PassportRequest, "robots:run_passport", "passport", True,
     ),
     "simulate": Verb(
         "play trajectories on a virtual arm and write a measured set", verbs.SimulateRequest, "simulate"
@@ -85,7 +93,48 @@ VERBS = {
     "check": Verb("is this log, trajectory, model or suite usable", verbs.CheckRequest, "check"),
     "robots": Verb("the robots known by name, with joints and limits", verbs.RobotsRequest, "robots", printed=True),
     "effects": Verb(
-        "the effects known, with parameters, units and laws", verbs.EffectsRequest, "effects", printed=True
+        "the effects known, with parameters, units and laws", verbs.EffectsRequest, "robots:run_effects", printed=True
     ),
-    "run": Verb("repeat the request of a result, or one written by hand", verbs.RunRequest, "run", report=True),
+    "run": Verb("repeat the request of a result, or one written by hand", verbs.RunRequest, "verbs", report=True),
 }  # fmt: skip
+
+
+def asked_in(given: Any) -> Request:
+    """The request of a document, of a result that holds one, or of the file of either.
+
+    Raises:
+        BadInput: there is none, or it is not one of a known verb.
+    """
+    where, document = "the request", given
+    if not isinstance(given, Mapping):
+        path = Path(str(given))
+        where, document = str(path), read_json(path)
+    if isinstance(document, Mapping) and isinstance(document.get("request"), Mapping):
+        known = ANSWERS.get(Path(where).name)  # of results before requests named their verb
+        document = {"verb": known, **document["request"]}
+    if not isinstance(document, Mapping) or not document.get("verb"):
+        raise BadInput(f'{where}: no request; expected a JSON object with "verb", or a result of this program')
+    name = str(document["verb"])
+    if name not in VERBS or name == "run":
+        raise BadInput(f"{where}: no verb {name!r}{near(name, VERBS)}; verbs are {', '.join(VERBS)}")
+    try:
+        return VERBS[name].request.from_document(document)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
+
+
+def run(request: RunRequest, desk: Desk) -> Any:
+    """Do again what a written request asks for.
+
+    Raises:
+        BadInput: no such request; and what its verb raises.
+    """
+    asked = asked_in(request.request)
+    if hasattr(asked, "out"):
+        asked = asked if desk.out is None else replace(asked, out=desk.out)  # type: ignore[call-arg]
+    elif desk.command is not None and desk.out is None and VERBS[asked.verb].out:
+        desk = replace(desk, out=Path(VERBS[asked.verb].out))
+    return VERBS[asked.verb].run(asked, desk)
+
+
+repeat = verb(RunRequest, run)

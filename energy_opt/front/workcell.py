@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.folders import written_whole
-from energy_opt.found import Found
 from energy_opt.front.controllers import check_rate_of
-from energy_opt.front.desk import Desk
+from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import cell_of, several
 from energy_opt.front.jobs import content_of, job_settings
 from energy_opt.front.rivals import rivals_from
@@ -19,41 +18,38 @@ from energy_opt.power import PowerModel
 from energy_opt.power.worth import per_year_words
 from energy_opt.reports.workcell import BRIEF
 from energy_opt.requests.moves import JobRequest
+from energy_opt.results import exit_of
 from energy_opt.robot import Robot, load_robot
 
 WORKCELL = "energy-opt/job/2"
 ANSWER = "job.json"
 
 
-@dataclass(frozen=True, repr=False)
-class CellAnswer(Found):
+@dataclass(frozen=True, repr=False, kw_only=True)
+class CellAnswer(Answered):
     """A solved cycle of several robots.
 
     Attributes:
         result: its schedule, levers and proofs (`energy_opt.workcell.run.CellResult`).
-        request: what was asked; `run` repeats it. stamp: version, and the command line where there was one.
         formats: of the programs that are written beside it. files: those that were written, read back and judged.
     """
 
     result: Any
     request: JobRequest
-    stamp: Mapping[str, Any]
     formats: Any = ()
     files: tuple[Any, ...] = ()
 
     @property
     def exit_code(self) -> int:
         """Of the command line."""
-        if self.result.interrupted:
-            return 130
-        return 0 if self.result.solved and all(row.written.valid for row in self.files) else 4
+        good = self.result.solved and all(row.written.valid for row in self.files)
+        return exit_of(self.result.interrupted, good)
 
     def document(self) -> dict[str, Any]:
         """job.json, less its files."""
         from energy_opt.workcell.output import found_of
 
-        request = {**self.request.document(), **self.stamp}
-        return found_of(self.result, request, self.request.worth, self.files)
+        return found_of(self.result, self.asked, self.request.worth, self.files)
 
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a cycle that was saved into `out`."""
@@ -66,7 +62,7 @@ class CellAnswer(Found):
 
         with written_whole(out, ANSWER) as aside:
             records = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
-            write(self.result, {**self.request.document(), **self.stamp}, aside, self.request.worth, records)
+            write(self.result, self.asked, aside, self.request.worth, records)
         return replace(self, files=tuple(records))
 
     def __repr__(self) -> str:
@@ -90,21 +86,21 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
         named = given or (beside if beside is not None and beside.is_file() else name)
         return mean_of(rivals_from([] if named is None else [named], None, robot)[0])
 
-    asked, _ = replace(request, job=content, folder=str(path.parent.resolve())), request.worth
-    desk.take(ANSWER, desk.stamped(asked.document()))
+    asked = replace(request, job=content, folder=str(path.parent.resolve()))
+    _ = request.worth  # numbers that are none are refused before the work
+    desk.take(ANSWER, asked)
     settings = job_settings(request)
     with desk.working() as (stopped, show):
         result = run_workcell(
             cell, path, load=load_robot, model_of=model_of, settings=settings, request=cell_of(request),
             stopped=stopped, progress=show,
         )  # fmt: skip
-        answer = desk.keep(CellAnswer(result, asked, desk.stamped({}), formats))
+        answer = desk.keep(CellAnswer(result=result, request=asked, stamp=desk.stamped({}), formats=formats))
     for row in answer.files:
         if row.written.format != "csv" or not row.written.valid:
             file = row.written.file if desk.out is None else desk.out / row.written.file
             desk.say(f"{file}: {row.written}; begins at {row.start:.3f} s of the cell's cycle")
-    for warning in answer.document()["warnings"]:
-        desk.say(f"warning: {warning}")
+    desk.report(warnings=answer.document()["warnings"])
     return answer
 
 

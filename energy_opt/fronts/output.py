@@ -17,7 +17,7 @@ from energy_opt.formats import table as rows
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import Front, Point
 from energy_opt.power.worth import per_year_words
-from energy_opt.reports.solids import drawn
+from energy_opt.reports.motion import drawn
 from energy_opt.reports.tradeoff import page
 from energy_opt.robot import Robot
 

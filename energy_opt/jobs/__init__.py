@@ -1,6 +1,7 @@
 """Whole jobs: a cycle of moves and waits, its time spent where it saves most."""
 
-from energy_opt.jobs.file import Job, Step, check_job, load_job
+from energy_opt.jobs.file import check_job, load_job
+from energy_opt.jobs.legs import Job, Step
 from energy_opt.jobs.posed import run_posed
 from energy_opt.jobs.run import JobResult, run_job
 

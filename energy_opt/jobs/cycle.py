@@ -9,9 +9,7 @@ import numpy as np
 
 from energy_opt.effects import Payload
 from energy_opt.formats.program import standing
-from energy_opt.jobs.file import Job, Step
-from energy_opt.jobs.fronts import holding_power
-from energy_opt.jobs.legs import Leg
+from energy_opt.jobs.legs import Job, Leg, Step, holding_power
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.pose import Pose

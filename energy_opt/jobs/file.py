@@ -22,90 +22,93 @@ wait = 0.5                  # s; brakes = true: without holding losses
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from pydantic import Field, StrictBool, StrictStr, model_validator
 
-from energy_opt.errors import BadInput
-from energy_opt.files import read_toml
-from energy_opt.jobs.reader import OF_POSE, SAME, Load, Reader, Target, of_scene
-from energy_opt.poses.pose import Pose
+from energy_opt.batches.moves import joint_values
+from energy_opt.cell.request import CellRequest
+from energy_opt.errors import BadInput, near
+from energy_opt.files import inside, is_number, read_toml
+from energy_opt.jobs.legs import SAME, Job, Load, Step
+from energy_opt.poses.given import SUFFIXES, Given, poses_of_request
+from energy_opt.poses.pose import UNIT, Pose
 from energy_opt.robot import Robot, robot_named
+from energy_opt.schema import Name, Number, Table, faults_of, reads
 
-FORMAT = "energy-opt/job/1"
-TOP = ("format", "robot", "cycle_time", "home", "mode", "brakes", "payload", "scene", "poses", "step")
-MOVING = ("name", "to", *OF_POSE, "mode", "min_duration", "max_duration", "payload", "scene", "stop")
-WAITING = ("name", "wait", "brakes", "payload", "scene")
-MOST_STEPS = 1000
-BRIEFEST = 1e-6  # [s] of a cycle and a wait: less is none
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step as it is done.
-
-    Attributes:
-        name: for messages and results.
-        start, goal: (n,) [rad]; the same where it waits.
-        wait: seconds, None for a move; brakes: it waits without holding losses.
-        mode: "retime" or "reshape"; least, most: of the duration, s.
-        payload: (4,) mass [kg] and its centre [m] in the last joint's frame.
-        scene: file of what is around the arm, if the job names one.
-        stop: does the arm stand still at its end?
-        pose: where the tool must be at its end, while `goal` is still to be chosen (nan then, see `Job.at`).
-    """
-
-    name: str
-    start: np.ndarray
-    goal: np.ndarray
-    wait: float | None = None
-    brakes: bool = False
-    mode: Literal["retime", "reshape"] = "reshape"
-    least: float = 0.0
-    most: float = np.inf
-    payload: Load = (0.0, 0.0, 0.0, 0.0)
-    scene: Path | None = None
-    stop: bool = True
-    pose: Pose | None = None
+OF_POSE = {"pose", "free", "pose_tolerance"}
+MOVING = {"to", "mode", "min_duration", "max_duration", "stop", *OF_POSE}  # keys of steps that do not wait
+BRIEFEST, LONGEST = 1e-6, 1e7  # [s] of a cycle and a wait: less is none, more is a slip of units
+Target = Pose | np.ndarray
 
 
-@dataclass(frozen=True)
-class Job:
-    """A cycle of steps; the last ends where the first begins.
+def _load(value: Any) -> Load:
+    """MASS or [MASS, CX, CY, CZ]."""
+    parts = value if isinstance(value, list) else [value]
+    numbers = [float(x) for x in parts if is_number(x)]
+    if len(numbers) != len(parts) or len(numbers) not in (1, 4) or numbers[0] < 0:
+        raise BadInput("expected a mass in kg, or [mass, cx, cy, cz] with m")
+    mass, x, y, z = numbers if len(numbers) == 4 else (numbers[0], 0.0, 0.0, 0.0)
+    return mass, x, y, z
 
-    Attributes:
-        cycle_time: s; brakes: may brakes hold the arm while time is left over?
-        remarks: what in the file may be meant otherwise than it is read.
-    """
 
-    name: str
-    robot: Robot
-    cycle_time: float
-    steps: tuple[Step, ...]
-    brakes: bool = False
-    remarks: tuple[str, ...] = ()
+Seconds = Annotated[Number, Field(ge=0, le=LONGEST)]
+Lasting = Annotated[Number, Field(ge=BRIEFEST, le=LONGEST)]
+Mode = Literal["retime", "reshape"]
+Carried = Annotated[Load, reads(_load)]
+
+
+class StepTable(Table):
+    """One [[step]]: a move `to` positions, or to a `pose` of the tool, or a `wait`."""
+
+    name: Name | None = None
+    to: Any = None
+    pose: Any = None
+    free: Any = ()
+    pose_tolerance: Any = None
+    wait: Lasting | None = None
+    brakes: StrictBool = False
+    mode: Mode | None = None
+    min_duration: Seconds = 0.0
+    max_duration: Seconds = np.inf
+    payload: Carried | None = None
+    scene: StrictStr | None = None
+    stop: StrictBool = True
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if self.moves == (self.wait is not None):
+            raise ValueError("expected either `to` or `wait`, or `pose`")
+        other = (self.model_fields_set & {"brakes"}) if self.moves else (self.model_fields_set & MOVING)
+        if other:
+            raise ValueError(f"{min(other)} belongs to a step that {'waits' if self.moves else 'moves'}")
+        if self.min_duration > self.max_duration:
+            raise ValueError(f"min_duration = {self.min_duration:g} is above max_duration = {self.max_duration:g}")
+        return self
 
     @property
-    def waiting(self) -> float:
-        """Seconds that the job itself asks to wait."""
-        return sum(step.wait for step in self.steps if step.wait is not None)
+    def moves(self) -> bool:
+        """Whether it is a move."""
+        return self.to is not None or self.pose is not None
 
-    @property
-    def open(self) -> tuple[int, ...]:
-        """The steps whose joint positions are still to be chosen."""
-        return tuple(k for k, step in enumerate(self.steps) if np.isnan(step.goal).any() and step.wait is None)
 
-    def at(self, ends: Mapping[int, np.ndarray]) -> Job:
-        """The job whose steps k end at positions `ends[k]` (n,) [rad]."""
-        goals = {k: ends.get(k, step.goal) for k, step in enumerate(self.steps) if step.wait is None}
-        at = goals[max(goals)] if goals else self.steps[0].start
-        steps = []
-        for k, step in enumerate(self.steps):
-            begin, at = at, goals.get(k, at)
-            steps.append(replace(step, start=begin, goal=at))
-        return replace(self, steps=tuple(steps))
+class JobTable(Table):
+    """JOB.toml as it is written; positions and poses are read for the robot later."""
+
+    format: Literal["energy-opt/job/1"]
+    robot: StrictStr
+    cycle_time: Lasting
+    home: Any = None
+    mode: Mode = "reshape"
+    brakes: StrictBool = False
+    payload: Carried = (0.0, 0.0, 0.0, 0.0)
+    scene: StrictStr | None = None
+    poses: dict[str, Any] = {}
+    step: Annotated[list[StepTable], Field(min_length=1, max_length=1000)]
 
 
 def load_job(path: Path, load: Callable[[str], Robot], **more: Any) -> Job:
@@ -156,145 +159,160 @@ def _read(
     payload: Load | None = None,
     named: Mapping[str, Pose] | None = None,
 ) -> tuple[Job | None, list[str]]:
-    if document.get("format") != FORMAT:
-        return None, [f"format = {document.get('format')!r}; expected {FORMAT!r}"]
-    name = document.get("robot")
-    if not isinstance(name, str):
-        return None, [f"robot = {name!r}; expected a name or a URDF file in quotes"]
+    table, faults = faults_of(JobTable, document)
+    if table is None:
+        return None, faults
     try:
-        name = robot_named(name, path.parent, allow_outside)
+        name = robot_named(table.robot, path.parent, allow_outside)
     except BadInput as error:
         return None, [f"robot: {error}"]
-    reader = Reader(document, path, load(name), allow_outside)
-    reader.known(document, TOP, "job")
-    poses = document.get("poses", {})
-    if not isinstance(poses, Mapping):
-        reader.faults.append("poses: expected a table of names and positions")
-        poses = {}
-    reader.poses |= of_scene(reader, document) | dict(named or {})
-    remarks: list[str] = []
-    for key, value in poses.items():
-        q = reader.pose(value, f"poses: {key}")
-        if q is not None:
-            reader.poses[key] = q
-            remarks += reader.remarks(key, value)
-    cycle = reader.number(document, "cycle_time", "job", 1.0, BRIEFEST)
-    if "cycle_time" not in document:
-        reader.faults.append("job: no cycle_time; expected seconds")
-    records = document.get("step", [])
-    if not isinstance(records, list) or not records or not all(isinstance(row, Mapping) for row in records):
-        return None, [*reader.faults, "step: expected [[step]] tables, at least one"]
-    if len(records) > MOST_STEPS:
-        return None, [*reader.faults, f"step: {len(records)} steps; expected at most {MOST_STEPS}"]
-    steps = _steps(reader, records, payload)
-    brakes = reader.truth(document, "brakes", "job", False)
-    if reader.faults:
-        return None, reader.faults
-    return Job(path.stem, reader.robot, cycle, tuple(steps), brakes, tuple(remarks)), []
+    reading = _Reading(table, path, load(name), allow_outside)
+    reading.name_poses(named or {})
+    steps = reading.steps(payload)
+    if reading.faults:
+        return None, list(reading.faults)
+    job = Job(path.stem, reading.robot, table.cycle_time, tuple(steps), table.brakes, tuple(reading.remarks))
+    return job, []
 
 
-def _steps(reader: Reader, rows: list[Mapping[str, Any]], held: Load | None) -> list[Step]:
-    top = reader.document
-    at = reader.pose(top["home"], "home") if "home" in top else None
-    if at is not None:
-        reader.poses.setdefault("home", at)  # `to = "home"` goes there, also where home is given as positions
-    targets = [reader.target(row, _where(k, row)) if _moves(row) else None for k, row in enumerate(rows)]
-    last = next((q for row, q in zip(reversed(rows), reversed(targets), strict=True) if _moves(row)), None)
-    begin = at if "home" in top else last
-    if begin is None and not reader.faults:
-        reader.faults.append("step: no step moves; give `to` or `pose`, or `home` to wait at")
-    if reader.faults or begin is None:
-        _known(reader, rows)
-        return []
-    if last is None and isinstance(begin, Pose):
-        reader.faults.append("home: no step moves; a job that only waits has joint positions as its home")
-        return []
-    at = _nowhere(reader.robot) if isinstance(begin, Pose) else begin
-    out: list[Step] = []
-    said = reader.payload(top.get("payload", 0.0), "job")
-    payload = said if held is None else held
-    scene = reader.scene(top["scene"], "job") if "scene" in top else None
-    for k, (row, target) in enumerate(zip(rows, targets, strict=True)):
-        where = _where(k, row)
-        if "payload" in row:
-            payload = reader.payload(row["payload"], where)
-        if "scene" in row:
-            scene = reader.scene(row["scene"], where)
-        step = _step(reader, row, where, at, target, payload, scene)
-        if out and not out[-1].stop:
-            before = out[-1]
-            if step.wait is not None or step.payload != before.payload or step.scene != before.scene:
-                reader.faults.append(
+class _Reading:
+    """What the positions, poses and scenes of a job mean for its robot; faults are collected."""
+
+    def __init__(self, job: JobTable, path: Path, robot: Robot, allow_outside: bool) -> None:
+        self.job, self.path, self.robot, self.allow_outside = job, path, robot, allow_outside
+        self.faults: dict[str, None] = {}
+        self.remarks: list[str] = []
+        self._poses: dict[str, Target] = {}
+
+    def fault(self, text: object) -> None:
+        """Note a fault, once."""
+        self.faults[str(text)] = None
+
+    def name_poses(self, named: Mapping[str, Pose]) -> None:
+        """Take the poses that the job's scene file names, others that are known, and the job's own."""
+        scene = self._scene(self.job.scene, "job")
+        if scene is not None:
+            with suppress(BadInput):  # the scene's own faults are named where it is read
+                self._poses |= poses_of_request(CellRequest(scene=scene))
+        self._poses |= named
+        for name, value in self.job.poses.items():
+            target = self._target(value, f"poses: {name}")
+            if target is None:
+                continue
+            self._poses[name] = target
+            count = len(value) if isinstance(value, list) else 0
+            if count == 6 or (count == 7 and abs(np.linalg.norm(np.array(value[3:], dtype=float)) - 1) <= UNIT):
+                self.remarks.append(
+                    f"poses: {name}: these {count} numbers are joint positions; a pose of the tool is "
+                    f"{name} = {{ pose = [...] }}"
+                )
+
+    def steps(self, held: Load | None) -> list[Step]:
+        """All steps as they are done; `held` is the first payload, in place of what the job says."""
+        tables = self.job.step
+        places = [f"step {k}" + (f" ({row.name})" if row.name else "") for k, row in enumerate(tables, start=1)]
+        home = None if self.job.home is None else self._target(self.job.home, "home")
+        if home is not None:
+            self._poses.setdefault("home", home)  # `to = "home"` goes there, also where home is given as positions
+        targets = [self._end(row, where) if row.moves else None for row, where in zip(tables, places, strict=True)]
+        last = next((q for row, q in zip(tables[::-1], targets[::-1], strict=True) if row.moves), None)
+        begin = last if self.job.home is None else home
+        if begin is None and not self.faults:
+            self.fault("step: no step moves; give `to` or `pose`, or `home` to wait at")
+        if last is None and isinstance(begin, Pose) and not self.faults:
+            self.fault("home: no step moves; a job that only waits has joint positions as its home")
+        if self.faults or begin is None:
+            return []
+        nowhere = np.full(self.robot.n, np.nan)  # positions that are still to be chosen
+        at = nowhere if isinstance(begin, Pose) else begin
+        payload, scene = held or self.job.payload, self._scene(self.job.scene, "job")
+        out: list[Step] = []
+        for row, where, target in zip(tables, places, targets, strict=True):
+            payload = payload if row.payload is None else row.payload
+            scene = scene if row.scene is None else self._scene(row.scene, where)
+            name, goal, pose = row.name or where, at if target is None else target, None
+            if isinstance(goal, Pose):
+                pose, goal = replace(goal, name=f"{name}: {goal.name}" if goal.name not in name else name), nowhere
+            step = Step(
+                name, at, goal, row.wait, row.brakes, row.mode or self.job.mode, row.min_duration, row.max_duration,
+                payload, scene, row.stop, pose,
+            )  # fmt: skip
+            before = out[-1] if out and not out[-1].stop else None
+            if before and (step.wait is not None or (step.payload, step.scene) != (before.payload, before.scene)):
+                self.fault(
                     f"{where}: the step before has stop = false; this one can neither wait nor change payload or scene"
                 )
-        out.append(step)
-        at = step.goal
-    _known(reader, rows)
-    end, returns = begin if last is None else last, "the last step does not return to where the cycle begins"
-    if isinstance(end, Pose) or isinstance(begin, Pose):
-        if end is not begin and not (isinstance(end, Pose) and end.same_as(begin)):
-            reader.faults.append(f"{_where(len(rows) - 1, rows[-1])}: {returns}: home is another pose")
-    elif np.abs(end - begin).max() > SAME:
-        j = int(np.argmax(np.abs(end - begin)))
-        reader.faults.append(
-            f"{_where(len(rows) - 1, rows[-1])}: {returns}: "
-            f"{reader.robot.joints[j]} ends at {end[j]:.4g}, the cycle begins at {begin[j]:.4g}"
-        )
-    if not out[-1].stop:
-        reader.faults.append(f"{_where(len(rows) - 1, rows[-1])}: stop = false; the last step must end at rest")
-    return out
+            out.append(step)
+            at = step.goal
+        self._check_return(places[-1], begin if last is None else last, begin)
+        if not out[-1].stop:
+            self.fault(f"{places[-1]}: stop = false; the last step must end at rest")
+        return out
 
+    def _check_return(self, where: str, end: Target, begin: Target) -> None:
+        """Note where the last step does not end at the cycle's beginning."""
+        returns = f"{where}: the last step does not return to where the cycle begins"
+        if isinstance(end, Pose) or isinstance(begin, Pose):
+            if end is not begin and not (isinstance(end, Pose) and end.same_as(begin)):
+                self.fault(f"{returns}: home is another pose")
+        elif np.abs(end - begin).max() > SAME:
+            j = int(np.argmax(np.abs(end - begin)))
+            self.fault(f"{returns}: {self.robot.joints[j]} ends at {end[j]:.4g}, the cycle begins at {begin[j]:.4g}")
 
-def _moves(row: Mapping[str, Any]) -> bool:
-    return "to" in row or "pose" in row
+    def _end(self, row: StepTable, where: str) -> Target | None:
+        """Where a step goes: `to`, or a pose of the tool with its freedom."""
+        given = [key for key in ("pose", "free", "pose_tolerance") if key in row.model_fields_set]
+        if not given:
+            return self._target(row.to, where)
+        if row.pose is not None and row.to is not None:
+            self.fault(f"{where}: expected either `to` or `pose`")
+            return None
+        value = row.to if row.pose is None else row.pose
+        if isinstance(value, str) and isinstance(self._poses.get(value), np.ndarray):
+            self.fault(f"{where}: {value!r} is joint positions; {given[0]} belongs to a pose of the tool")
+            return None
+        return self._pose(value, where, row.free, row.pose_tolerance)
 
+    def _pose(self, value: Any, where: str, *freedom: Any) -> Pose | None:
+        try:
+            return Given(self.path.parent, self._poses, self.allow_outside).pose(value, where, *freedom)
+        except BadInput as error:
+            self.fault(error)
+            return None
 
-def _nowhere(robot: Robot) -> np.ndarray:
-    """Positions that are still to be chosen."""
-    return np.full(robot.n, np.nan)
+    def _target(self, value: Any, where: str) -> Target | None:
+        """A pose of the tool, or positions within the position limits, by name or as they are."""
+        if isinstance(value, str) and value in self._poses:
+            return self._poses[value]
+        if isinstance(value, str) and self.faults and value in self.job.poses:
+            return None  # what is wrong with it has been said
+        if isinstance(value, str) and not ("," in value or value.endswith(SUFFIXES)):
+            self.fault(f"{where}: unknown pose {value!r}{near(value, self._poses)}; [poses] names them")
+            return None
+        if isinstance(value, str) or (isinstance(value, Mapping) and "pose" in value):
+            return self._pose(value, where)
+        try:
+            q = np.array(joint_values(value, self.robot.joints))
+        except BadInput as error:
+            hint = "; a pose of the tool is { pose = [...] }" if np.size(value) in (6, 7) else ""
+            self.fault(f"{where}: {error}{hint}")
+            return None
+        low, high = self.robot.limits.lower, self.robot.limits.upper
+        outside = np.flatnonzero((q < low - SAME) | (q > high + SAME))
+        for j in outside[:1]:
+            name = self.robot.joints[j]
+            self.fault(f"{where}: {name} = {q[j]:.4g} is outside its position limits [{low[j]:.4g}, {high[j]:.4g}]")
+        return None if outside.size else q
 
-
-def _known(reader: Reader, rows: list[Mapping[str, Any]]) -> None:
-    for k, row in enumerate(rows):
-        where = _where(k, row)
-        if _moves(row) == ("wait" in row):
-            reader.faults.append(f"{where}: expected either `to` or `wait`, or `pose`")
-        reader.known(row, WAITING if "wait" in row else MOVING, where)
-
-
-def _where(k: int, row: Mapping[str, Any]) -> str:
-    name = row.get("name")
-    return f"step {k + 1} ({name})" if isinstance(name, str) else f"step {k + 1}"
-
-
-def _step(
-    reader: Reader,
-    row: Mapping[str, Any],
-    where: str,
-    at: np.ndarray,
-    target: Target | None,
-    payload: Load,
-    scene: Path | None,
-) -> Step:
-    name = row.get("name", where)
-    if not isinstance(name, str) or not name.isprintable():
-        reader.faults.append(f"{where}: name = {name!r}; expected words")
-        name = where
-    if "wait" in row:
-        wait = reader.number(row, "wait", where, 1.0, BRIEFEST)
-        brakes = reader.truth(row, "brakes", where, False)
-        return Step(name, at, at, wait, brakes, payload=payload, scene=scene)
-    mode = row.get("mode", reader.document.get("mode", "reshape"))
-    if mode not in ("retime", "reshape"):
-        reader.faults.append(f"{where}: mode = {mode!r}; expected retime or reshape")
-        mode = "reshape"
-    least = reader.number(row, "min_duration", where, 0.0)
-    most = reader.number(row, "max_duration", where, np.inf)
-    if least > most:
-        reader.faults.append(f"{where}: min_duration = {least:g} is above max_duration = {most:g}")
-    stop = reader.truth(row, "stop", where, True)
-    if isinstance(target, Pose):
-        pose = replace(target, name=f"{name}: {target.name}" if target.name not in name else name)
-        return Step(name, at, _nowhere(reader.robot), None, False, mode, least, most, payload, scene, stop, pose)
-    goal = at if target is None else target
-    return Step(name, at, goal, None, False, mode, least, most, payload, scene, stop)
+    def _scene(self, name: str | None, where: str) -> Path | None:
+        """A scene's file beside the job."""
+        if name is None:
+            return None
+        try:
+            path = inside(self.path.parent, name, self.allow_outside)
+        except BadInput as error:
+            self.fault(f"{where}: scene: {error}")
+            return None
+        if not path.is_file():
+            self.fault(f"{where}: scene {name!r} is not a file beside the job")
+        return path

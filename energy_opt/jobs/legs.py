@@ -1,16 +1,96 @@
-"""A job's steps as legs between rests: steps that are passed without stopping are one motion."""
+"""A job as its steps, the motions between its stops, and how the energy of these goes with their duration."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from energy_opt.jobs.file import Step
-from energy_opt.jobs.reader import SAME
+from energy_opt.errors import Infeasible
+from energy_opt.jobs.allocate import Front, Solved
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move
 from energy_opt.motion.path import JointPath, straight, through
+from energy_opt.motion.retime.fastest import minimum_time
+from energy_opt.motion.retime.program import Retiming
+from energy_opt.motion.retime.solve import FLOOR
+from energy_opt.motion.timing.law import Timing
+from energy_opt.poses.pose import Pose
+from energy_opt.power import PowerModel
+from energy_opt.robot import Robot
+
+SAME = 1e-9  # [rad] two positions nearer than this are one
+Load = tuple[float, float, float, float]  # mass [kg] and its centre [m] in the last joint's frame
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step as it is done.
+
+    Attributes:
+        name: for messages and results.
+        start, goal: (n,) [rad]; the same where it waits.
+        wait: seconds, None for a move; brakes: it waits without holding losses.
+        mode: "retime" or "reshape"; least, most: of the duration, s.
+        payload: (4,) mass [kg] and its centre [m] in the last joint's frame.
+        scene: file of what is around the arm, if the job names one.
+        stop: does the arm stand still at its end?
+        pose: where the tool must be at its end, while `goal` is still to be chosen (nan then, see `Job.at`).
+    """
+
+    name: str
+    start: np.ndarray
+    goal: np.ndarray
+    wait: float | None = None
+    brakes: bool = False
+    mode: Literal["retime", "reshape"] = "reshape"
+    least: float = 0.0
+    most: float = np.inf
+    payload: Load = (0.0, 0.0, 0.0, 0.0)
+    scene: Path | None = None
+    stop: bool = True
+    pose: Pose | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """A cycle of steps; the last ends where the first begins.
+
+    Attributes:
+        cycle_time: s; brakes: may brakes hold the arm while time is left over?
+        remarks: what in the file may be meant otherwise than it is read.
+    """
+
+    name: str
+    robot: Robot
+    cycle_time: float
+    steps: tuple[Step, ...]
+    brakes: bool = False
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def waiting(self) -> float:
+        """Seconds that the job itself asks to wait."""
+        return sum(step.wait for step in self.steps if step.wait is not None)
+
+    @property
+    def open(self) -> tuple[int, ...]:
+        """The steps whose joint positions are still to be chosen."""
+        return tuple(k for k, step in enumerate(self.steps) if np.isnan(step.goal).any() and step.wait is None)
+
+    def at(self, ends: Mapping[int, np.ndarray]) -> Job:
+        """The job whose steps k end at positions `ends[k]` (n,) [rad]."""
+        goals = {k: ends.get(k, step.goal) for k, step in enumerate(self.steps) if step.wait is None}
+        at = goals[max(goals)] if goals else self.steps[0].start
+        steps = []
+        for k, step in enumerate(self.steps):
+            begin, at = at, goals.get(k, at)
+            steps.append(replace(step, start=begin, goal=at))
+        return replace(self, steps=tuple(steps))
 
 
 @dataclass(frozen=True)
@@ -82,3 +162,65 @@ def legs_of(steps: Sequence[Step]) -> list[Leg]:
             )
             part = []
     return out
+
+
+LONGEST = 50.0  # a leg's duration ends at this multiple of its shortest
+SLOWER = 1.02  # step of a difference quotient
+SAMPLES = 40  # of the path, for the power that holding it takes
+
+
+def fastest_timing(robot: Robot, model: PowerModel, leg: Leg, limits: Sequence[Limit]) -> Timing:
+    """The fastest timing of a leg's first path.
+
+    Raises:
+        Infeasible: the path breaks limits at any timing; says which leg.
+    """
+    try:
+        return minimum_time(robot, model, leg.path, limits)
+    except Infeasible as error:
+        raise Infeasible(
+            f"{leg.name}: {error}", joint=error.joint, limit=error.limit, position=error.position
+        ) from None
+
+
+def holding_power(scorer: Scorer, q: np.ndarray) -> np.ndarray:
+    """Power (K,) [W] of standing still at positions q (K, n)."""
+    still = np.zeros_like(q)
+    _, power, _ = scorer.drive(q, still, still, np.zeros(len(q)))
+    return power
+
+
+def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], most: float) -> Front:
+    """The front of a leg up to a duration of `most` [s]; `timing` is its fastest."""
+    robot, model = scorer.robot, scorer.model
+    shortest, longest = max(timing.duration, leg.least), min(leg.most, LONGEST * timing.duration, most)
+    holding = float(holding_power(scorer, leg.path(np.linspace(0, 1, SAMPLES))).mean())
+    if not leg.path.moves:
+        return Front(shortest, shortest, holding, lambda price: Solved(shortest, holding * shortest, None))
+    work = Retiming(robot, model, timing, limits)
+    last = [timing]
+
+    def at_price(price: float) -> Solved:
+        found = work.optimise(last[0], price=price, longest=longest, floor=FLOOR)
+        if not found.solved and last[0] is not timing:
+            found = work.optimise(timing, price=price, longest=longest, floor=FLOOR)
+        if not found.solved:
+            slowed = timing.slowed(float(np.clip(last[0].duration, shortest, longest)))
+            return Solved(slowed.duration, work.energy(slowed), None)
+        last[0] = found.timing
+        bound = found.bound if leg.least <= timing.duration else None  # it knows nothing of a least duration
+        return Solved(found.timing.duration, found.energy, bound)
+
+    return Front(shortest, longest, holding, at_price)
+
+
+def slope_of_slowing(legs: Sequence[Leg], timings: Sequence[Timing], scorers: Sequence[Scorer], factor: float) -> float:
+    """W that another second is worth to legs that are all slowed evenly, by `factor`."""
+    energy, time = [0.0, 0.0], [0.0, 0.0]
+    for leg, timing, scorer in zip(legs, timings, scorers, strict=True):
+        for k, more in enumerate((factor, SLOWER * factor)):
+            duration = float(np.clip(more * timing.duration, max(timing.duration, leg.least), leg.most))
+            slowed = timing.slowed(duration).trajectory(scorer.robot.joints)
+            energy[k] += scorer.energy(slowed).total
+            time[k] += duration
+    return (energy[1] - energy[0]) / (time[1] - time[0]) if time[1] > time[0] else 0.0

@@ -1,9 +1,9 @@
-"""What `job` writes: job.json, a trajectory for every step, and the cycle as one."""
+"""The cycle as one motion that is judged and written as programs, and all files of a job."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +12,75 @@ import numpy as np
 from energy_opt import formats
 from energy_opt.cell.load import own_body
 from energy_opt.files import plain, write_json
-from energy_opt.formats.output import Written, unchanged
+from energy_opt.formats import Format, output
+from energy_opt.formats.cycle import certificates, without_jumps, write_cycle
+from energy_opt.formats.judging import CycleJudging, Judging
+from energy_opt.formats.output import Files, Shares, Written, unchanged
+from energy_opt.formats.program import Part, joined
 from energy_opt.jobs.cycle import Piece
-from energy_opt.jobs.program import judging_of, whole_cycle
 from energy_opt.jobs.run import JobResult
+from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.judge import pose_document
 from energy_opt.power.worth import PerYear
 from energy_opt.reports.job import page
-from energy_opt.reports.solids import drawn
+from energy_opt.reports.motion import drawn
+
+
+def parts_of(result: JobResult) -> list[Part]:
+    """The motions and waits of a solved job, in order, with what is carried in the last joint's frame."""
+    out, payload = [], result.job.steps[0].payload
+    for piece in result.pieces:
+        step = result.job.steps[piece.steps[0]] if piece.steps else None
+        payload = payload if step is None else step.payload
+        waits = piece.source == "wait"
+        brakes = waits and (result.plan.rest.brakes if step is None else step.brakes)
+        out.append(Part(piece.trajectory, piece.name, waits, "brakes" if brakes else "", payload))
+    return out
+
+
+def whole_cycle(result: JobResult) -> Trajectory:
+    """The cycle as one motion; where a jerk limit forbids that the acceleration jumps between steps, it does not."""
+    return joined([part.trajectory for part in without_jumps(parts_of(result), result.job.robot.limits)])
+
+
+def judging_of(result: JobResult) -> CycleJudging:
+    """What judges a job's cycle: every stretch under the payload and in the scene of its steps."""
+    limits = joint_limits(result.job.robot.limits)
+    step, stretches = result.job.steps[0], []
+    for piece in result.pieces:
+        step = result.job.steps[piece.steps[0]] if piece.steps else step
+        judge = Judging(result.scorer(step), limits, result.cells.of(step))
+        stretches.append((piece.trajectory.duration, judge))
+    return CycleJudging.of(stretches)
+
+
+def with_room(result: JobResult, files: Files, again: Callable[[Shares], JobResult]) -> JobResult:
+    """The job, or one that is planned again so that its cycle as one motion, and what `files` get, hold all limits.
+
+    Args:
+        again: plans the job with these shares of the limits' bounds.
+    """
+
+    def certificates_of(found: JobResult) -> list[Certificate]:
+        judge = judging_of(found)
+        return [judge(whole_cycle(found)), *certificates(parts_of(found), judge, files.formats, files.rate)]
+
+    found, shares = output.with_room(result, certificates_of, again)
+    if not shares or not found.solved:
+        return result
+    said = output.said(shares, found.energy - result.energy)
+    return replace(found, baselines=result.baselines, bound=result.bound, warnings=(*result.warnings, said))
+
+
+def write_programs(
+    result: JobResult, formats: Sequence[Format], out: Path, rate: float | None = None, prefix: str = ""
+) -> list[Written]:
+    """Write the cycle in several formats into a folder, as `write_cycle` does."""
+    return write_cycle(parts_of(result), judging_of(result), formats, out, rate, prefix)
+
 
 FORMAT = "energy-opt/job-result/1"
 
@@ -39,7 +98,7 @@ def document(result: JobResult) -> dict[str, Any]:
         "joints": list(result.job.robot.joints),
         "cycle_time": result.job.cycle_time,
         "energy_total": result.energy,
-        "steps": rows(result),
+        "steps": steps_of(result),
         "baselines": [
             {"name": b.name, "energy_total": b.energy, "valid": b.energy is not None} for b in result.baselines
         ],
@@ -77,8 +136,8 @@ def _chosen(result: JobResult) -> dict[str, Any]:
     }
 
 
-def rows(result: JobResult) -> list[dict[str, Any]]:
-    """A row for every step and for time that is left over; their durations add up to the cycle."""
+def steps_of(result: JobResult) -> list[dict[str, Any]]:
+    """An entry for every step and for time that is left over; their durations add up to the cycle."""
     out, at, k, rest = [], 0.0, 0, result.plan.rest
     for piece in result.pieces:
         k = piece.steps[0] if piece.steps else k
@@ -120,7 +179,7 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
         cuts.append(cuts[-1] + 1 + int(np.argmin(after)))
     cuts.append(len(t.time) - 1)
     scorer = result.scorer(steps[0])
-    parts = [_rows(t, a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    parts = [_samples(t, a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
     energies = np.array([scorer.energy(part).total for part in parts])
     energies += (piece.energy - energies.sum()) * energies / energies.sum()  # of kinks between samples
     return [
@@ -129,7 +188,7 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
     ]
 
 
-def _rows(t: Trajectory, first: int, last: int) -> Trajectory:
+def _samples(t: Trajectory, first: int, last: int) -> Trajectory:
     records = slice(first, last + 1)
     return Trajectory(
         t.joints, t.time[records] - t.time[first], t.position[records], t.velocity[records], t.acceleration[records]

@@ -1,24 +1,23 @@
-"""The work on a job's legs: one planner for all payloads and scenes."""
+"""The work on a job's legs: one planner for all payloads and scenes, and answers that outlive a run that was killed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
-
+from energy_opt import formats
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
 from energy_opt.errors import EnergyOptError, Infeasible
+from energy_opt.files import to_json
 from energy_opt.jobs.allocate import Front
 from energy_opt.jobs.cycle import Answer, Scorers
-from energy_opt.jobs.file import Job, Step
-from energy_opt.jobs.fronts import fastest_timing, front_of
-from energy_opt.jobs.legs import Leg
+from energy_opt.jobs.legs import Job, Leg, Step, fastest_timing, front_of
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner
@@ -79,7 +78,7 @@ class Worker:
         """The planner under a leg's payload, in its scene."""
         return self._planner.under(self.scorers.of(leg.step).model).around(self.cells.of(leg.step))
 
-    def begun(self, leg: Leg) -> Leg:
+    def with_first_path(self, leg: Leg) -> Leg:
         """The leg with the first path that the planner starts from.
 
         A path that a retimed leg is to keep and that is not free is left to reshaping.
@@ -184,11 +183,38 @@ class Worker:
         return steps
 
 
-def _touching(cell: Cell | None, motion: Trajectory) -> bool:
-    return (
-        cell is not None
-        and cell.checks
-        and any(
-            cell.touching(q) is not None for q in motion.sample(np.linspace(motion.time[0], motion.time[-1], LOOKS))[0]
-        )
-    )
+FOLDER = ".answers"
+
+
+class Answers:
+    """Trajectories by what decides them: leg, duration, and whatever else `about` says (model, limits, settings)."""
+
+    def __init__(self, out: Path, joints: Sequence[str], about: object, resume: bool) -> None:
+        """In `out`; without `resume` what an earlier run left is not looked at."""
+        self._folder, self._joints, self._resume = Path(out) / FOLDER, tuple(joints), resume
+        self._about = to_json(about)
+
+    def known(self, leg: Leg, duration: float) -> Trajectory | None:
+        """The earlier answer; None where there is none that can be read."""
+        path = self._path(leg, duration)
+        if not self._resume or not path.is_file():
+            return None
+        try:
+            return formats.read_trajectory(path, self._joints)
+        except EnergyOptError:
+            return None
+
+    def keep(self, leg: Leg, duration: float, trajectory: Trajectory) -> None:
+        """Write an answer, whole or not at all."""
+        formats.write(trajectory, self._path(leg, duration))
+
+    def forget(self) -> None:
+        """Nothing is kept of a job that is done."""
+        for path in self._folder.glob("*.csv"):
+            path.unlink(missing_ok=True)
+        if self._folder.is_dir():
+            self._folder.rmdir()
+
+    def _path(self, leg: Leg, duration: float) -> Path:
+        what = to_json([leg.points, leg.mode, leg.step.payload, str(leg.step.scene), repr(duration)])
+        return self._folder / f"{hashlib.sha256((self._about + what).encode()).hexdigest()[:24]}.csv"

@@ -3,18 +3,65 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import html
+import importlib.util
+import io
 import json
 import math
+import re
+import zipfile
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from energy_opt.errors import BadInput
 from energy_opt.files import write_text
-from energy_opt.reports import bundles
 from energy_opt.reports.charts import Chart
+
+LEVEL = 5  # of gzip: 6 takes a third longer and saves 0.7 % of a page
+ASSETS = Path(__file__).parent / "assets"
+
+
+def packed(text: str | bytes) -> str:
+    """Text as base64 of its gzip; the same bytes for the same text."""
+    data = text.encode() if isinstance(text, str) else text
+    return base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode("ascii")
+
+
+def asset(name: str) -> str:
+    """One of the package's own scripts or styles."""
+    return (ASSETS / name).read_text(encoding="utf-8")
+
+
+@cache
+def plotly() -> str:
+    """plotly.js, packed."""
+    return packed((_folder("plotly") / "package_data" / "plotly.min.js").read_bytes())
+
+
+@cache
+def three() -> str:
+    """three.js, packed: what is in trimesh's viewer page before that page's own few lines."""
+    archive = (_folder("trimesh") / "resources" / "templates" / "viewer.zip").read_bytes()
+    with zipfile.ZipFile(io.BytesIO(archive)) as file:
+        page = file.read("viewer.html.template").decode("utf-8")
+    script = max(re.findall(r"<script[^>]*>(.*?)</script>", page, flags=re.DOTALL), key=len)
+    library, found, _ = script.partition("var camera,controls")
+    if not found:
+        raise BadInput("trimesh: its viewer page is not the one that is known; install trimesh 4")
+    return packed(library)
+
+
+def _folder(package: str) -> Path:
+    """Where a package lies, without importing it."""
+    spec = importlib.util.find_spec(package)
+    if spec is None or not spec.submodule_search_locations:
+        raise BadInput(f"reports need {package}: pip install {package}")
+    return Path(next(iter(spec.submodule_search_locations)))
 
 
 def shown(value: Any, digits: int = 4) -> str:
@@ -136,7 +183,7 @@ class Report:
         head = (
             '<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f"<title>{title}</title>\n<style>{bundles.asset('page.css')}</style></head>"
+            f"<title>{title}</title>\n<style>{asset('page.css')}</style></head>"
         )
         body = "\n".join(self._parts)
         return f"{head}\n<body>\n<h1>{title}</h1>\n{body}\n{self._scripts()}</body>\n</html>\n"
@@ -146,13 +193,13 @@ class Report:
         if not self._charts and self._player is None:
             return ""
         data = json.dumps({"charts": self._charts, "player": self._player}, allow_nan=False)
-        held = {"data": bundles.packed(data)}
+        held = {"data": packed(data)}
         if self._charts:
-            held["plotly"] = bundles.plotly()
+            held["plotly"] = plotly()
         if self._player is not None:
-            held["three"] = bundles.three()
+            held["three"] = three()
         parts = [f'<script type="application/gzip" id="held-{name}">{text}</script>' for name, text in held.items()]
-        own = [bundles.asset(name) for name in ("charts.js", "player.js", "page.js")]
+        own = [asset(name) for name in ("charts.js", "player.js", "page.js")]
         return "\n".join([*parts, *(f"<script>\n{text}</script>" for text in own)]) + "\n"
 
     def write(self, path: Path) -> None:

@@ -18,10 +18,10 @@ import numpy as np
 
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
-from energy_opt.found import Found
 from energy_opt.measured import MeasuredSet
 from energy_opt.measured.run import LONG, standstills
 from energy_opt.power import PowerModel
+from energy_opt.results import Found
 from energy_opt.robot import PointMass, RigidBody
 
 FEWEST_READINGS = 5  # of a standstill, or as many as take `LONG` where the meter is slow

@@ -118,7 +118,7 @@ class Arm:
         """
         key = leg.points.tobytes(), leg.mode, leg.least, leg.most, leg.step.payload, leg.step.scene
         if key not in self._known:
-            begun = self.worker.begun(leg)
+            begun = self.worker.with_first_path(leg)
             timing = self.worker.timing(begun)
             timing = timing.slowed(WITHIN * timing.duration)
             shortest = max(float(whole(timing.duration + self._blend)), leg.least)

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.reports.motion import Solid, cell_player
-from energy_opt.reports.solids import drawn
+from energy_opt.reports.motion import Solid, cell_player, drawn
 from energy_opt.robot import Link
 from energy_opt.workcell.between import placed_links
 from energy_opt.workcell.run import CellResult

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from energy_opt.batches.journal import NAME, Journal, read_journal
+from energy_opt.batches.records import NAME, Journal, read_journal
 from energy_opt.errors import BadInput
 
 HEADER = {"suite": "s", "digest": "d"}

@@ -14,8 +14,7 @@ import bench_workers
 import pytest
 
 from energy_opt.batches import load_suite, run_batch
-from energy_opt.batches.journal import NAME, read_journal
-from energy_opt.batches.records import TIMES, read_parquet
+from energy_opt.batches.records import NAME, TIMES, read_journal, read_parquet
 
 HERE = Path(__file__).parents[1]
 COUNT = 12

@@ -11,7 +11,7 @@ import yaml
 
 from energy_opt.cli.faults import as_error
 from energy_opt.cli.main import VERBS, main, parsers
-from energy_opt.cli.usage import UNITS, USAGE
+from energy_opt.cli.options import UNITS, usage_of
 from energy_opt.files import read_table
 from energy_opt.robot import load_robot
 
@@ -135,7 +135,7 @@ def test_help_ends_with_examples_that_parse(verb, capsys):
     with pytest.raises(SystemExit):
         main([verb, "--help"])
     said = " ".join(capsys.readouterr().out.split())
-    commands, read, written = USAGE[verb]
+    commands, read, written = usage_of(verb)
     assert "example" in said and f"reads: {read}" in said and f"writes: {written}" in said and UNITS in said
     for command in commands:
         assert command in said  # unbroken, to be copied

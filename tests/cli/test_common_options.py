@@ -15,8 +15,7 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json
 from energy_opt.formats import write
-from energy_opt.front.given import cell_of
-from energy_opt.front.sets import request_of_set
+from energy_opt.front.given import cell_of, request_of_set
 from energy_opt.front.verbs import VERBS
 from energy_opt.motion import Settings
 from energy_opt.motion.trajectory import Trajectory

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import energy_opt as eo
-from energy_opt.batches.journal import read_journal
+from energy_opt.batches.records import read_journal
 from energy_opt.cli import faults
 from energy_opt.cli.main import main
 from energy_opt.folders import leave_folder, take_folder, written_whole

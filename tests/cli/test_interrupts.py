@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from virtual_sets import make_set
 
-from energy_opt.cli import interrupt
+from energy_opt.cli.faults import interrupt
 from energy_opt.cli.main import main
 from energy_opt.effects import CoulombFriction
 from energy_opt.folders import written_whole

@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 from virtual_sets import make_set
 
-from energy_opt.batches.journal import read_journal
-from energy_opt.batches.records import TIMES, read_parquet
+from energy_opt.batches.records import TIMES, read_journal, read_parquet
 from energy_opt.effects import CoulombFriction
 from energy_opt.files import read_json, read_table, read_toml
 

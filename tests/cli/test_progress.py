@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from energy_opt.cli import progress, view
-from energy_opt.cli.progress import Progress
+from energy_opt.cli import streams, terminal
+from energy_opt.cli.terminal import Progress
 
 LOG = logging.getLogger("energy_opt.somewhere")
 
@@ -23,8 +23,8 @@ class Terminal(io.StringIO):
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(progress, "PATIENCE", 0.0)
-    monkeypatch.setattr(progress, "TICK", 0.02)
+    monkeypatch.setattr(terminal, "PATIENCE", 0.0)
+    monkeypatch.setattr(terminal, "TICK", 0.02)
 
 
 def _said(stream: io.StringIO, **options: bool) -> str:
@@ -40,7 +40,7 @@ def _said(stream: io.StringIO, **options: bool) -> str:
 def test_a_terminal_sees_what_is_done_and_how_long_it_takes() -> None:
     said = _said(Terminal())
     assert "about 30 s left | compiling" in said and "leg 1: start 3" in said
-    assert said.endswith("\r" + " " * progress.WIDTH + "\r") and "\n" not in said  # the line is gone in the end
+    assert said.endswith("\r" + " " * terminal.WIDTH + "\r") and "\n" not in said  # the line is gone in the end
     assert LOG.parent is not None and not LOG.parent.handlers
 
 
@@ -65,11 +65,11 @@ def test_the_report_opens_where_there_is_a_display(
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or True)
     (tmp_path / "report.html").write_text("")
-    monkeypatch.setattr(view, "has_display", lambda: False)
-    view.view(tmp_path)
+    monkeypatch.setattr(streams, "has_display", lambda: False)
+    streams.view(tmp_path)
     assert not opened and str(tmp_path / "report.html") in capsys.readouterr().err
-    monkeypatch.setattr(view, "has_display", lambda: True)
-    view.view(tmp_path)
+    monkeypatch.setattr(streams, "has_display", lambda: True)
+    streams.view(tmp_path)
     assert opened == [(tmp_path / "report.html").resolve().as_uri()]
 
 

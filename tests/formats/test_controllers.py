@@ -6,7 +6,6 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,14 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from poses import GOAL, START
+from swings import UR_GOAL, UR_START, swing
 from urscript_arm import Controller
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.formats import output, read_trajectory, urscript, write
 from energy_opt.formats.judging import Judging
-from energy_opt.formats.resample import RATES, fitted, resampled
-from energy_opt.formats.steps import on_steps, worst_step
+from energy_opt.formats.resample import RATES, fitted, on_steps, resampled, worst_step
 from energy_opt.motion.judge.certificate import certify
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
@@ -32,18 +31,6 @@ from energy_opt.power import PowerModel
 from energy_opt.profiles import Chain
 from energy_opt.profiles.movej import blend_radii, leading, tool_point
 from energy_opt.robot import Robot
-
-UR_START, UR_GOAL = np.array([0.0, -1.5, 1.2, -1.0, 0.3, 0.0]), np.array([0.8, -1.0, 0.7, -1.4, -0.2, 0.3])
-
-
-def swing(joints: tuple[str, ...], start: np.ndarray, goal: np.ndarray, seconds: float, rows: int = 401) -> Trajectory:
-    """The polynomial of degree seven from rest to rest, acceleration and jerk zero at both ends."""
-    x = np.linspace(0, 1, rows)[:, None]
-    shape = x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
-    slope = 140 * x**3 * (1 - x) ** 3
-    bend = 420 * x**2 * (1 - x) ** 2 * (1 - 2 * x)
-    d = goal - start
-    return Trajectory(joints, x[:, 0] * seconds, start + shape * d, slope * d / seconds, bend * d / seconds**2)
 
 
 @settings(max_examples=60, deadline=None)
@@ -102,38 +89,6 @@ def test_a_rate_that_does_not_hold_is_slowed_or_replaced(bend: tuple[Trajectory,
     for rate in (0, -1, np.inf, 1e9):
         with pytest.raises(BadInput, match="expected samples per second"):
             resampled(curve, rate)
-
-
-def test_a_program_at_the_controllers_own_rate_is_judged_as_positions(ur5: Robot, model: PowerModel) -> None:
-    """Quintics between samples hold from 500 Hz on; positions at 500 Hz hold where the motion is slowed a little."""
-    curve = swing(ur5.joints, UR_START, UR_GOAL, 1.2347)
-
-    class Judge:
-        scorer = Scorer(ur5, model)
-
-        def __call__(self, trajectory: Trajectory) -> Any:
-            return SimpleNamespace(valid=len(trajectory.time) > 500 * trajectory.duration)
-
-        def at_steps(self, trajectory: Trajectory, rate: float) -> Any:
-            assert rate == 500
-            held = trajectory.duration > 1.01 * curve.duration
-            return SimpleNamespace(valid=held, within_limits=held, violation=0.01)
-
-    (form,) = output.wanted(["urscript"])
-    got = output.sampled(curve, Judge(), form, None)  # type: ignore[arg-type]
-    assert got.rate == 500 and 1.01 < got.trajectory.duration / curve.duration < 1.03
-
-
-def test_a_program_for_an_arm_that_may_be_no_ur_says_so(tmp_path: Path, ur5: Robot, model: PowerModel) -> None:
-    curve, (form,) = swing(ur5.joints, UR_START, UR_GOAL, 2.0), output.wanted(["urscript"])
-    judge = Judging(Scorer(ur5, model), joint_limits(ur5.limits))
-    (row,) = output.write(curve, judge, [form], tmp_path)
-    assert "UR's" not in str(row)
-    row = output.read_back(
-        tmp_path / "trajectory.script", form, output.Sampled(curve, row.rate), judge, "",
-        replace(curve, joints=tuple(f"joint{k}" for k in range(6))),
-    )  # fmt: skip
-    assert "the joints are not named as a UR's" in str(row)
 
 
 def test_all_formats_at_a_rate(tmp_path: Path, bend: tuple[Trajectory, Scorer], panda: Robot) -> None:

@@ -23,7 +23,7 @@ from energy_opt.formats.program import Part, standing
 from energy_opt.formats.program import joined as joined_parts
 from energy_opt.jobs import load_job, run_job
 from energy_opt.jobs import output as job_output
-from energy_opt.jobs.program import write_programs
+from energy_opt.jobs.output import write_programs
 from energy_opt.motion import Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits

@@ -6,8 +6,8 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 
-from energy_opt.found import Found
 from energy_opt.front.verbs import VERBS
+from energy_opt.results import Found
 
 
 class Table(Found):

@@ -11,7 +11,7 @@ import pytest
 import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.front.answer import Answer
-from energy_opt.front.grounds import grounded
+from energy_opt.front.rivals import grounded
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import Rival
 from energy_opt.motion.trajectory import Trajectory

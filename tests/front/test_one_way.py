@@ -18,9 +18,8 @@ from energy_opt.cli.examples import example
 from energy_opt.cli.main import main
 from energy_opt.errors import speaking_of_options
 from energy_opt.files import to_json, write_table
-from energy_opt.front.effects import effects as described
-from energy_opt.front.run import asked_in
-from energy_opt.front.verbs import VERBS
+from energy_opt.front.robots import effects as described
+from energy_opt.front.verbs import VERBS, asked_in
 from energy_opt.requests.option import options_of
 
 EXAMPLE = example("job")

@@ -34,8 +34,7 @@ from energy_opt.motion.path import through
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.power.law import rigid_torque
-from energy_opt.reports.motion import Played, player
-from energy_opt.reports.solids import drawn
+from energy_opt.reports.motion import Played, drawn, player
 from energy_opt.robot import PointMass, Robot, tool_of
 
 START, GOAL = np.array([0.0, 0.0, 0.0, 0.0, 0.0]), np.array([1.2, 0.5, 0.4, 1.0, 0.03])

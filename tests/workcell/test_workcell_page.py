@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 
-from energy_opt.reports.gantt import gantt, waterfall
 from energy_opt.reports.motion import Solid, cell_player
+from energy_opt.reports.workcell import gantt, waterfall
 from energy_opt.robot import load_robot
 from energy_opt.robot.kinematics import Kinematics
 

@@ -152,7 +152,8 @@ class _Reading:
         """
         path = self.inside(name, key)
         if not path.is_file():
-            either = f"neither a file beside the suite nor one of {', '.join(others)}" if others else ""
+            kind = "model file" if key == "models" else "file"
+            either = f"neither a {kind} beside the suite nor one of {', '.join(others)}" if others else ""
             raise BadInput(f"{name!r} is {either or 'not a file beside the suite'}")
         return path
 

@@ -19,8 +19,9 @@ import numpy as np
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
-from energy_opt.jobs.cycle import Choice, Scorers
-from energy_opt.jobs.legs import Job, Step
+from energy_opt.jobs.cycle import Choice, Plan, Scorers
+from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.rough import RoughCycles
 from energy_opt.jobs.run import JobResult, run_job
 from energy_opt.jobs.work import Cells, unloaded
 from energy_opt.motion.judge.energy import Scorer

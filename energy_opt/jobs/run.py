@@ -27,7 +27,8 @@ from energy_opt.jobs.cycle import (
     last_rest,
     standing_power,
 )
-from energy_opt.jobs.legs import Job, Leg, Step, legs_of, slope_of_slowing
+from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
 from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
@@ -172,13 +173,7 @@ def run_job(
         return energy_of(assembled(job, work.scorers, plan))
 
     progress("sharing the cycle's time", SHARING)
-    spare = time - float(shortest.sum())  # what one leg may take beyond its shortest duration
-    # a power of two, 8 at least, times the shortest duration: equal for near cycles
-    most = (least * 2 ** max(3, np.ceil(np.log2(1 + spare / max(least, 1e-6)))) for least in shortest)
-    fronts = [work.front(*each) for each in zip(legs, timings, most, strict=True)]
-    scorers = [work.scorers.of(leg.step) for leg in legs]
-    guess = slope_of_slowing(legs, timings, scorers, time / shortest.sum()) if legs else None
-    shares = allocate(fronts, time, rest.power, guess)
+    fronts, shares = shares_of(job, work, legs, timings, rest)
     retimed = all(leg.mode == "retime" for leg in legs)
     best = plan_of(shares.durations, 2 * SHARING, 1.0 if retimed else 0.6)
     if not retimed and not stopped():
@@ -219,7 +214,8 @@ def shares_of(
         Infeasible: the cycle, or the time of a leg, is too short.
     """
     time, shortest = job.cycle_time - job.waiting, _shortest(job, legs, timings)
-    spare = time - float(shortest.sum())  # what one leg may take beyond its shortest duration; equal for near cycles
+    spare = time - float(shortest.sum())  # what one leg may take beyond its shortest duration
+    # a power of two, 8 at least, times the shortest duration: equal for near cycles
     most = (least * 2 ** max(3, np.ceil(np.log2(1 + spare / max(least, 1e-6)))) for least in shortest)
     fronts = [work.front(*each) for each in zip(legs, timings, most, strict=True)]
     scorers = [work.scorers.of(leg.step) for leg in legs]

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from energy_opt import formats
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
@@ -17,7 +19,8 @@ from energy_opt.errors import EnergyOptError, Infeasible
 from energy_opt.files import to_json
 from energy_opt.jobs.allocate import Front
 from energy_opt.jobs.cycle import Answer, Scorers
-from energy_opt.jobs.legs import Job, Leg, Step, fastest_timing, front_of
+from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.legs import Leg, fastest_timing, front_of
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner
@@ -181,6 +184,16 @@ class Worker:
         steps = Neighbours(self.planner(leg).single(leg.move(None)))
         self._steps.append((leg, steps))
         return steps
+
+
+def _touching(cell: Cell | None, motion: Trajectory) -> bool:
+    return (
+        cell is not None
+        and cell.checks
+        and any(
+            cell.touching(q) is not None for q in motion.sample(np.linspace(motion.time[0], motion.time[-1], LOOKS))[0]
+        )
+    )
 
 
 FOLDER = ".answers"

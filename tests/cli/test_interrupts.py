@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from virtual_sets import make_set
 
-from energy_opt.cli.faults import interrupt
+from energy_opt.cli import faults
 from energy_opt.cli.main import main
 from energy_opt.effects import CoulombFriction
 from energy_opt.folders import written_whole
@@ -30,10 +30,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def _as_the_command_does() -> Iterator[None]:
-    before = signal.signal(signal.SIGINT, interrupt.interrupt)
+    before = signal.signal(signal.SIGINT, faults.interrupt)
     yield
     signal.signal(signal.SIGINT, before)
-    interrupt._pressed.clear()
+    faults._pressed.clear()
 
 
 def pressed(monkeypatch: pytest.MonkeyPatch, place: str, times: int = 1) -> None:

@@ -16,6 +16,7 @@ from energy_opt.power import PowerModel
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
 RIVAL = 3.0  # and within which another set explains as well: twenty to one
 TURNS = 3
+SURE = 2.0  # standard deviations of a time constant, by which it may be longer
 LAGS = 1.5  # times the time that positions leave open, which a lag of the meter must exceed
 AS_LINKS = ("payload", "base_tilt", "gravity_spring")  # effects that deviations of links can stand for
 MOST = 6  # alternatives that are fitted
@@ -74,13 +75,14 @@ def is_a_step(f: Fit, claim: Claim) -> bool:
 
 
 def is_a_line(f: Fit, claim: Claim) -> bool:
-    """Is what is claimed a change of level whose time constant is longer than the set? A meter drifts like that too."""
-    effect = f.model.get(next(n for n in f.names if n not in claim.without.names))
+    """Is what is claimed a change of level whose time constant may be longer than the set? A meter drifts like that."""
+    k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
+    effect, samples = f.model.get(f.names[k]), f.world.samples
     if effect is None or not (effect.drifts and effect.overhead):
         return False
-    units = [p.unit for p in effect.parameters for _ in range(p.count(f.world.samples.n, effect.extents))]
-    times = [x for x, unit in zip(effect.full(f.world.samples.n), units, strict=True) if unit == "s"]
-    return any(x > float(np.ptp(f.world.samples.t)) for x in times)
+    units = [p.unit for p in effect.parameters for _ in range(p.count(samples.n, effect.extents))]
+    longest = effect.full(samples.n) + SURE * f.deviations[k]
+    return any(x > float(np.ptp(samples.t)) for x, unit in zip(longest, units, strict=True) if unit == "s")
 
 
 def without_effects(found: Search, f: Fit) -> Fit:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.noise import Noise, Shared, Whitener
+from energy_opt.diagnosis.noise import Noise, Whitener
 from energy_opt.diagnosis.predict import Prediction, predict
 from energy_opt.power import PowerModel
 
@@ -24,13 +24,14 @@ class Quality:
     """A model's error beside noise of the same kind of readings.
 
     Attributes:
-        motion, rest, rmse: rms error of single readings while the arm moves and while it stands, and of all, W;
-            0 where there are none.
-        noise_motion, noise_rest: what the noise alone would leave there, W.
-        noise: the same over all readings.
+        motion, rest: rms error of single readings while the arm moves and while it stands, less the meter's drift in
+            each run, W; 0 where there are none.
+        noise_motion, noise_rest: what the noise alone may leave there, W.
+        rmse, noise: error of all readings, and what noise and drift would leave, W.
         squares: (C,) mean square error of every distinct motion or pose, the meter's noise made white with variance 1:
             noise with memory counts for as little as it says.
         counts: (C,) how many readings a repeat of each has.
+        raw: (C,) mean square error of single readings over what noise leaves: a level that is off counts in full.
     """
 
     motion: float
@@ -41,6 +42,7 @@ class Quality:
     noise: float
     squares: np.ndarray
     counts: np.ndarray
+    raw: np.ndarray
 
     @property
     def ratio(self) -> float:
@@ -64,7 +66,7 @@ def mostly_explained(before: Quality, after: Quality, unknown: bool) -> bool:
     Args:
         unknown: a function that is no effect's is likelier; else what is left may be noise that is not quite known.
     """
-    spare = (1 - SHARE) * (before.squares - 1) - (after.squares - 1 - (0.0 if unknown else OPEN_NOISE))
+    spare = (1 - SHARE) * (before.raw - 1) - (after.raw - 1 - (0.0 if unknown else OPEN_NOISE))
     return bool(np.sum(spare) >= (max(np.max(spare), 0.0) if len(spare) > 2 else 0.0))
 
 
@@ -76,29 +78,36 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     """
     now = predict(model, samples)
     shown = reading_of(model, samples, now)
-    levels = Shared(np.concatenate([np.full(p.stop - p.start, x) for p, x in zip(samples.parts, drift, strict=True)])
-                    [:, None], tuple((np.arange(p.start, p.stop), 1) for p in samples.parts))  # fmt: skip
-    whiten = Whitener(replace(noise, misfit=1.0), [samples.at[p] for p in samples.parts], samples.weight, levels)
-    white = whiten(samples.power - now.reading) ** 2
-    squares, moving, allowed = [], [], []
-    usual = samples.floor**2 + noise.wave**2
-    runs = zip(samples.slices, samples.parts, shown, samples.single, drift, strict=True)
-    for rows, part, own, (time, power), level in runs:
-        squares.append((power - own) ** 2)
-        live = (samples.v[rows] != 0).any(axis=1).astype(float)
-        moving.append(np.interp(time, samples.t[rows], live) > 0.5)
-        allowed.append(usual + level**2 + np.interp(time, samples.at[part], samples.allowed[part]))
-    every, live, expected = (np.concatenate(x) for x in (squares, moving, allowed))
+    levels = np.concatenate([np.full(p.stop - p.start, x) for p, x in zip(samples.parts, drift, strict=True)])
+    whiten = Whitener(noise, [samples.at[p] for p in samples.parts], samples.weight)
+    white = whiten(samples.power - now.reading - levels) ** 2
+    usual, lives, allowed = samples.floor**2 + noise.wave**2, [], []
+    for rows, part, (time, _) in zip(samples.slices, samples.parts, samples.single, strict=True):
+        lives.append(np.interp(time, samples.t[rows], (samples.v[rows] != 0).any(axis=1).astype(float)) > 0.5)
+        allowed.append(usual + np.interp(time, samples.at[part], samples.allowed[part]))
+    off = [power - own for (_, power), own in zip(samples.single, shown, strict=True)]
+    less = [(x - level) ** 2 for x, level in zip(off, drift, strict=True)]
+    own, expected, live = np.concatenate(less), np.concatenate(allowed), np.concatenate(lives)
+    drifted = np.repeat(drift**2, [len(x) for x in off])
+    lasts = sum(float(np.ptp(time)) for time, _ in samples.single) + samples.step
 
     def rms(x: np.ndarray, where: np.ndarray) -> float:
         return float(np.sqrt(np.mean(x[where]))) if where.any() else 0.0
 
-    each = [[(np.mean(own := white[samples.parts[r]]), len(own)) for r in group] for group in clusters(samples)]
-    own, counts = np.array([np.mean(group, axis=0) for group in each]).T
-    least, always = usual**0.5, np.ones(len(live), dtype=bool)
+    def alone(x: np.ndarray, where: np.ndarray) -> float:
+        """What noise of variances x leaves, W: with its memory, the mean of few squares may be larger by chance."""
+        if not where.any():
+            return usual**0.5
+        chance = noise.wave**2 * (2 * noise.memory / (lasts * np.mean(where))) ** 0.5
+        return float(np.sqrt(np.mean(x[where]) + chance))
+
+    each = [[(np.mean(x := white[samples.parts[r]]), len(x), np.mean(less[r]) / np.mean(allowed[r])) for r in group]
+            for group in clusters(samples)]  # fmt: skip
+    by_motion, counts, raw = np.array([np.mean(group, axis=0) for group in each]).T
     return Quality(
-        rms(every, live), rms(every, ~live), rms(expected, live) or least, rms(expected, ~live) or least,
-        rms(every, always), rms(expected, always), own, counts,
+        rms(own, live), rms(own, ~live), alone(expected, live), alone(expected, ~live),
+        float(np.sqrt(np.mean(np.concatenate(off) ** 2))), alone(expected + drifted, live | ~live),
+        by_motion, counts, raw,
     )  # fmt: skip
 
 
@@ -107,17 +116,26 @@ def reading_of(model: PowerModel, samples: Samples, p: Prediction | None = None)
     p, out = p or predict(model, samples), []
     for rows, part, op, (time, _) in zip(samples.slices, samples.parts, samples.operators, samples.single, strict=True):
         if op is None:
-            out.append(np.interp(time, samples.t[rows], p.power[rows]))
+            out.append(_between(time, samples.t[rows], p.power[rows]))
         elif len(time) == part.stop - part.start:
             out.append(p.reading[part])
         else:  # instants of which neighbours were averaged
-            out.append(np.interp(time, samples.t[rows], p.metered[rows]))
+            out.append(_between(time, samples.t[rows], p.metered[rows]))
     if any(e.stage == "meter" for e in model.effects):
         out = [
-            np.interp(time, samples.at[part], p.reading[part]) if op is None else shown
+            _between(time, samples.at[part], p.reading[part]) if op is None else shown
             for part, op, (time, _), shown in zip(samples.parts, samples.operators, samples.single, out, strict=True)
         ]
     return out
+
+
+def _between(time: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values known at some times, at others: Akima's splines, which bend with a power and do not overshoot at steps."""
+    from scipy.interpolate import Akima1DInterpolator
+
+    if len(at) < 3:
+        return np.interp(time, at, values)
+    return np.asarray(Akima1DInterpolator(at, values)(np.clip(time, at[0], at[-1])))
 
 
 def energy(time: np.ndarray, power: np.ndarray) -> float:

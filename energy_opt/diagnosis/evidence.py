@@ -26,7 +26,7 @@ from energy_opt.diagnosis.candidates import Candidate
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance
-from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, likeliest, no_less
+from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, no_less, weighed
 from energy_opt.numerics.box import bounded_step
 
 SPREADS = (0.003, 0.025, 0.05, 0.085)  # of links around their URDF
@@ -227,7 +227,8 @@ def noise_of(f: Fit) -> Noise:
         return value, white**0.5
 
     held = old.misfit / old.white
-    found = likeliest(lambda wave, memory: worth(wave, memory, held), s.noise, count, here)
+    options = weighed(lambda wave, memory: worth(wave, memory, held), s.noise, count, here)
+    found = max(options, key=lambda row: row[0])[1]
     wave, memory = found.wave / found.white, found.memory
     if not f.world.shared.motions:
         return found

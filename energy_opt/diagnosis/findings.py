@@ -65,16 +65,11 @@ def findings_of(found: Inference) -> list[Finding]:
 
     here = size(f.model)
     explained = max(size(declared) - here, 1e-9)
-    spread, held = f.covariance, left_out(f)
-    rows, at = [], 0
-    for c, z in zip(f.charts, f.numbers, strict=True):
-        part = slice(at, at + len(z))
-        at += len(z)
+    rows, held = [], left_out(f)
+    for c, deviation in zip(f.charts, f.deviations, strict=True):
         claim = next((x for x in found.claims if c.term.name not in x.without.names), None)
         if c.term.name in f.world.given or claim is None:
             continue
-        slope = c.slope(z)
-        deviation = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread[part, part], slope), 0.0))
         effect = f.model.get(c.term.name)
         assert effect is not None
         gained = left_out(claim.without) - held

@@ -213,6 +213,16 @@ class Fit:
         return np.linalg.inv(self.hessian)
 
     @property
+    def deviations(self) -> list[np.ndarray]:
+        """Standard deviations of every effect's values after the data, as `Chart.values` has them."""
+        cuts = np.cumsum([0, *map(len, self.numbers)]).tolist()
+        spread, out = self.covariance, []
+        for c, z, part in zip(self.charts, self.numbers, map(slice, cuts, cuts[1:]), strict=False):
+            slope = c.slope(z)
+            out.append(np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread[part, part], slope), 0.0)))
+        return out
+
+    @property
     def count(self) -> int:
         """Numbers of the effects."""
         return sum(len(z) for z in self.numbers)

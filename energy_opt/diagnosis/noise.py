@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from energy_opt.diagnosis.predict import Prediction
 FLOOR = 0.8  # of the noise of single readings, below which no fit's noise is
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight
+SETTLED, FEW = 0.5, 40  # [s] after a stop in which drives settle; readings of which noise can be estimated
+JUMP = 6.0  # standard deviations of the difference of neighbouring readings, beyond which it is a step, no noise
 SLACK = 2e-3  # [s] by which motion and meter may be apart
 SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings of a slow meter; its noise over the level
 
@@ -99,29 +101,28 @@ class Whitener:
 
 
 WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)  # over white noise; s
+FINE_WAVES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 5.0)  # at rest
+FINE_MEMORIES = (0.08, 0.14, 0.25, 0.42, 0.7, 1.2, 2.0)
+LESS = 0.7  # of the noise of single readings; a wave takes part in their differences
 MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # over white noise
 
 
 def standing_noise(samples: Samples) -> Noise:
-    """The meter's noise while the arm is at rest, each stretch's own mean taken out."""
-    stretches: list[tuple[np.ndarray, np.ndarray]] = []
-    for part in samples.parts:
-        still = np.concatenate([[False], ~samples.moving[part], [False]]).astype(int)
-        edges = np.flatnonzero(np.diff(still))
-        for a, b in zip(edges[::2], edges[1::2], strict=True):
-            a, b = a + 2, b - 2  # what is doubted of a motion's ends
-            if b - a >= 6:
-                stretches.append((samples.at[part][a:b], samples.power[part][a:b]))
+    """The meter's noise while the arm is at rest, each stretch's own mean taken out.
+
+    A stretch begins `SETTLED` after the arm stopped, where some are that long, and ends where the power jumps: brakes
+    that fall and fans that switch are no noise with memory. Its wave is the likeliest, and more, so that the whole is
+    one standard deviation larger: some standstills tell little of noise that remembers seconds.
+    """
+    stretches = _standing(samples, SETTLED)
+    if sum(len(t) for t, _ in stretches) < FEW:
+        stretches = _standing(samples, 0.0)
     count = sum(len(t) for t, _ in stretches)
-    if count < 40:
+    if count < FEW:
         return Noise(samples.noise, 0.3 * samples.noise, 0.5)
     times = [t for t, _ in stretches]
     y = np.concatenate([p for _, p in stretches])
-    levels = np.zeros((count, len(times)))
-    at = 0
-    for k, t in enumerate(times):
-        levels[at : at + len(t), k] = 1.0
-        at += len(t)
+    levels = np.repeat(np.eye(len(times)), [len(t) for t in times], axis=0)
 
     def worth(wave: float, memory: float) -> tuple[float, float]:
         whiten = Whitener(Noise(1.0, wave, memory), times, np.ones(count))
@@ -134,25 +135,50 @@ def standing_noise(samples: Samples) -> Noise:
         value = -0.5 * free * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(gram)[1])
         return value, white**0.5
 
-    return likeliest(worth, samples.noise, count - len(times))
+    found = weighed(worth, LESS * samples.noise, count - len(times), FINE_WAVES, FINE_MEMORIES)
+    value, best = max(found, key=lambda row: row[0])
+    odds = np.exp([v - value for v, _ in found])
+    size = np.log([np.hypot(n.white, n.wave) for _, n in found])
+    middle = np.average(size, weights=odds)
+    most = np.exp(middle + np.average((size - middle) ** 2, weights=odds) ** 0.5)
+    return replace(best, wave=float(np.sqrt(max(most**2 - best.white**2, best.wave**2))))
 
 
-def likeliest(
-    worth: Callable[[float, float], tuple[float, float]], least: float, count: int, waves: Sequence[float] = WAVES
-) -> Noise:
-    """The noise of greatest worth by the wave over white noise and its memory, on a grid.
+def _standing(samples: Samples, settled: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Times and readings of stretches without a jump while the arm is at rest, from `settled` s after it stopped."""
+    out = []
+    for part in samples.parts:
+        still = np.concatenate([[False], ~samples.moving[part], [False]]).astype(int)
+        edges, time, power = np.flatnonzero(np.diff(still)), samples.at[part], samples.power[part]
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            first = int(np.searchsorted(time, time[first] + settled))
+            jumps = np.flatnonzero(np.abs(np.diff(power[first:last])) > JUMP * 2**0.5 * samples.noise)
+            for a, b in pairwise([first, *(first + 1 + jumps), last]):
+                a, b = a + EDGE, b - EDGE  # what is doubted of a motion's ends
+                if b - a >= 6:
+                    out.append((time[a:b], power[a:b]))
+    return out
+
+
+def weighed(
+    worth: Callable[[float, float], tuple[float, float]],
+    least: float,
+    count: int,
+    waves: Sequence[float],
+    memories: Sequence[float] = MEMORIES,
+) -> list[tuple[float, Noise]]:
+    """Noises on a grid of the wave over white noise and its memory, and the logarithm of the evidence for each.
 
     Args:
         worth: logarithm of the evidence and the white noise [W] that is likeliest, of wave and memory.
         least: white noise [W] of single readings. count: of the readings, less what is fitted to them.
     """
     found = []
-    for wave, memory in product(waves, MEMORIES):
-        if wave or memory == MEMORIES[0]:
+    for wave, memory in product(waves, memories):
+        if wave or memory == memories[0]:
             value, white = no_less(*worth(wave, memory), least, count)
-            found.append((value, white, wave, memory))
-    _, white, wave, memory = max(found)
-    return Noise(white, wave * white, memory)
+            found.append((value, Noise(white, wave * white, memory)))
+    return found
 
 
 def no_less(value: float, white: float, least: float, count: int) -> tuple[float, float]:

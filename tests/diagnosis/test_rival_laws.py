@@ -26,23 +26,43 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from misfit_world import World, write_world
 
 
+def standing(seed, memory, wave):
+    """Six standstills of an arm: a wave and white noise of 0.5 W, and the time in each."""
+    rng, step, count, runs = np.random.default_rng(seed), 0.012, 260, 6
+    keep = np.exp(-step / memory)
+    x = np.zeros((runs, count))
+    x[:, 0] = wave * rng.normal(size=runs)
+    for k in range(1, count):
+        x[:, k] = keep * x[:, k - 1] + wave * np.sqrt(1 - keep**2) * rng.normal(size=runs)
+    return 70 + x + 0.5 * rng.normal(size=(runs, count)), step * np.arange(count)
+
+
+def noise_of(power, time, noise):
+    runs, count = power.shape
+    parts = [slice(count * r, count * (r + 1)) for r in range(runs)]
+    at = (20.0 * np.arange(runs)[:, None] + time).ravel()
+    still = np.zeros(count * runs, dtype=bool)
+    found = standing_noise(SimpleNamespace(parts=parts, moving=still, at=at, power=power.ravel(), noise=noise))
+    return float(np.hypot(found.white, found.wave))
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_with_memory_is_as_large_as_it_is_where_single_readings_scatter_more(seed):
     """Wave 1.2 W and white noise 0.5 W, while third differences say 0.85 W for both together: 1.3 W in all."""
-    rng, step, count, runs = np.random.default_rng(seed), 0.012, 260, 6
-    keep = np.exp(-step / 0.1)
-    wave = np.zeros((runs, count))
-    wave[:, 0] = 1.2 * rng.normal(size=runs)
-    for k in range(1, count):
-        wave[:, k] = keep * wave[:, k - 1] + 1.2 * np.sqrt(1 - keep**2) * rng.normal(size=runs)
-    power = 70 + wave + 0.5 * rng.normal(size=(runs, count))
-    parts = [slice(count * r, count * (r + 1)) for r in range(runs)]
-    at = (20.0 * np.arange(runs)[:, None] + step * np.arange(count)).ravel()
-    still = SimpleNamespace(
-        parts=parts, moving=np.zeros(count * runs, dtype=bool), at=at, power=power.ravel(), noise=0.85
-    )
-    found = standing_noise(still)
-    assert np.hypot(found.white, found.wave) == pytest.approx(1.3, rel=0.15)
+    power, time = standing(seed, 0.1, 1.2)
+    assert 0.95 < noise_of(power, time, 0.85) / power.std() < 1.2
+
+
+@pytest.mark.parametrize("cause", ["brakes", "fan"])
+def test_what_drives_and_fans_do_at_rest_is_no_noise(cause):
+    """Brakes take 1 to 8 W off some tenths of a second after each stop; a fan of 7 W starts in two standstills."""
+    power, time = standing(2, 0.1, 0.0)
+    if cause == "brakes":
+        fallen = np.clip((time - 0.2) / 0.05, 0, 1)
+        power = power - np.array([1.0, 2.0, 3.0, 4.0, 6.0, 8.0])[:, None] * fallen
+    else:
+        power[2:4] += np.where(time > np.array([[1.1], [2.0]]), 7.0, 0.0)
+    assert noise_of(power, time, 0.5) == pytest.approx(0.5, rel=0.15)
 
 
 @pytest.mark.parametrize(("rounding", "noise"), [(0.05, 0.46), (0.5, 0.25), (1.0, 0.46), (1.0, 1.0), (2.0, 0.25)])
@@ -147,9 +167,9 @@ def test_positions_in_steps_of_a_milliradian_are_no_lag_of_the_meter(tmp_path):
     assert not {"meter_delay", "meter_filter", "meter_window", "armature"} & {x.name for x in found.effects}
 
 
-@pytest.mark.parametrize(("soak", "line"), [(60.0, False), (900.0, True)])
-def test_a_warm_up_longer_than_the_set_is_drift_of_the_meter(soak, line):
+@pytest.mark.parametrize(("soak", "sure", "line"), [(60.0, 20.0, False), (900.0, 100.0, True), (200.0, 90.0, True)])
+def test_a_warm_up_that_may_be_longer_than_the_set_is_drift_of_the_meter(soak, sure, line):
     model = PowerModel("", (Standby(power=10.0), StandbyDrift(power=5.0, time_constant=soak)))
     world = SimpleNamespace(samples=SimpleNamespace(n=6, t=np.array([0.0, 300.0])))
-    f = SimpleNamespace(names=("standby_drift",), model=model, world=world)
+    f = SimpleNamespace(names=("standby_drift",), model=model, world=world, deviations=[np.array([0.5, sure])])
     assert is_a_line(f, SimpleNamespace(without=SimpleNamespace(names=()))) is line

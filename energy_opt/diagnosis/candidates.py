@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -153,8 +153,9 @@ def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
             columns = _metered(kind, now, tried)[:, None]
         if not np.any(columns):
             continue
-        if issubclass(kind, StoreEffect):  # it is there or not; its size is another matter
-            c = _around(c, tried)
+        if issubclass(kind, StoreEffect):  # it is there or not; its size is known about as well as the value tried
+            at = np.array([tried])
+            c = replace(c, base=at, origin=at, mean=at, precision=np.array([[tried**-2]]), unknown=np.zeros(1, bool))
             yield Candidate(
                 c, columns, np.eye(1), np.zeros(1), np.full(1, 1.2), np.array([tried]), np.zeros((1, 1)), np.zeros(1)
             )
@@ -175,14 +176,6 @@ def _metered(kind: type[Effect], now: Fit, value: float) -> np.ndarray:
         [kind.reading(s.t[samples], power[samples], value) - power[samples] for samples in s.slices]
     )
     return s.shown(changed)
-
-
-def _around(c: Chart, value: float) -> Chart:
-    """The chart with what is known before centred at a value tried, as wide as that."""
-    return Chart(
-        c.term, c.n, np.array([value]), c.rows, np.array([value]), np.array([value]), np.array([[value**-2]]), c.lower,
-        c.upper, np.zeros(1, dtype=bool),
-    )  # fmt: skip
 
 
 HATS, FEW_HATS = 32, 12  # pieces of a free function of position and speed; of others

@@ -115,9 +115,12 @@ def _profiled(found: Search, f: Fit) -> float:
 def shaped_otherwise(found: Search, f: Fit) -> int | None:
     """Which effect of a fit has another law than the library's: a free function of what it follows betters it.
 
-    The function must be likelier beside the effect by the odds of a claim, and able to stand for the effect: then it
+    Or a shape of it ends at a bound of what is sensible: it stands for another law there. The function must be likelier beside the effect by the odds of a claim, and able to stand for the effect: then it
     follows the same signal, and what it adds is what the law's own shape lacks.
     """
+    for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
+        if c.term.name not in found.world.given and (c.shapes & ((z <= c.lower) | (z >= c.upper))).any():
+            return k
     if not f.free or found.score(f) < found.score(plain_fit(found, f)) + CLAIM:
         return None
     drawn, at = f.jacobian[:, f.count : f.count + len(f.weights)], 0

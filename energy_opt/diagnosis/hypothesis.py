@@ -269,4 +269,4 @@ def sized(c: Chart, columns: np.ndarray, scale: Scale) -> Chart:
     for k in np.flatnonzero(c.unknown):
         if entries[c.rows[k]][0].unit == "m":  # of a payload, whose chart is a mass and what it weighs at a distance
             precision[k, k] = precision[0, 0] / REACH**2
-    return Chart(c.term, c.n, c.base, c.rows, c.origin, c.mean, precision, c.lower, c.upper, np.zeros_like(c.unknown))
+    return replace(c, precision=precision, unknown=np.zeros_like(c.unknown))

@@ -107,19 +107,19 @@ LESS = 0.7  # of the noise of single readings; a wave takes part in their differ
 MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # over white noise
 
 
-def standing_noise(samples: Samples) -> Noise:
-    """The meter's noise while the arm is at rest, each stretch's own mean taken out.
+def standing_noise(samples: Samples) -> tuple[Noise, Noise]:
+    """The meter's noise at rest, each stretch's own mean taken out: the likeliest, and as much as may be.
 
     A stretch begins `SETTLED` after the arm stopped, where some are that long, and ends where the power jumps: brakes
-    that fall and fans that switch are no noise with memory. Its wave is the likeliest, and more, so that the whole is
-    one standard deviation larger: some standstills tell little of noise that remembers seconds.
+    that fall and fans that switch are no noise with memory. The second has a larger wave, so that the whole is one
+    standard deviation more: some standstills tell little of noise that remembers seconds.
     """
     stretches = _standing(samples, SETTLED)
     if sum(len(t) for t, _ in stretches) < FEW:
         stretches = _standing(samples, 0.0)
     count = sum(len(t) for t, _ in stretches)
     if count < FEW:
-        return Noise(samples.noise, 0.3 * samples.noise, 0.5)
+        return (Noise(samples.noise, 0.3 * samples.noise, 0.5),) * 2
     times = [t for t, _ in stretches]
     y = np.concatenate([p for _, p in stretches])
     levels = np.repeat(np.eye(len(times)), [len(t) for t in times], axis=0)
@@ -141,7 +141,7 @@ def standing_noise(samples: Samples) -> Noise:
     size = np.log([np.hypot(n.white, n.wave) for _, n in found])
     middle = np.average(size, weights=odds)
     most = np.exp(middle + np.average((size - middle) ** 2, weights=odds) ** 0.5)
-    return replace(best, wave=float(np.sqrt(max(most**2 - best.white**2, best.wave**2))))
+    return best, replace(best, wave=float(np.sqrt(max(most**2 - best.white**2, best.wave**2))))
 
 
 def _standing(samples: Samples, settled: float) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -62,7 +62,7 @@ class Judge:
     """The error of fits on the motions held out; without any, on training motions left out one by one.
 
     Attributes:
-        held: runs never fitted. noise: of the meter at standstill.
+        held: runs never fitted. noise: of the meter at standstill, as much as may be.
         drifts: the fit whose levels say how far the meter drifts: the likeliest one.
     """
 
@@ -170,8 +170,8 @@ def infer(
     samples = weighted(samples, now)
     held = weighted(held, predict(declared, held)) if held is not None else None
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
-    still = standing_noise(samples)
-    judge = Judge(held, still)
+    still, most = standing_noise(samples)
+    judge = Judge(held, most)
     scale = replace(Scale.of(limits, samples.power), measured=measured or {})
     world = World.of(samples, declared, scale, links_of(samples, declared), still, given)
     nothing = root(world, Nuisance(0.03, 0.3 * still.white))

@@ -42,7 +42,7 @@ def noise_of(power, time, noise):
     parts = [slice(count * r, count * (r + 1)) for r in range(runs)]
     at = (20.0 * np.arange(runs)[:, None] + time).ravel()
     still = np.zeros(count * runs, dtype=bool)
-    found = standing_noise(SimpleNamespace(parts=parts, moving=still, at=at, power=power.ravel(), noise=noise))
+    _, found = standing_noise(SimpleNamespace(parts=parts, moving=still, at=at, power=power.ravel(), noise=noise))
     return float(np.hypot(found.white, found.wave))
 
 

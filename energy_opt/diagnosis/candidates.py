@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import groupby, product, zip_longest
 
 import numpy as np
 
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.fit import Fit, Free
-from energy_opt.diagnosis.hypothesis import USUAL, Chart, Term, chart, sized
+from energy_opt.diagnosis.hypothesis import USUAL, Chart, Term, chart, entries, sized
 from energy_opt.diagnosis.predict import predict, recorded
-from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, StoreEffect, known_effects, words_of
+from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, StoreEffect, known_effects
 
 ALLOWED_FOR = (LinkInertia.name, RunOffset.name)  # in every hypothesis, and never a cause
 MOST_SHAPES = 6  # trials of an effect's shapes
@@ -69,12 +69,10 @@ def _variants(kind: type[Effect], s: Samples) -> list[Term]:
     tried = [p.trials if p.trials and (p.shapes or p.steps) else (None,) for p in kind.parameters]
     for words in kind.offered(recorded(s)):
         neutral = kind.neutral(n, **words).full(n)
-        lengths = {key: int(word) for key, word in words.items() if key not in kind.options}
-        entries = [p for p in kind.parameters for _ in range(p.count(n, lengths))]
         options = tuple(f"{key}={word}" for key, word in sorted(words.items()))
         for trial in list(product(*tried))[:MOST_SHAPES]:
             value = dict(zip((p.name for p in kind.parameters), trial, strict=True))
-            tries = [value[p.name] for p in entries]
+            tries = [value[p.name] for p, _, _ in entries(kind, n, len(neutral))]
             given = [x if at is None else at for x, at in zip(neutral, tries, strict=True)]
             shaped = any(x is not None for x in trial)
             out.append(Term(kind.name, options, tuple(float(x) for x in given) if shaped else ()))
@@ -84,28 +82,21 @@ def _variants(kind: type[Effect], s: Samples) -> list[Term]:
 def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Candidate]:
     """Effects that the model lacks, at values where they change next to nothing: all at once, a variant a round."""
     w, n = now.world, now.world.samples.n
-    rounds: dict[int, list[tuple[type[Effect], Term]]] = {}
-    seen: dict[str, int] = {}
-    for kind, term in kinds:
-        at = seen.get(kind.name, 0)
-        seen[kind.name] = at + 1
-        rounds.setdefault(at, []).append((kind, term))
+    variants = [list(group) for _, group in groupby(kinds, key=lambda pair: pair[0])]
     push = w.links.ways @ now.amounts
-    for terms in rounds.values():
-        drives = [k for k, (kind, _) in enumerate(terms) if kind.stage == "drive"]
-        whole, charts = now.model, {}
-        for k, (kind, term) in enumerate(terms):
-            if k in drives[1:]:
+    for terms in zip_longest(*variants):
+        whole, charts, driven = now.model, {}, False
+        for kind, term in filter(None, terms):
+            if kind.stage == "drive" and driven:
                 continue
+            driven = driven or kind.stage == "drive"
             c = chart(term, w.declared, w.scale, n)
             idle = kind.idle(n, **dict(word.split("=") for word in term.options)).full(n)
-            lengths = {k: int(w) for k, w in words_of(term.options).items() if k not in kind.options}
-            entries = [p for p in kind.parameters for _ in range(p.count(n, lengths))]
+            parameters = [p for p, _, _ in entries(kind, n, len(idle))]
             if term.trial:
-                chosen = np.array([p.shapes or p.steps for p in entries])
-                idle = np.where(chosen, term.trial, idle)
+                idle = np.where([p.shapes or p.steps for p in parameters], term.trial, idle)
             z0 = kind.to_chart(idle, n)[c.rows]
-            charts[kind.name] = (c, z0, [p.shapes and p.neutral != 0 for p in entries])
+            charts[kind.name] = (c, z0, [p.shapes and p.neutral != 0 for p in parameters])
             whole = whole.replaced(c.effect(z0))
         jacobian = predict(whole, w.samples, push).jacobian
         where = dict(zip((e.name for e in whole.effects), whole.slices(n), strict=True))

@@ -113,10 +113,11 @@ def _profiled(found: Search, f: Fit) -> float:
 
 
 def shaped_otherwise(found: Search, f: Fit) -> int | None:
-    """Which effect of a fit has another law than the library's: a free function of what it follows betters it.
+    """Which effect of a fit has another law than the library's.
 
-    Or a shape of it ends at a bound of what is sensible: it stands for another law there. The function must be likelier beside the effect by the odds of a claim, and able to stand for the effect: then it
-    follows the same signal, and what it adds is what the law's own shape lacks.
+    One whose shape ends at a bound of what is sensible: it stands for another law there. Or one that a free function of
+    what it follows betters: the function is likelier beside the effect by the odds of a claim, and able to stand for
+    it, so that it follows the same signal, and what it adds is what the law's own shape lacks.
     """
     for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
         if c.term.name not in found.world.given and (c.shapes & ((z <= c.lower) | (z >= c.upper))).any():
@@ -251,7 +252,4 @@ def written(f: Fit, links: bool | None = None, level: bool = True) -> PowerModel
 
 def links_show(f: Fit) -> bool:
     """Do the links' deviations show at all, beyond what is known before?"""
-    first = len(f.theta) - len(f.levels) - len(f.amounts)
-    rows = slice(first, first + len(f.amounts))
-    own = np.sqrt(np.diag(f.covariance[rows, rows]))
-    return bool(np.any(np.abs(f.amounts) > 3 * own))
+    return bool(np.any(np.abs(f.amounts) > 3 * np.sqrt(np.diag(f.link_covariance))))

@@ -16,7 +16,7 @@ from energy_opt.power import PowerModel
 
 DRAWS = 999
 SHARE = 0.9  # of the squares above the noise, that claims must take away to be claimed where more than noise is left
-OPEN_NOISE = 0.25  # of the noise's variance, by which it is not known
+OPEN_NOISE = 0.1  # of the noise's variance, by which it is not known
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,6 @@ class Quality:
         squares: (C,) mean square error of every distinct motion or pose, the meter's noise made white with variance 1:
             noise with memory counts for as little as it says.
         counts: (C,) how many readings a repeat of each has.
-        raw: (C,) mean square error of single readings over what noise leaves: a level that is off counts in full.
     """
 
     motion: float
@@ -42,7 +41,6 @@ class Quality:
     noise: float
     squares: np.ndarray
     counts: np.ndarray
-    raw: np.ndarray
 
     @property
     def ratio(self) -> float:
@@ -66,7 +64,7 @@ def mostly_explained(before: Quality, after: Quality, unknown: bool) -> bool:
     Args:
         unknown: a function that is no effect's is likelier; else what is left may be noise that is not quite known.
     """
-    spare = (1 - SHARE) * (before.raw - 1) - (after.raw - 1 - (0.0 if unknown else OPEN_NOISE))
+    spare = (1 - SHARE) * (before.squares - 1) - (after.squares - 1 - (0.0 if unknown else OPEN_NOISE))
     return bool(np.sum(spare) >= (max(np.max(spare), 0.0) if len(spare) > 2 else 0.0))
 
 
@@ -89,25 +87,16 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     less = [(x - level) ** 2 for x, level in zip(off, drift, strict=True)]
     own, expected, live = np.concatenate(less), np.concatenate(allowed), np.concatenate(lives)
     drifted = np.repeat(drift**2, [len(x) for x in off])
-    lasts = sum(float(np.ptp(time)) for time, _ in samples.single) + samples.step
 
     def rms(x: np.ndarray, where: np.ndarray) -> float:
         return float(np.sqrt(np.mean(x[where]))) if where.any() else 0.0
 
-    def alone(x: np.ndarray, where: np.ndarray) -> float:
-        """What noise of variances x leaves, W: with its memory, the mean of few squares may be larger by chance."""
-        if not where.any():
-            return usual**0.5
-        chance = noise.wave**2 * (2 * noise.memory / (lasts * np.mean(where))) ** 0.5
-        return float(np.sqrt(np.mean(x[where]) + chance))
-
-    each = [[(np.mean(x := white[samples.parts[r]]), len(x), np.mean(less[r]) / np.mean(allowed[r])) for r in group]
-            for group in clusters(samples)]  # fmt: skip
-    by_motion, counts, raw = np.array([np.mean(group, axis=0) for group in each]).T
+    each = [[(np.mean(x := white[samples.parts[r]]), len(x)) for r in group] for group in clusters(samples)]
+    by_motion, counts = np.array([np.mean(group, axis=0) for group in each]).T
+    least, always = usual**0.5, np.ones(len(live), dtype=bool)
     return Quality(
-        rms(own, live), rms(own, ~live), alone(expected, live), alone(expected, ~live),
-        float(np.sqrt(np.mean(np.concatenate(off) ** 2))), alone(expected + drifted, live | ~live),
-        by_motion, counts, raw,
+        rms(own, live), rms(own, ~live), rms(expected, live) or least, rms(expected, ~live) or least,
+        rms(np.concatenate(off) ** 2, always), rms(expected + drifted, always), by_motion, counts,
     )  # fmt: skip
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.evidence import left_out
 from energy_opt.diagnosis.fit import Fit
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.verdict import Inference
@@ -26,8 +25,7 @@ class Finding:
         parameters, ci95, units: values, 95 % intervals and units by parameter.
         share_of_residual: of the squares that all effects explain together, those that are left without this one.
         p_value: None: effects are chosen among many, for which no p-value is calibrated.
-        log_odds: for the effect, None where not known.
-        refit: the declared model has it. motions_improved: how many of how many motions left out are foreseen better.
+        log_odds: for the effect, None where not known. refit: the declared model has it.
     """
 
     name: str
@@ -38,7 +36,6 @@ class Finding:
     p_value: None
     log_odds: float | None
     refit: bool
-    motions_improved: tuple[int, int] | None = None
 
     def document(self) -> dict[str, Any]:
         """As in diagnosis.json."""
@@ -61,37 +58,34 @@ def findings_of(found: Inference) -> list[Finding]:
 
     here = size(f.model)
     explained = max(size(declared) - here, 1e-9)
-    rows, held = [], left_out(f)
+    rows = []
     for c, deviation in zip(f.charts, f.deviations, strict=True):
         claim = next((x for x in found.claims if c.term.name not in x.without.names), None)
         if c.term.name in f.world.given or claim is None:
             continue
         effect = f.model.get(c.term.name)
         assert effect is not None
-        gained = left_out(claim.without) - held
         before = declared.get(c.term.name)
         less = f.model.without(c.term.name) if before is None else f.model.replaced(before)
         values = _values(effect, deviation, n)
         values[0].update(effect.choices)
         share = float(np.clip((size(less) - here) / explained, 1e-6, 1.0))
-        improved = int((gained > 0).sum()), len(gained)
-        rows.append(Finding(c.term.name, *values, share, None, claim.odds, c.term.declared, improved))
+        rows.append(Finding(c.term.name, *values, share, None, claim.odds, c.term.declared))
     return sorted(rows, key=lambda row: -row.share_of_residual)
 
 
 def _of_links(found: Inference) -> Finding:
     """The links' deviations as an effect."""
     f, samples = found.accepted, found.accepted.world.samples
-    first = len(f.theta) - len(f.levels) - len(f.amounts)
-    rows = slice(first, first + len(f.amounts))
+    spread = f.link_covariance
 
     def values(d: np.ndarray) -> np.ndarray:
         return f.world.links.effect(d, samples).full(samples.n)
 
-    steps = np.sqrt(np.diag(f.covariance[rows, rows]))
+    steps = np.sqrt(np.diag(spread))
     slope = np.column_stack([(values(f.amounts + s * e) - values(f.amounts - s * e)) / (2 * s)
                              for s, e in zip(steps, np.eye(len(steps)), strict=True)])  # fmt: skip
-    deviation = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, f.covariance[rows, rows], slope), 0.0))
+    deviation = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread, slope), 0.0))
     effect = found.model.get(LinkInertia.name)
     assert effect is not None
     return Finding(LinkInertia.name, *_values(effect, deviation, samples.n), 1.0, None, None, False)
@@ -119,8 +113,7 @@ def nuisance_of(found: Inference) -> list[str]:
     """What was allowed for, where it shows, without being called a cause."""
     f: Fit = found.accepted
     out = [LinkInertia.name] if found.model.get(LinkInertia.name) is not None and not found.links else []
-    own = np.sqrt(np.maximum(np.diag(f.covariance)[len(f.theta) - len(f.levels) :], 0.0))
-    if np.any(np.abs(f.levels) > 4 * own) and float(np.std(f.levels)) > 0.2 * f.world.whiten.noise.white:
+    if np.any(np.abs(f.levels) > 4 * f.level_deviations) and float(np.std(f.levels)) > 0.2 * f.world.whiten.noise.white:
         out.append("run_offset")
     return out
 

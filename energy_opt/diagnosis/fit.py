@@ -223,6 +223,18 @@ class Fit:
         return out
 
     @property
+    def link_covariance(self) -> np.ndarray:
+        """Of the links' amounts after the data."""
+        first = len(self.theta) - len(self.levels) - len(self.amounts)
+        rows = slice(first, first + len(self.amounts))
+        return self.covariance[rows, rows]
+
+    @property
+    def level_deviations(self) -> np.ndarray:
+        """Standard deviations of the runs' levels after the data, W."""
+        return np.sqrt(np.maximum(np.diag(self.covariance)[len(self.theta) - len(self.levels) :], 0.0))
+
+    @property
     def count(self) -> int:
         """Numbers of the effects."""
         return sum(len(z) for z in self.numbers)

@@ -122,7 +122,7 @@ class Chart:
     @property
     def shapes(self) -> np.ndarray:
         """(Z,) True for numbers that only shape the effect."""
-        return np.array([p.shapes for p, *_ in _entries(self.term.kind, self.n, len(self.base))])[self.rows]
+        return np.array([p.shapes for p, *_ in entries(self.term.kind, self.n, len(self.base))])[self.rows]
 
     def wider(self, times: float) -> Chart:
         """The chart with what is known before of its sizes so many times as wide; shapes are as before."""
@@ -135,7 +135,7 @@ class Chart:
         return x
 
 
-def _entries(kind: type[Effect], n: int, length: int) -> list[tuple[Parameter, int, int]]:
+def entries(kind: type[Effect], n: int, length: int) -> list[tuple[Parameter, int, int]]:
     """For each entry of `full` (of `length` numbers): its parameter, joint (-1 where it has none), and place in it."""
     free = {d for p in kind.parameters for d in p.free}
     extents = dict(kind.extents_by_default)
@@ -153,7 +153,7 @@ def _entries(kind: type[Effect], n: int, length: int) -> list[tuple[Parameter, i
 
 
 def _bounds(kind: type[Effect], n: int, length: int) -> tuple[np.ndarray, np.ndarray]:
-    rows = [p.bounds for p, _, _ in _entries(kind, n, length)]
+    rows = [p.bounds for p, _, _ in entries(kind, n, length)]
     return np.array([low for low, _ in rows]), np.array([high for _, high in rows])
 
 
@@ -183,21 +183,21 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
     held = declared.get(term.name) if term.declared else None
     idle = kind.neutral(n, **words)
     full = held.full(n) if held is not None else idle.full(n)
-    entries = _entries(kind, n, len(full))
+    own = entries(kind, n, len(full))
     if held is None and term.trial:
-        full = np.where([p.shapes or p.steps for p, _, _ in entries], term.trial, full)
+        full = np.where([p.shapes or p.steps for p, _, _ in own], term.trial, full)
     x0 = kind.to_chart(full, n)
-    rows = np.array([k for k, (p, _, _) in enumerate(entries) if not p.steps])
+    rows = np.array([k for k, (p, _, _) in enumerate(own) if not p.steps])
     free = {d for p in kind.parameters for d in p.free}
     low, high = _bounds(kind, n, len(full)) if free else kind.chart_bounds(n)
-    torque = np.array([p.unit.startswith("N m") and j >= 0 and p.lower >= 0 for p, j, _ in entries])
-    most = np.array([MOST * scale.effort[j] if j >= 0 else np.inf for _, j, _ in entries])
-    friction = torque & np.array([p.unit == "N m" or p.unit.startswith("N m (") for p, _, _ in entries])
-    viscous = torque & np.array([p.unit == "N m s/rad" for p, _, _ in entries])
-    speed = np.array([scale.velocity[j] if j >= 0 else 1.0 for _, j, _ in entries])
+    torque = np.array([p.unit.startswith("N m") and j >= 0 and p.lower >= 0 for p, j, _ in own])
+    most = np.array([MOST * scale.effort[j] if j >= 0 else np.inf for _, j, _ in own])
+    friction = torque & np.array([p.unit == "N m" or p.unit.startswith("N m (") for p, _, _ in own])
+    viscous = torque & np.array([p.unit == "N m s/rad" for p, _, _ in own])
+    speed = np.array([scale.velocity[j] if j >= 0 else 1.0 for _, j, _ in own])
     high = np.where(friction, np.minimum(high, most), high)
     high = np.where(viscous, np.minimum(high, most / (CRUISE * speed)), high)
-    mean, precision, unknown = _before(kind, term, entries, full, x0, scale, held is not None)
+    mean, precision, unknown = _before(kind, term, own, full, x0, scale, held is not None)
     covariance = precision[np.ix_(rows, rows)]
     mean = mean[rows]
     if term.name in scale.measured:
@@ -219,18 +219,18 @@ def _informed(mean: np.ndarray, covariance: np.ndarray, seen_by: Measured) -> tu
 def _before(
     kind: type[Effect],
     term: Term,
-    entries: list[tuple[Parameter, int, int]],
+    owners: list[tuple[Parameter, int, int]],
     full: np.ndarray,
     x0: np.ndarray,
     scale: Scale,
     declared: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean (P,), covariance (P, P) and which sizes are still unknown (P,), of the chart's values before the data."""
-    count = len(entries)
+    count = len(owners)
     size, unknown = np.ones(count), np.zeros(count, dtype=bool)
     shared = np.zeros((count, count))
     own = np.ones(count)
-    for k, (p, joint, _) in enumerate(entries):
+    for k, (p, joint, _) in enumerate(owners):
         known = usual(p.unit, joint, scale)
         if declared and x0[k] != 0 and not p.shapes:
             size[k], own[k] = abs(x0[k] - (p.neutral if p.neutral == 1 else 0.0)) or 0.1, REFIT[1]
@@ -240,8 +240,8 @@ def _before(
             size[k], own[k] = known, OWN
         else:
             unknown[k] = True
-    for i, (p, joint, at) in enumerate(entries):
-        for k, (other, beside, place) in enumerate(entries):
+    for i, (p, joint, at) in enumerate(owners):
+        for k, (other, beside, place) in enumerate(owners):
             if p is other and joint >= 0 and beside >= 0 and kind.same_on_all_joints:
                 near = 1.0 if p.dimensions == ("joint",) else 0.3 + 0.7 * float(np.exp(-((at - place) ** 2) / 4))
                 share = REFIT[0] ** 2 if declared else 1.0
@@ -265,8 +265,8 @@ def sized(c: Chart, columns: np.ndarray, scale: Scale) -> Chart:
     for k in np.flatnonzero(c.unknown):
         precision[k, :] = precision[:, k] = 0.0
         precision[k, k] = (max(float(rms[k]), 1e-9) / (POWER * scale.level)) ** 2
-    entries = _entries(c.term.kind, c.n, len(c.base))
+    own = entries(c.term.kind, c.n, len(c.base))
     for k in np.flatnonzero(c.unknown):
-        if entries[c.rows[k]][0].unit == "m":  # of a payload, whose chart is a mass and what it weighs at a distance
+        if own[c.rows[k]][0].unit == "m":  # of a payload, whose chart is a mass and what it weighs at a distance
             precision[k, k] = precision[0, 0] / REACH**2
     return replace(c, precision=precision, unknown=np.zeros_like(c.unknown))

@@ -96,6 +96,8 @@ def joint_side(measured: MeasuredSet, declared: PowerModel) -> JointSide | None:
 
 
 def _rows(measured: MeasuredSet, runs: list[Run], declared: PowerModel) -> Rows:
+    from scipy.integrate import cumulative_trapezoid
+
     smoothing = choose_smoothing(measured.runs)
     index = {id(r): k for k, r in enumerate(measured.runs)}
     total = sum(float(r.time[-1] - r.time[0]) for r in runs)
@@ -108,19 +110,11 @@ def _rows(measured: MeasuredSet, runs: list[Run], declared: PowerModel) -> Rows:
         k = kinematics(run, at, smoothing)
         logged = run.current if run.current is not None else run.effort
         assert logged is not None
-        area = np.vstack(
-            [np.zeros(logged.shape[1]), np.cumsum((logged[1:] + logged[:-1]) / 2 * np.diff(run.time)[:, None], 0)]
-        )
+        area = cumulative_trapezoid(logged, run.time, axis=0, initial=0)
         whole = np.column_stack([np.interp(edges, run.time, column) for column in area.T])
         moved = np.ptp(run.position, axis=0) > 2e-3
-        parts.append(
-            (
-                k.q,
-                np.where(moved, k.v, 0.0),
-                np.where(moved, k.a, 0.0),
-                np.diff(whole, axis=0) / np.diff(edges)[:, None],
-            )
-        )
+        mean = np.diff(whole, axis=0) / np.diff(edges)[:, None]
+        parts.append((k.q, np.where(moved, k.v, 0.0), np.where(moved, k.a, 0.0), mean))
         of.append(np.full(count, index[id(run)]))
     q, v, a, reading = (np.concatenate(x) for x in zip(*parts, strict=True))
     body = measured.robot.body
@@ -218,14 +212,9 @@ def _memory(run: np.ndarray, r: np.ndarray) -> float:
 
 
 def _side(
-    rows: Rows,
-    unit: str,
-    x: np.ndarray,
-    spread: np.ndarray,
-    residual: np.ndarray,
-    noise: np.ndarray,
+    rows: Rows, unit: str, x: np.ndarray, spread: np.ndarray, residual: np.ndarray, noise: np.ndarray,
     used: list[np.ndarray],
-) -> JointSide:
+) -> JointSide:  # fmt: skip
     """Values in N m with their covariance: c = beta / k, to first order."""
     n = len(used)
     k, deviation = x[:n], np.sqrt(np.diag(spread)[:n])
@@ -315,10 +304,8 @@ def _step(side: JointSide, measured: MeasuredSet) -> float:
 
 def _means(x: np.ndarray, width: int) -> np.ndarray:
     """Means (K', n) over `width` samples, or over all where there are fewer."""
-    if len(x) <= width:
-        return np.asarray(x.mean(axis=0, keepdims=True))
-    total = np.vstack([np.zeros(x.shape[1]), np.cumsum(x, axis=0)])
-    return np.asarray((total[width:] - total[:-width]) / width)
+    windows = np.lib.stride_tricks.sliding_window_view(x, min(width, len(x)), axis=0)
+    return np.asarray(windows.mean(axis=2))
 
 
 def free_runs(measured: MeasuredSet, found: list[Push]) -> tuple[MeasuredSet, bool]:
@@ -339,9 +326,7 @@ def push_words(found: list[Push], enough: bool) -> list[str]:
         return []
     worst = max(found, key=lambda p: p.torque)
     what = f"{worst.torque:.3g} N m on {worst.joint} in {worst.file}"
-    begin = (
-        f"Something outside pushed the arm in {len(found)} run(s), which shows as torque without power (up to {what})"
-    )
+    begin = f"Something outside pushed the arm in {len(found)} run(s): torque without power (up to {what})"
     if enough:
         return [f"{begin}: left out are {', '.join(p.file for p in found)}."]
     return [f"{begin}: no cause can be claimed of such a set. Record it with nobody and nothing touching the arm."]

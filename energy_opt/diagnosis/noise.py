@@ -144,6 +144,11 @@ def standing_noise(samples: Samples) -> tuple[Noise, Noise]:
     return best, replace(best, wave=float(np.sqrt(max(most**2 - best.white**2, best.wave**2))))
 
 
+def by_chance(noise: Noise, lasts: float) -> Noise:
+    """The noise whose mean square over `lasts` s is one standard deviation more, by the wave's memory."""
+    return replace(noise, wave=noise.wave * (1 + (2 * noise.memory / lasts) ** 0.5) ** 0.5)
+
+
 def _standing(samples: Samples, settled: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Times and readings of stretches without a jump while the arm is at rest, from `settled` s after it stopped."""
     out = []

@@ -114,13 +114,8 @@ def _effects(report: Report, result: Diagnosis) -> None:
     if not result.effects:
         report.text("None is claimed.")
         return
-    improved = [f"{x.motions_improved[0]} of {x.motions_improved[1]}" if x.motions_improved else None
-                for x in result.effects]  # fmt: skip
-    report.table(
-        ["effect", "share of what is explained [%]", "log odds", "left-out motions improved"],
-        [[x.name, 100 * x.share_of_residual, x.log_odds, y] for x, y in zip(result.effects, improved, strict=True)],
-        digits=3,
-    )
+    table = [[x.name, 100 * x.share_of_residual, x.log_odds] for x in result.effects]
+    report.table(["effect", "share of what is explained [%]", "log odds"], table, digits=3)
     header = ["effect", "parameter", "joint", "value", "95 % interval", "unit"]
     report.table(header, [line for x in result.effects for line in _values(x.document(), result.measured.robot)])
 

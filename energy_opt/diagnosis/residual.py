@@ -60,9 +60,8 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Remai
 
 def wandering(f: Fit) -> bool:
     """Do the runs' levels differ by more than a meter drifts?"""
-    own = np.sqrt(np.maximum(np.diag(f.covariance)[len(f.theta) - len(f.levels) :], 0.0))
     apart = float(np.ptp(f.levels))
-    return apart > LEVELS * (f.world.scale.level + STEADY) and apart > 6 * float(np.median(own))
+    return apart > LEVELS * (f.world.scale.level + STEADY) and apart > 6 * float(np.median(f.level_deviations))
 
 
 def _held(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> float:

@@ -83,13 +83,7 @@ class Search:
         for k, g in enumerate(f.free):
             count = g.columns.shape[1]
             own = f.weights[sum(x.columns.shape[1] for x in f.free[:k]) :][:count]
-            inf = np.full(count, np.inf)
-            white = f.jacobian[:, at : at + count]
-            blocks.append(
-                Block(
-                    f"free {g.signal}", white, np.eye(count) / g.size**2, -own, -inf, inf, FREE_ODDS, len(f.charts) + k
-                )
-            )
+            blocks.append(_free_block(g, f.jacobian[:, at : at + count], -own, len(f.charts) + k))
             at += count
         return blocks
 
@@ -98,10 +92,9 @@ class Search:
         if f.token not in self.found:
             self.found[f.token] = list(candidates(f))
         found = self.found[f.token]
-        self.variants.update({name: max(n, self.variants.get(name, 1)) for name, n in _count(found).items()})
-        curves = (
-            [] if f.free or self.closed else list(functions(f))
-        )  # one says that there is something; two say no more
+        counts = Counter(c.chart.term.name for c in found)
+        self.variants.update({name: max(n, self.variants.get(name, 1)) for name, n in counts.items()})
+        curves = [] if f.free or self.closed else list(functions(f))  # one says that something is there
         added: list[Candidate | Free] = [*found, *curves]
         columns = {id(x.columns): x.columns for x in added}
         white = f.world.whiten(np.column_stack(list(columns.values())))
@@ -110,12 +103,7 @@ class Search:
         for c in found:
             odds, name = odds_of(c.chart.term, self.variants[c.chart.term.name]), c.chart.term.name
             blocks.append(Block(name, whites[id(c.columns)], c.precision, c.mean, c.low, c.high, odds, c))
-        for g in curves:
-            count, inf = g.columns.shape[1], np.full(g.columns.shape[1], np.inf)
-            before = np.eye(count) / g.size**2
-            blocks.append(
-                Block(f"free {g.signal}", whites[id(g.columns)], before, np.zeros(count), -inf, inf, FREE_ODDS, g)
-            )
+        blocks += [_free_block(g, whites[id(g.columns)], np.zeros(g.columns.shape[1]), g) for g in curves]
         bank = Bank(f, blocks)
         here = self.whole(bank)
         worth = {n: bank.nuisances[n] + bank.under(here, n)[0] for n in bank.nuisances}
@@ -225,6 +213,11 @@ class Search:
         return here
 
 
+def _free_block(g: Free, white: np.ndarray, mean: np.ndarray, source: Free | int) -> Block:
+    inf = np.full(len(mean), np.inf)
+    return Block(f"free {g.signal}", white, np.eye(len(mean)) / g.size**2, mean, -inf, inf, FREE_ODDS, source)
+
+
 def _label(bank: Bank, k: int) -> str:
     b = bank.blocks[k]
     return f"{b.name} {b.source.chart.term.options}" if isinstance(b.source, Candidate) else b.name
@@ -235,10 +228,6 @@ def odds_of(term: Term, variants: int) -> float:
     if term.declared:
         return REFIT_ODDS
     return ODDS + RARE.get(term.name, 0.0) - float(np.log(max(variants, 1)))
-
-
-def _count(found: list[Candidate]) -> dict[str, int]:
-    return Counter(c.chart.term.name for c in found)
 
 
 def _loose(bank: Bank, here: Subset) -> list[int]:

@@ -39,7 +39,7 @@ from energy_opt.diagnosis.evidence import drift_of, left_out, links_odds, noise_
 from energy_opt.diagnosis.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis import Measured, Scale
 from energy_opt.diagnosis.links import links_of
-from energy_opt.diagnosis.noise import Noise, standing_noise, weighted
+from energy_opt.diagnosis.noise import Noise, by_chance, standing_noise, weighted
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.residual import follows
 from energy_opt.diagnosis.search import Search, moved, root
@@ -62,12 +62,13 @@ class Judge:
     """The error of fits on the motions held out; without any, on training motions left out one by one.
 
     Attributes:
-        held: runs never fitted. noise: of the meter at standstill, as much as may be.
+        held: runs never fitted. noise, most: of the meter at standstill, the likeliest and as much as may be.
         drifts: the fit whose levels say how far the meter drifts: the likeliest one.
     """
 
     held: Samples | None
     noise: Noise
+    most: Noise
     drifts: Fit | None = None
     seen: dict[tuple[int, bool, bool], tuple[Fit, Quality]] = field(default_factory=dict)
 
@@ -171,7 +172,8 @@ def infer(
     held = weighted(held, predict(declared, held)) if held is not None else None
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
     still, most = standing_noise(samples)
-    judge = Judge(held, most)
+    lasts = sum(float(np.ptp(time)) for time, _ in (held or samples).single) / 2  # as in motion, or at rest
+    judge = Judge(held, still, by_chance(most, max(lasts, samples.step)))
     scale = replace(Scale.of(limits, samples.power), measured=measured or {})
     world = World.of(samples, declared, scale, links_of(samples, declared), still, given)
     nothing = root(world, Nuisance(0.03, 0.3 * still.white))
@@ -230,6 +232,9 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         model, after = world.declared, declared
     elif not claims:
         start = accepted
+    if not claims and not best.names and not best.free:  # nothing speaks against noise
+        judge = Judge(judge.held, judge.most, judge.most, best)
+        declared, after = judge.of_model(world.declared, nothing), judge.of_model(model, accepted)
     linked = _links_are_off(found, judge, start, declared) if not claims else False
     if linked:
         accepted, rivals = start, (start, *instead_of_links(found, start))

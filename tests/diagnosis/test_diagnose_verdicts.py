@@ -198,15 +198,14 @@ def test_stamps_that_come_in_bunches_are_spread(repeated, tmp_path):
 
 def test_the_ratio_to_the_noise_is_the_worst_of_motion_and_rest():
     def of(motion: float, rest: float) -> float:
-        return Quality(motion, rest, 1.0, 0.5, max(motion, rest), 1.0, np.zeros(1), np.ones(1), np.zeros(1)).ratio
+        return Quality(motion, rest, 1.0, 0.5, max(motion, rest), 1.0, np.zeros(1), np.ones(1)).ratio
 
     assert of(1.5, 0.1) == 1.5 and of(0.1, 0.9) == 1.8
 
 
 def test_what_is_mostly_explained_is_so_without_its_best_motion():
     def of(*squares: float) -> Quality:
-        none = np.zeros(len(squares))
-        return Quality(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, none, none, np.array(squares))
+        return Quality(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, np.array(squares), np.full(len(squares), 100.0))
 
     before = of(20.0, 30.0, 40.0, 50.0)
     assert mostly_explained(before, of(2.0, 2.0, 2.0, 2.0), unknown=False)

@@ -136,6 +136,7 @@ def standing_noise(samples: Samples) -> tuple[Noise, Noise]:
         return value, white**0.5
 
     found = weighed(worth, LESS * samples.noise, count - len(times), FINE_WAVES, FINE_MEMORIES)
+    found = [(v + np.log(len(found)) * (n.wave == 0), n) for v, n in found]  # as likely before as any with memory
     value, best = max(found, key=lambda row: row[0])
     odds = np.exp([v - value for v, _ in found])
     size = np.log([np.hypot(n.white, n.wave) for _, n in found])

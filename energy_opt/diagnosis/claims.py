@@ -115,7 +115,7 @@ def _profiled(found: Search, f: Fit) -> float:
 def shaped_otherwise(found: Search, f: Fit) -> int | None:
     """Which effect of a fit has another law than the library's.
 
-    One whose shape ends at a bound of what is sensible: it stands for another law there. Or one that a free function of
+    One whose shape ends at a bound of what is sensible: it then represents another law. Or one that a free function of
     what it follows betters: the function is likelier beside the effect by the odds of a claim, and able to stand for
     it, so that it follows the same signal, and what it adds is what the law's own shape lacks.
     """

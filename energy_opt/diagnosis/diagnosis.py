@@ -12,12 +12,11 @@ import numpy as np
 
 from energy_opt.diagnosis.claims import written
 from energy_opt.diagnosis.clusters import parted, shortened, split
-from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import errors
 from energy_opt.diagnosis.evidence import drift_of
-from energy_opt.diagnosis.findings import WIDER, Finding, evidence_rows, findings_of, nuisance_of
+from energy_opt.diagnosis.findings import WIDER, Result, evidence_rows, findings_of, nuisance_of
 from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_remarks, side_rows
-from energy_opt.diagnosis.joint_side import JointSide, free_runs, joint_side, push_words, pushes
+from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
 from energy_opt.diagnosis.modes import mode_words, modes_of
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.diagnosis.residual import Remainder, goes_with
@@ -37,29 +36,8 @@ TOLERANCE = 3.0  # [%] of energy, within which a model is good enough to plan wi
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis:
-    """A diagnosis with what it was made from, ready to print and to save.
-
-    Attributes:
-        measured, declared, model: the set, the model handed in, and the calibrated one.
-        effects, remainder: what is claimed, and what the rest of the residual goes with.
-        document: the content of diagnosis.json.
-        side: what the joints' own readings say, None where there are none.
-        samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
-        inference: what the search found, None without a meter.
-    """
-
-    measured: MeasuredSet
-    declared: PowerModel
-    model: PowerModel
-    effects: tuple[Finding, ...]
-    remainder: tuple[Remainder, ...]
-    document: dict[str, Any]
-    side: JointSide | None
-    samples: Samples | None = None
-    train: tuple[int, ...] = ()
-    holdout: tuple[int, ...] = ()
-    inference: Inference | None = None
+class Diagnosis(Result):
+    """A diagnosis with what it was made from, see `Result`, ready to print and to save."""
 
     @property
     def verdict(self) -> str:

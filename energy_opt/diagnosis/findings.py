@@ -7,10 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.fit import Fit
+from energy_opt.diagnosis.joint_side import JointSide
 from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.residual import Remainder
 from energy_opt.diagnosis.verdict import Inference
 from energy_opt.effects import Effect, LinkInertia
+from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
 
 STUDENT = 1.96
@@ -132,3 +136,29 @@ def evidence_rows(found: Inference, most: int = 15) -> list[dict[str, Any]]:
         for f in found.search.fits.values()
     ]
     return sorted(rows, key=lambda row: -float(row["score"]))[:most]  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, repr=False)
+class Result:
+    """A diagnosis with what it was made from.
+
+    Attributes:
+        measured, declared, model: the set, the model handed in, and the calibrated one.
+        effects, remainder: what is claimed, and what the rest of the residual goes with.
+        document: the content of diagnosis.json.
+        samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
+        inference: what the search found, None without a meter.
+        side: what the joints' own readings say, None where there are none.
+    """
+
+    measured: MeasuredSet
+    declared: PowerModel
+    model: PowerModel
+    effects: tuple[Finding, ...]
+    remainder: tuple[Remainder, ...]
+    document: dict[str, Any]
+    side: JointSide | None
+    samples: Samples | None = None
+    train: tuple[int, ...] = ()
+    holdout: tuple[int, ...] = ()
+    inference: Inference | None = None

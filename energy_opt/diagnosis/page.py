@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import reading_of
+from energy_opt.diagnosis.findings import Result
 from energy_opt.diagnosis.joint_side import STILL, JointSide
 from energy_opt.diagnosis.predict import friction_torque, predict
 from energy_opt.power.variants import draws_of
@@ -16,9 +17,6 @@ from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.page import Report
 from energy_opt.robot import Robot
 from energy_opt.robot.limits import sliding
-
-if TYPE_CHECKING:
-    from energy_opt.diagnosis.diagnosis import Diagnosis
 
 WORDS = {
     "explained": "Effects were found, and nothing is left above the noise.",
@@ -33,7 +31,7 @@ WILD = 3.0  # times the largest friction of a joint, beyond which a measured poi
 MOSTLY = 0.5  # of all joints' speed, beyond which a reading is shown as one joint's friction
 
 
-def page(result: Diagnosis) -> Report:
+def page(result: Result) -> Report:
     """The report."""
     d = result.document
     report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict'] or 'stopped'}")
@@ -108,7 +106,7 @@ def page(result: Diagnosis) -> Report:
     return report.command(d.get("request"))
 
 
-def _effects(report: Report, result: Diagnosis) -> None:
+def _effects(report: Report, result: Result) -> None:
     """What is claimed, with every number."""
     report.section("Effects")
     if not result.effects:
@@ -136,7 +134,7 @@ def _values(row: Mapping[str, Any], robot: Robot) -> list[list[object]]:
     return out
 
 
-def _power(result: Diagnosis, samples: Samples) -> list[Chart]:
+def _power(result: Result, samples: Samples) -> list[Chart]:
     """Measured, declared and calibrated power of every run (the first `SHOWN` of them)."""
     moving = [k for k, kind in enumerate(samples.kinds) if kind == "motion"] or list(range(len(samples.kinds)))
     declared, after = reading_of(result.declared, samples), reading_of(result.model, samples)
@@ -153,7 +151,7 @@ def _power(result: Diagnosis, samples: Samples) -> list[Chart]:
     return charts
 
 
-def _residuals(result: Diagnosis, samples: Samples) -> list[Chart]:
+def _residuals(result: Result, samples: Samples) -> list[Chart]:
     """The residual before and after against time, speed, torque and temperature."""
     p = predict(result.model, samples)
     before, after = samples.power - predict(result.declared, samples).reading, samples.power - p.reading
@@ -173,7 +171,7 @@ def _residuals(result: Diagnosis, samples: Samples) -> list[Chart]:
     ]
 
 
-def _friction(result: Diagnosis, samples: Samples) -> list[Chart]:
+def _friction(result: Result, samples: Samples) -> list[Chart]:
     """Friction of every joint over speed: the model's with its band, and what single joints' motion shows."""
     model, n = result.model, samples.n
     p = predict(model, samples)

@@ -13,7 +13,7 @@ from energy_opt.motion.reshape.curve import Curve, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.search import trajectory_of
-from energy_opt.motion.reshape.task import all_rows
+from energy_opt.motion.reshape.task import Task
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits, Robot
 
@@ -22,7 +22,7 @@ SPARE = 0.98  # of every limit is used in reshaping: nodes do not see all of a c
 BENT = 24  # random bends of which the most telling is reshaped
 BEND = 0.5  # standard deviation of a bend's amplitude, as a share of half of a joint's range
 WAVES = 4  # half periods of a bend at most
-ITERATIONS = 40
+ITERATIONS, TRUST, TOLERANCE = 40, 0.4, 1e-3  # of a reshaping; its first step [rad, m], and relative
 SHORTEST = 0.5  # [s]
 PEAKS = {1: 1.875, 2: 5.774, 3: 60.0}  # largest value of a quintic's derivatives, per unit of way and of 1 / T^k
 
@@ -56,12 +56,10 @@ def reshaped(
 
     It is `leg` itself where the solver ends outside the limits.
     """
-    shape, limits = level.shape, scaled(joint_limits(way.limits), SPARE)
-    outcome = level.solve(
-        leg if rng is None else _bent(level, way, leg, limits, parameters, rng),
-        way.ends, limits, parameters, way.durations, tolerance=1e-3, rows=all_rows(shape, limits, (1, 2, 3)), rounds=2,
-        options={"mu_init": 1e-2, "max_iter": ITERATIONS},
-    )  # fmt: skip
+    limits = scaled(joint_limits(way.limits), SPARE)
+    start = leg if rng is None else _bent(level, way, leg, limits, parameters, rng)
+    task = Task(way.ends, limits, parameters, way.durations, 0.0)
+    outcome = task.descended(level, start, ITERATIONS, trust=TRUST, tolerance=TOLERANCE)
     return outcome.curve if outcome.broken < 1 / SPARE - 1 else leg
 
 

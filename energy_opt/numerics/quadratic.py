@@ -18,7 +18,7 @@ import ctypes
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix, hstack
+from scipy.sparse import csr_matrix
 
 from energy_opt.numerics import interior, native
 from energy_opt.numerics.interior import LEAST_DAMPING
@@ -137,18 +137,26 @@ class Constraints:
         out.scratch = pointer(out.memory)
         return out
 
+    def entries(self, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows, columns and values of A's entries, for `size` unknowns in the band; columns -1 where one is pinned."""
+        n, k = self.gradient.shape[1], self.border.shape[1]
+        at = (self.basis[self.place][:, :, None] * self.gradient[:, None]).reshape(-1, LOCAL * n)
+        window = np.concatenate([self.wide_first, self.place_first[self.place]])[:, None] * n + np.arange(LOCAL * n)
+        alone = (self.first[:, None] + np.arange(LOCAL)) * n + self.joint[:, None]
+        index = np.arange(self.count)
+        row = [np.repeat(index[: len(alone)], LOCAL), np.repeat(index[len(alone) :], LOCAL * n), np.repeat(index, k)]
+        inner = np.concatenate([alone.ravel(), window.ravel()])
+        inner = np.where((inner >= 0) & (inner < size), inner, -1)
+        column = np.concatenate([inner, np.tile(size + np.arange(k), self.count)])
+        value = [self.coefficient.ravel(), self.wide.ravel(), at.ravel(), self.border.ravel()]
+        return np.concatenate(row), column, np.concatenate(value)
+
     def sparse(self, size: int) -> csr_matrix:
         """A (R, size + k), for `size` unknowns in the band."""
-        n = self.gradient.shape[1]
-        alone = self.coefficient[:, :, None] * (self.joint[:, None] == np.arange(n))[:, None]
-        at = self.basis[self.place][:, :, None] * self.gradient[:, None]
-        value = np.concatenate([alone.reshape(-1, LOCAL * n), self.wide, at.reshape(-1, LOCAL * n)])
-        first = np.concatenate([self.first, self.wide_first, self.place_first[self.place]])
-        column = first[:, None] * n + np.arange(LOCAL * n)
-        used = (column >= 0) & (column < size) & (value != 0)
-        row = np.nonzero(used)[0]
-        inner = csr_matrix((value[used], (row, column[used])), shape=(self.count, size))
-        return hstack([inner, csr_matrix(self.border)], format="csr")
+        row, column, value = self.entries(size)
+        used = (column >= 0) & (value != 0)
+        shape = self.count, size + self.border.shape[1]
+        return csr_matrix((value[used], (row[used], column[used])), shape=shape)
 
     def times(self, d: np.ndarray) -> np.ndarray:
         """A d (R,) for d (N + k,)."""

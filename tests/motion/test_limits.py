@@ -1,6 +1,6 @@
 """Limits one by one: exact excess, rows in reshaping and along a path, against computations of the tests' own."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,14 +13,17 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.limits.via import PASSED, ViaPoints
-from energy_opt.motion.reshape.curve import fitted
+from energy_opt.motion.reshape.curve import Curve, Outcome, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.nodes import node_functions
+from energy_opt.motion.reshape.task import Task
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.bspline import Basis
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
+
+PLACES = np.linspace(0.02, 0.98, 33)
 
 
 @dataclass
@@ -54,13 +57,13 @@ class OutsideBall(Limit):
 
     name, unit = "ball", "rad"
 
-    def __init__(self, centre: np.ndarray, radius: float) -> None:
-        self.centre, self.radius, self.asked = centre, radius, 0
+    def __init__(self, centre: np.ndarray, radius: float, u: np.ndarray = PLACES) -> None:
+        self.centre, self.radius, self.u, self.asked = centre, radius, u, 0
 
     def places(self, curve) -> Ball:
         self.asked += 1
         assert curve(np.array([0.0])).shape == (1, len(self.centre))
-        return Ball(np.linspace(0.02, 0.98, 33), self.centre, self.radius)
+        return Ball(self.u, self.centre, self.radius)
 
     def worst(self, x) -> Violation:
         near = np.linalg.norm(x.q - self.centre, axis=1)
@@ -68,33 +71,33 @@ class OutsideBall(Limit):
         return Violation(self.name, 1 - float(near[k]) / self.radius, "the arm", float(x.time[k]), near[k], self.radius)
 
 
-@pytest.mark.parametrize("moving", [False, True])
-def test_numeric_rows_enter_jacobian_and_hessian(moving: bool) -> None:
+def test_numeric_constraints_enter_jacobian_and_hessian() -> None:
     rng = np.random.default_rng(5)
     ball = Ball(np.array([0.0, 0.31, 0.31, 0.77, 1.0]), rng.normal(size=6), 0.7)
-    program, x = build(True, 1, moving, places=[ball], rng=rng)
-    count, size, first = program.count, len(x), program.count - len(ball.place) - 6
+    program, x = build(True, 1, False, own=[OutsideBall(ball.centre, 0.7, ball.u)], rng=rng)
+    count, size = len(program.rows(x)), len(x)
+    first = count - len(ball.place)
     multipliers = np.zeros(count)
-    multipliers[first : first + len(ball.place)] = rng.normal(size=len(ball.place))
-    lower, upper = program.row_bounds
-    assert (lower[first : first + 10] == ball.lower).all() and (upper[first : first + 10] == np.inf).all()
+    multipliers[first:] = rng.normal(size=len(ball.place))
+    lower, upper = program.bounds
+    assert lower[first:] == pytest.approx(ball.lower) and (upper[first:] == np.inf).all()
 
     def jacobian(x: np.ndarray) -> np.ndarray:
         return dense(program.jacobian_pattern, program.jacobian(x), (count, size))
 
     upper = dense(program.hessian_pattern, program.hessian(x, 0.0, multipliers), (size, size))
-    exact = jacobian(x)[first : first + 10], upper + np.triu(upper, 1).T
+    exact = jacobian(x)[first:], upper + np.triu(upper, 1).T
     step, found = 1e-6, (np.zeros((10, size)), np.zeros((size, size)))
     for i in range(size):
         ahead, behind = x + step * np.eye(size)[i], x - step * np.eye(size)[i]
-        found[0][:, i] = (program.rows(ahead) - program.rows(behind))[first : first + 10] / (2 * step)
+        found[0][:, i] = (program.rows(ahead) - program.rows(behind))[first:] / (2 * step)
         found[1][:, i] = (jacobian(ahead) - jacobian(behind)).T @ multipliers / (2 * step)
     for ours, theirs in zip(exact, found, strict=True):
         assert np.abs(theirs).max() > 0.1
         assert ours == pytest.approx(theirs, rel=1e-6, abs=1e-6 * np.abs(theirs).max())
 
 
-def test_a_limit_of_numeric_rows_is_kept_by_a_solve(panda: Robot, model: PowerModel) -> None:
+def test_a_limit_of_numeric_constraints_is_kept_by_a_solve(panda: Robot, model: PowerModel) -> None:
     rest = np.zeros(7)
     ends = Ends(START, GOAL, rest, rest, np.zeros((0, 7)))
     own = joint_limits(panda.limits)
@@ -103,9 +106,14 @@ def test_a_limit_of_numeric_rows_is_kept_by_a_solve(panda: Robot, model: PowerMo
     share = u**3 * (10 - 15 * u + 6 * u**2)
     line = START + np.outer(share, GOAL - START)
     bent = fitted(level.shape, u, line + np.outer(np.sin(np.pi * u) ** 2, MIDDLE - START), ends, 2.0)
-    free = level.solve(bent, ends, own, model.values(7), (2.0, 2.0))
-    ball = OutsideBall(free.curve.position(np.array([0.5]))[0], 0.3)  # in the way
-    held = level.solve(free.curve, ends, (*own, ball), model.values(7), (2.0, 2.0), options={"mu_init": 1e-3})
+    task = Task(ends, own, model.values(7), (2.0, 2.0), 0.0)
+
+    def solved(task: Task, curve: Curve) -> Outcome:
+        return task.polished(level, task.descended(level, curve, 60, trust=0.2, tolerance=1e-5, give=1e-6))
+
+    free = solved(task, bent)
+    ball = OutsideBall(free.curve.position(np.array([0.5]))[0] + 0.02, 0.3)  # in the way, not about its centre
+    held = solved(replace(task, limits=(*own, ball)), free.curve)
     near = [
         np.linalg.norm(found.curve.position(np.linspace(0.02, 0.98, 33)) - ball.centre, axis=1).min()
         for found in (free, held)

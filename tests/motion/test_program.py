@@ -1,4 +1,4 @@
-"""The reshaping program: every derivative by finite differences, patterns, and the ends that it keeps."""
+"""The program that IPOPT polishes by: every derivative by finite differences, patterns, and the ends that it keeps."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,10 @@ import pytest
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, ViscousFriction
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.curve import fitted
-from energy_opt.motion.reshape.layout import Ends, Pattern, Shape
-from energy_opt.motion.reshape.nlp import ReshapeProgram
+from energy_opt.motion.reshape.layout import Ends, Shape
+from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.nodes import OBJECTIVES, node_functions
+from energy_opt.motion.reshape.polish import PolishProgram
 from energy_opt.numerics.bspline import Basis
 from energy_opt.power import source_method_2
 from energy_opt.robot import load_robot
@@ -29,7 +30,8 @@ def everything():
     return robot, model
 
 
-def build(free_acceleration: bool, vias: int, moving: bool, objective: str = "energy", places=(), rng=RNG):
+def build(free_acceleration: bool, vias: int, moving: bool, objective: str = "energy", own=(), rng=RNG, fixed=False):
+    """A program about a curve that is taken as the one to begin with, with some constraints of every kind."""
     robot, model = everything()
     n = robot.n
     shape = Shape(n, Basis(11, 0.8), 3, free_acceleration, vias)
@@ -37,15 +39,18 @@ def build(free_acceleration: bool, vias: int, moving: bool, objective: str = "en
     start, goal = rng.uniform(-1, 1, n), rng.uniform(-1, 1, n)
     via = np.array([(start + goal) / 2 + 0.1] * vias).reshape(vias, n)
     ends = Ends(start, goal, speed[0], speed[1], via)
-    rows = np.array([(limit, site, (site + limit) % n) for limit in (1, 2, 3, 4) for site in (0, 2, 5, 7)])
     limits = joint_limits(robot.limits.replace(acceleration=np.full(n, 12.0), jerk=np.full(n, 800.0)))
     nodes = node_functions(model, robot.body, limits, objective)
-    program = ReshapeProgram(
-        Pattern(shape), nodes, ends, limits, rows, np.append(model.values(n), 1.0), 0.1, places=places
-    )
+    durations = (1.4, 1.4) if fixed else (0.1, 9.0)
+    problem = Model(shape, nodes, ends, (*limits, *own), model.values(n), durations)
+    problem.scale = 0.1
     u = np.linspace(0, 1, 40)
-    curve = fitted(shape, u, start + np.outer(u, goal - start) + 0.2 * np.sin(np.pi * u)[:, None], ends, 1.4)
-    x = np.concatenate([curve.points[shape.pinned : -shape.pinned].ravel(), [1.4], np.full(vias, 0.45)])
+    line = start + np.outer(u, goal - start) + 0.2 * np.sin(np.pi * u)[:, None]
+    point = problem.at_curve(fitted(shape, u, line, ends, 1.4, np.full(vias, 0.45)))
+    side, hot = np.zeros(len(point.linear)), np.zeros(point.hot.shape, dtype=bool)
+    side[::5], hot[::4, 1], hot[::3, 4] = np.sign(point.linear[::5]), True, True
+    program = PolishProgram(problem, point, side, hot)
+    x = 0.05 * rng.normal(size=shape.size + problem.border)
     return program, x
 
 
@@ -57,12 +62,13 @@ def dense(pattern, values, shape):
 
 
 @pytest.mark.parametrize(
-    ("free_acceleration", "vias", "moving"), [(False, 0, False), (True, 0, True), (False, 2, True)]
+    ("free_acceleration", "vias", "moving", "fixed"),
+    [(False, 0, False, True), (False, 0, False, False), (True, 0, True, False), (False, 2, True, False)],
 )
-def test_derivatives(free_acceleration, vias, moving):
-    program, x = build(free_acceleration, vias, moving)
-    size, count, step = len(x), program.count, 1e-5
-    multipliers, factor = RNG.normal(size=count), 1.3
+def test_derivatives(free_acceleration, vias, moving, fixed):
+    program, x = build(free_acceleration, vias, moving, fixed=fixed)
+    size, count, step = len(x), len(program.rows(x)), 1e-6
+    multipliers, factor = np.abs(RNG.normal(size=count)), 1.3  # bounds on one side have no others
 
     def jacobian(x):
         return dense(program.jacobian_pattern, program.jacobian(x), (count, size))
@@ -95,13 +101,12 @@ def test_gradient_of_every_objective(objective):
 
 def test_ends_are_kept_whatever_the_unknowns():
     program, x = build(False, 0, True)
-    x = x + 0.1 * RNG.normal(size=len(x))
-    x[program.pattern.time] = 1.7
-    points, basis = program.points(x), program.shape.basis
-    for u, q, v in ((0.0, program.ends.start, program.ends.v_start), (1.0, program.ends.goal, program.ends.v_goal)):
+    point = program.at(x + 0.1 * RNG.normal(size=len(x)))
+    problem, points, basis = program.model, point.points, program.model.shape.basis
+    for u, q, v in ((0.0, problem.ends.start, problem.ends.v_start), (1.0, problem.ends.goal, problem.ends.v_goal)):
         at = np.array([u])
         assert np.allclose(basis.matrix(at) @ points, q, atol=1e-12)
-        assert np.allclose(basis.matrix(at, 1) @ points / 1.7, v, atol=1e-10)
+        assert np.allclose(basis.matrix(at, 1) @ points / point.duration, v, atol=1e-10)
         assert np.allclose(basis.matrix(at, 2) @ points, 0, atol=1e-8)
 
 

@@ -33,7 +33,7 @@ def two_wells(curve, parameters, limits, width=1.0):
 def outcome(x, broken=0.0):
     curve = Curve(SHAPE, np.full((12, 1), x), 1.0, NOTHING)
     cost = two_wells(curve, NOTHING, ())[0]
-    return Outcome(curve, cost, broken, True, "", 1, NOTHING)
+    return Outcome(curve, cost, broken, True, "", 1)
 
 
 def test_a_ridge_parts_valleys_and_distance_does_not():

@@ -10,7 +10,6 @@ from test_program import everything
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.curve import fitted
-from energy_opt.motion.reshape.frame import Frame
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.nodes import node_functions
@@ -55,10 +54,10 @@ def test_derivatives(built, free_acceleration: bool, vias: int, moving: bool, fi
     line = start + np.outer(u, goal - start) + 0.2 * np.sin(np.pi * u)[:, None]
     curve = fitted(shape, u, line, ends, 1.4, np.linspace(0.3, 0.6, vias))
     durations = (1.4, 1.4) if fixed else (0.1, 9.0)
-    work = Model(Frame(shape), nodes, ends, limits, model.values(n), durations)
+    work = Model(shape, nodes, ends, limits, model.values(n), durations)
     work.scale = 0.1
     point = work.at_curve(curve)
-    size, h = work.frame.size + work.border, 1e-5
+    size, h = work.shape.size + work.border, 1e-5
     step = np.eye(size) * h
 
     def at(d: np.ndarray):
@@ -87,7 +86,7 @@ def test_derivatives(built, free_acceleration: bool, vias: int, moving: bool, fi
     if fixed:
         change = np.array([(a.linear - b.linear) / (2 * h) for a, b in zip(ahead, behind, strict=True)])
         assert np.allclose(np.array([linear.times(d) for d in np.eye(size)]), change, atol=1e-5)
-    assert np.allclose(linear.sparse(work.frame.size).toarray(), matrix_of(linear, size), rtol=1e-12, atol=1e-12)
+    assert np.allclose(linear.sparse(work.shape.size).toarray(), matrix_of(linear, size), rtol=1e-12, atol=1e-12)
 
 
 def test_a_row_linearised_in_time_stays_inside_of_the_limit(built) -> None:
@@ -97,12 +96,12 @@ def test_a_row_linearised_in_time_stays_inside_of_the_limit(built) -> None:
     ends = Ends(np.zeros(n), np.full(n, 0.8), np.zeros(n), np.zeros(n), np.zeros((0, n)))
     u = np.linspace(0, 1, 40)
     curve = fitted(shape, u, np.outer(u, ends.goal), ends, 0.5)
-    work = Model(Frame(shape), nodes, ends, limits, model.values(n), (0.1, 9.0))
+    work = Model(shape, nodes, ends, limits, model.values(n), (0.1, 9.0))
     point = work.at_curve(curve)
     rows = work.linear_rows(point, np.ones(len(point.linear), dtype=bool))
     rng = np.random.default_rng(0)
     for _ in range(20):
-        d = np.append(0.05 * rng.normal(size=work.frame.size), rng.uniform(-0.2, 0.4))
+        d = np.append(0.05 * rng.normal(size=work.shape.size), rng.uniform(-0.2, 0.4))
         share, allowed = work.linear_after(point, d), rows.times(d)
         kept = np.where(point.linear > 0, allowed <= rows.ceiling, allowed >= rows.floor)
         of_its_side = np.sign(share) == np.sign(point.linear)

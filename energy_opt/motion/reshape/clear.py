@@ -21,7 +21,7 @@ from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.sqp import Descent, begin, descend
-from energy_opt.motion.reshape.task import FEASIBLE, Task
+from energy_opt.motion.reshape.task import FEASIBLE, SLACK, Task
 
 log = logging.getLogger(__name__)
 PLACES, DENSE = 60, 240  # along a curve, evenly in time, where pairs are looked at; and before a proof
@@ -35,7 +35,7 @@ RAMP = 0.15  # share of the move over which the margin of an end that is nearer 
 END_SHARE = 0.8  # of what an end has beyond the clearance that is asked for, the margin there
 TRUST = 0.1  # [rad, m] of the first step from a curve that is free
 ROUNDS, AGAIN = 10, 5  # descents from a curve at most; iterations of each but the first
-SLACK, GIVE = 0.01, 0.1  # of rows over planes, and of limits in the first descent, that count as kept while it goes on
+GIVE = 0.1  # share of a bound that counts as kept in the first descent
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
 FINE = 1e-3  # relative: such a descent ends where so little is to be won
 RESOLVED, EXACT = 15, 1e-6  # iterations under limits that have changed a little, and what these may be exceeded by

@@ -36,10 +36,7 @@ STOPPED = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess at a node.
-
-    `rows` (R, 3) number what was held: limit, site or node, joint or column.
-    """
+    """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess at a node."""
 
     curve: Curve
     cost: float
@@ -47,7 +44,6 @@ class Outcome:
     converged: bool
     status: str
     iterations: int
-    rows: np.ndarray
 
     @property
     def why(self) -> str:

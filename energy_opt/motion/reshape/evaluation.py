@@ -1,6 +1,6 @@
 """A reshaping problem at a curve: its cost and gradient, shares of limits, and what is near.
 
-The same problem as `nlp.ReshapeProgram` states for IPOPT. Unknowns are the free control points, point by point, and
+Unknowns are the free control points, point by point, and
 behind them T, unless it is given, the goal's steps along what a pose leaves free, and the via points' times.
 """
 
@@ -16,14 +16,12 @@ import numpy as np
 from energy_opt.motion.limits.base import Limit, PlaceRows, box_of, values_of
 from energy_opt.motion.limits.clearance import ClearanceRows
 from energy_opt.motion.reshape.curve import Curve, Outcome
-from energy_opt.motion.reshape.frame import Frame
-from energy_opt.motion.reshape.layout import Ends
+from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.numerics.batch import Batch
 
 NEAREST, ARM = 0.01, 0.5  # [m] bodies that are nearer than this get rows, and more for each rad that joints will turn
 DIFFERENCE = 1e-5  # [rad, m] of what ending somewhere costs
-USED = 0.97  # share of a bound from which a row is handed on
 
 
 def bending(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray, along: np.ndarray, step: float = 1e-3) -> np.ndarray:
@@ -86,12 +84,12 @@ class Evaluation:
     """
 
     def __init__(
-        self, frame: Frame, nodes: NodeFunctions, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray,
+        self, shape: Shape, nodes: NodeFunctions, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray,
         durations: tuple[float, float], offset: float = 0.0, width: float = 1.0, goal: OpenGoal | None = None,
     ) -> None:  # fmt: skip
-        s = self.shape = frame.shape
+        s = self.shape = shape
         self.goal, directions = goal, 0 if goal is None else goal.count
-        self.frame, self.ends, self.limits, self.offset, self.scale = frame, ends, tuple(limits), offset, 1.0
+        self.ends, self.limits, self.offset, self.scale = ends, tuple(limits), offset, 1.0
         self.fixed = durations[0] == durations[1]
         self.durations = durations
         self.clearance: ClearanceRows | None = None
@@ -100,7 +98,7 @@ class Evaluation:
         self._values = np.concatenate([parameters, values_of(limits, width)])
         u, w = s.grid
         self._quad, self._breaks = np.flatnonzero(w), np.flatnonzero(w == 0)
-        self._weight, self._u, self._window = w[self._quad], u[:, None], frame.window(u)
+        self._weight, self._u, self._window = w[self._quad], u[:, None], s.window(u)
         self._cost = Batch(nodes.cost, len(self._quad))
         self._curvature = Batch(nodes.curvature, len(self._quad))
         self._nodes = nodes
@@ -132,26 +130,22 @@ class Evaluation:
     def _set_linear(self) -> None:
         """Rows of bounds on derivatives: as functions of all control points, and their squares."""
         n = self.shape.joints
-        held = [(number, limit) for number, limit in enumerate(self.limits) if limit.order]
-        linear = self.frame.linear(tuple(limit.order for _, limit in held))
+        held = [limit for limit in self.limits if limit.order]
+        linear = self.shape.linear(tuple(limit.order for limit in held))
         self._linear_all, self._linear_first, self._linear_joint, self._linear_local = linear
-        counts = [len(self.shape.sites[limit.order - 1]) for _, limit in held]
-        self._order = np.repeat([limit.order for _, limit in held], np.array(counts, dtype=int) * n)
-        bounds = [np.tile(1 / limit.bound, count) for count, (_, limit) in zip(counts, held, strict=True)]
+        counts = [len(self.shape.sites[limit.order - 1]) for limit in held]
+        self.order = np.repeat([limit.order for limit in held], np.array(counts, dtype=int) * n)
+        bounds = [np.tile(1 / limit.bound, count) for count, limit in zip(counts, held, strict=True)]
         self._per = np.concatenate([np.zeros(0), *bounds])
-        sites = [np.indices((count, n)).reshape(2, -1) for count in counts]
-        keys = [np.insert(site.T, 0, number, axis=1) for (number, _), site in zip(held, sites, strict=True)]
-        self.linear_keys = np.concatenate([np.zeros((0, 3), dtype=int), *keys])
 
     def _set_hot(self) -> None:
         """What is limited at nodes."""
-        held = [(k, limit) for k, limit in enumerate(self.limits) if limit.scale.size]
-        self._hot_scale = np.concatenate([np.zeros(0), *(limit.scale for _, limit in held)])
-        one = [np.full(limit.scale.size, limit.one_sided) for _, limit in held]
+        held = [limit for limit in self.limits if limit.scale.size]
+        self._hot_scale = np.concatenate([np.zeros(0), *(limit.scale for limit in held)])
+        one = [np.full(limit.scale.size, limit.one_sided) for limit in held]
         self._hot_one = np.concatenate([np.zeros(0, dtype=bool), *one])
-        always = [np.full(limit.scale.size, limit.everywhere) for _, limit in held]
+        always = [np.full(limit.scale.size, limit.everywhere) for limit in held]
         self._hot_always = np.concatenate([np.zeros(0, dtype=bool), *always])
-        self.hot_keys = np.array([(k, j) for k, limit in held for j in range(limit.scale.size)]).reshape(-1, 2)
         self._limited = Batch(self._nodes.limited, len(self._u)) if len(self._hot_scale) else None
 
     def at(self, points: np.ndarray, duration: float, via_u: np.ndarray, far: float = np.inf) -> Point:
@@ -162,7 +156,7 @@ class Evaluation:
         z[:, -1] = duration
         rate, slope = self._cost(z[self._quad], self._u[self._quad], self._values)
         cost = self.scale * (float(self._weight @ rate[:, 0]) - self.offset * duration)
-        linear = self._per * (self._linear_all @ points.ravel()) / duration**self._order
+        linear = self._per * (self._linear_all @ points.ravel()) / duration**self.order
         if self.goal is not None:
             cost += self.scale * float(np.diff(self.goal.work(np.stack([self.ends.goal, points[-1]])))[0])
         hot, hot_slope = np.zeros((len(z), 0)), np.zeros((len(z), 3 * n + 1, 0))
@@ -195,14 +189,11 @@ class Evaluation:
         out.clearance = clearance
         return out
 
-    def outcome(self, point: Point, iterations: int, converged: bool) -> Outcome:
-        """What a search came to, with the rows that are used nearly in full."""
+    def outcome(self, point: Point, iterations: int, converged: bool, status: str = "sqp") -> Outcome:
+        """What a search came to."""
         curve = Curve(self.shape, point.points, point.duration, point.via_u)
-        k, j = np.nonzero((self.hot_share(point) > USED) | (self._hot_always & np.isfinite(self._hot_scale)))
-        hot = np.stack([self.hot_keys[j, 0], k, self.hot_keys[j, 1]], axis=1)
-        rows = np.concatenate([self.linear_keys[np.abs(point.linear) > USED], hot])
         cost = point.cost / self.scale + self.offset * point.duration
-        return Outcome(curve, cost, self.excess(point), converged, "sqp", iterations, rows)
+        return Outcome(curve, cost, self.excess(point), converged, status, iterations)
 
     def _matrix(self, u: np.ndarray) -> np.ndarray:
         """The basis at places, the last of which are kept."""
@@ -215,8 +206,8 @@ class Evaluation:
         """Control points, duration and via times after a step."""
         s, n = self.shape, self.shape.joints
         points = point.points.copy()
-        points[s.pinned : len(points) - s.pinned] += d[: self.frame.size].reshape(-1, n)
-        duration, border = point.duration, d[self.frame.size :]
+        points[s.pinned : len(points) - s.pinned] += d[: s.size].reshape(-1, n)
+        duration, border = point.duration, d[s.size :]
         if not self.fixed:
             duration = float(np.clip(duration + border[0], *self.durations))
             points += (duration - point.duration) * self._pinned_slope
@@ -250,13 +241,13 @@ class Evaluation:
         """Of the cost, (N + k,)."""
         s, n = self.shape, self.shape.joints
         by_node = point.slope[:, :-1].reshape(-1, n)
-        out = np.zeros(self.frame.size + self.border)
-        out[: self.frame.size] = (self._down @ by_node).ravel()
+        out = np.zeros(s.size + self.border)
+        out[: s.size] = (self._down @ by_node).ravel()
         if not self.fixed:
             pinned = 0.0 if self._still else float(np.sum((self._down_all @ by_node) * self._pinned_slope))
-            out[self.frame.size] = point.slope[:, -1].sum() + pinned
+            out[s.size] = point.slope[:, -1].sum() + pinned
         if self.goal is not None:
-            out[self.frame.size :][self.toward] = point.along @ self._by_goal(point)
+            out[s.size :][self.toward] = point.along @ self._by_goal(point)
         assert s.vias == 0 or self.border
         return out
 
@@ -276,4 +267,4 @@ class Evaluation:
     def linear_after(self, point: Point, d: np.ndarray) -> np.ndarray:
         """Signed shares of bounds of derivatives after a step."""
         points, duration, _ = self.moved(point, d)
-        return np.asarray(self._per * (self._linear_all @ points.ravel()) / duration**self._order)
+        return np.asarray(self._per * (self._linear_all @ points.ravel()) / duration**self.order)

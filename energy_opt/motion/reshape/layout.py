@@ -1,15 +1,19 @@
-"""The form of a reshaping problem: which unknowns there are, where its nodes lie, and which entries are not zero."""
+"""The form of a reshaping problem: which unknowns there are, where its nodes lie, and which entries are not zero.
+
+A node or place touches six control points, a window of 6 n neighbouring unknowns; so the Hessian over control points is
+a band of width 6 n, kept as its lower diagonals (see `numerics.quadratic`).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from energy_opt.numerics.bspline import DEGREE, Basis
+from energy_opt.numerics.quadratic import add_places
 
 LOCAL = DEGREE + 1  # control points that a node touches
 
@@ -43,8 +47,14 @@ class Shape:
         return self.basis.controls - 2 * self.pinned
 
     @property
-    def unknowns(self) -> int:
-        return self.joints * self.free + 1 + self.vias
+    def size(self) -> int:
+        """Unknowns that are coordinates of free control points, point by point."""
+        return self.joints * self.free
+
+    @property
+    def width(self) -> int:
+        """Unknowns of a window."""
+        return LOCAL * self.joints
 
     @cached_property
     def grid(self) -> tuple[np.ndarray, np.ndarray]:
@@ -70,6 +80,16 @@ class Shape:
         inside = np.searchsorted(self.basis.breaks, u, side="right") - 1
         return np.clip(inside, 0, len(self.basis.breaks) - 2)
 
+    def window(self, u: np.ndarray) -> np.ndarray:
+        """First control points of windows at u (M,), counted from the first free one; negative where pinned."""
+        return self.first(u) - self.pinned
+
+    def columns(self, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Unknowns (R, 6 n) of windows, 0 where a control point is pinned; and whether they are free."""
+        index = first[:, None] * self.joints + np.arange(self.width)
+        free = (index >= 0) & (index < self.size)
+        return np.where(free, index, 0), free
+
     @cached_property
     def local(self) -> np.ndarray:
         """Basis values of the touched control points for derivatives 0 to 3, (K, 4, 6)."""
@@ -91,6 +111,40 @@ class Shape:
         return out
 
     @cached_property
+    def _linear(self) -> dict[tuple[int, ...], tuple[csr_matrix, np.ndarray, np.ndarray, np.ndarray]]:
+        return {}
+
+    def linear(self, orders: tuple[int, ...]) -> tuple[csr_matrix, np.ndarray, np.ndarray, np.ndarray]:
+        """Control points of derivatives of those orders, site by site and joint by joint.
+
+        Returns a matrix over all control points, and for each of them window, joint and coefficients (L, 6).
+        """
+        if orders not in self._linear:
+            n = self.joints
+            first, local, joint = [np.zeros(0, dtype=np.int64)], [np.zeros((0, LOCAL))], [np.zeros(0, dtype=np.int64)]
+            for k in orders:
+                begin, values = self.site_local[k - 1]
+                first.append(np.repeat(begin, n))
+                local.append(np.repeat(values, n, axis=0))
+                joint.append(np.tile(np.arange(n), len(begin)))
+            f, c, j = (np.concatenate(x) for x in (first, local, joint))
+            index = (f[:, None] + np.arange(LOCAL)) * n + j[:, None]
+            pointer = np.arange(len(f) + 1) * LOCAL
+            every = csr_matrix((c.ravel(), index.ravel(), pointer), shape=(len(f), self.basis.controls * n))
+            self._linear[orders] = every, f - self.pinned, j, c
+        return self._linear[orders]
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """The band of the integral of |q|^2 over u."""
+        u, w = self.grid
+        quad = np.flatnonzero(w)
+        out = np.zeros((self.size, self.width))
+        eye = np.eye(self.joints) * w[quad, None, None]
+        add_places(out, eye, self.local[quad, 0], self.window(u[quad]), self.joints)
+        return out
+
+    @cached_property
     def end_slopes(self) -> np.ndarray:
         """Control-point offsets (2, pinned) per unit of u-velocity at the start and the end, acceleration zero."""
         zero, one = np.zeros(1), np.ones(1)
@@ -107,62 +161,3 @@ class Ends:
     v_start: np.ndarray
     v_goal: np.ndarray
     via: np.ndarray
-
-
-class Pattern:
-    """What all programs of one shape share: index maps of unknowns, the Hessian's pattern and its scatter matrix."""
-
-    def __init__(self, shape: Shape) -> None:
-        self.shape = shape
-        self.time = shape.joints * shape.free  # index of T
-        self.index = self.touched(shape.grid[0])
-
-    def touched(self, u: np.ndarray) -> np.ndarray:
-        """The unknown of each (control point, joint) that a place u (M,) touches, (M, 6 n); -1 where it is pinned."""
-        s = self.shape
-        points = s.first(u)[:, None] + np.arange(LOCAL) - s.pinned
-        index = points[:, :, None] * s.joints + np.arange(s.joints)
-        index = np.where(((points >= 0) & (points < s.free))[:, :, None], index, -1)
-        return index.reshape(len(u), LOCAL * s.joints)
-
-    def positions(self, rows: np.ndarray, columns: np.ndarray, pattern: ca.Sparsity) -> np.ndarray:
-        """Where entries (rows, columns) lie among a pattern's nonzeros."""
-        lookup = np.full(pattern.shape, -1)
-        r, c = pattern.get_triplet()
-        lookup[r, c] = np.arange(len(r))
-        return lookup[rows, columns]
-
-    @cached_property
-    def hessian(self) -> ca.Sparsity:
-        """Upper triangle: the band of control points that share a span, and full columns of T and the via times."""
-        s, size = self.shape, self.shape.unknowns
-        full = np.zeros((size, size), dtype=bool)
-        for index in np.unique(self.index, axis=0):
-            used = index[index >= 0]
-            full[np.ix_(used, used)] = True
-        full[:, self.time :] = True
-        r, c = np.nonzero(np.triu(full))
-        order = np.lexsort((r, c))
-        self._lookup = np.full((size, size), -1)
-        self._lookup[r[order], c[order]] = np.arange(len(order))
-        assert s.unknowns == size
-        return ca.Sparsity.triplet(size, size, r[order].tolist(), c[order].tolist())
-
-    @cached_property
-    def lookup(self) -> np.ndarray:
-        """(unknowns, unknowns) -> index among the Hessian's nonzeros, -1 outside."""
-        _ = self.hessian
-        return self._lookup
-
-    def scatter(self, touched: np.ndarray) -> csr_matrix:
-        """Sparse matrix that sums the blocks (M, 6, n, n, 6) of places into the Hessian's nonzeros.
-
-        A block's axes are control point and joint of the row, joint and control point of the column; `touched` is of
-        the places.
-        """
-        index = touched.reshape(len(touched), LOCAL, -1)
-        a = np.broadcast_to(index[:, :, :, None, None], (*index.shape, index.shape[2], LOCAL))
-        b = np.broadcast_to(index.transpose(0, 2, 1)[:, None, None], a.shape)
-        keep = ((a >= 0) & (b >= 0) & (a <= b)).ravel()
-        target = self.lookup[a.ravel()[keep], b.ravel()[keep]]
-        return csr_matrix((np.ones(len(target)), (target, np.flatnonzero(keep))), shape=(self.hessian.nnz(), keep.size))

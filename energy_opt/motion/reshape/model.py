@@ -18,6 +18,8 @@ from energy_opt.numerics.quadratic import Banded, Constraints, add_nodes, add_pl
 SPARE = 0.02  # beyond what a step can reach by its first derivative
 HOT = 0.8  # share of a bound from which what is limited at a node gets a row
 
+LINEAR, AT_NODES, VIA, AT_PLACES = range(4)  # kinds of constraints: their names are kind + 4 times a number
+
 
 class Model(Evaluation):
     """One problem of a shape, with what a quadratic program takes of it."""
@@ -30,18 +32,18 @@ class Model(Evaluation):
     def mass(self) -> Banded:
         """What the Hessian is damped with: squares of positions, T relative to its size, via times."""
         corner = np.eye(self.border)
-        return Banded(self.frame.mass, np.zeros((self.frame.size, self.border)), corner)
+        return Banded(self.shape.mass, np.zeros((self.shape.size, self.border)), corner)
 
     def hessian(self, point: Point, multipliers: dict[str, np.ndarray], convex: bool = False) -> Banded:
         """Of the Lagrangian; `multipliers` by what they belong to, in the order of a point's values."""
-        s, f, n = self.shape, self.frame, self.shape.joints
+        s, n = self.shape, self.shape.joints
         hot = multipliers.get("hot")
         lam = np.zeros(point.hot.shape) if hot is None else hot / self._hot_scale
         sets = [(self._quad, self._curvature, self.scale * self._weight[:, None])]
         if hot is not None and lam[self._breaks[:-1]].any():
             sets.append((self._breaks, self._break_curvature, np.zeros((len(self._breaks), 1))))
-        band = np.zeros((f.size, f.width))
-        out = Banded(band, np.zeros((f.size, self.border)), np.zeros((self.border, self.border)))
+        band = np.zeros((s.size, s.width))
+        out = Banded(band, np.zeros((s.size, self.border)), np.zeros((self.border, self.border)))
         for which, curvature, weight in sets:
             (blocks,) = curvature(point.z[which], self._u[which], self._values, weight, lam[which])
             c = blocks.reshape(len(which), 3 * n + 1, 3 * n + 1)
@@ -52,21 +54,21 @@ class Model(Evaluation):
             behind = self._behind(point, which)
             if not behind.size:
                 continue
-            index, free = f.columns(self._window[which])
+            index, free = s.columns(self._window[which])
             by = np.matmul(c, behind)
             for column in range(behind.shape[2]):
                 flat = np.einsum("kdi,kda->kai", by[:, :-1, column].reshape(-1, 3, n), s.local[which, :3])
-                out.border[:, column] += np.bincount(index[free], flat.reshape(len(which), -1)[free], f.size)
+                out.border[:, column] += np.bincount(index[free], flat.reshape(len(which), -1)[free], s.size)
             out.corner[: behind.shape[2], : behind.shape[2]] += np.einsum("kzi,kzj->ij", behind, by)
         linear = multipliers.get("linear")
         if linear is not None and not self.fixed:
-            k = self._order
+            k = self.order
             out.corner[0, 0] -= float(np.sum(np.abs(linear) * k * (k - 1))) / point.duration**2
         if self.goal is not None:
             at_nodes = np.matmul(point.hot_slope[:, :-1], lam[:, :, None]).reshape(len(lam), 3, n)
             force = self._by_goal(point) + np.einsum("kd,kdi->i", self._goal_z, at_nodes)
             if linear is not None:
-                force = force + (linear / point.duration**self._order) @ self._goal_linear
+                force = force + (linear / point.duration**self.order) @ self._goal_linear
             q = point.points[-1]
             out.corner[self.toward, self.toward] += self.goal.bend(q, point.along) @ force
             out.corner[self.toward, self.toward] += self.scale * bending(self.goal.work, q, point.along)
@@ -108,59 +110,52 @@ class Model(Evaluation):
         local = np.take_along_axis(self._matrix(u), first[:, None] + np.arange(LOCAL), axis=1)
         return first - self.shape.pinned, local
 
-    def linear_rows(self, point: Point, held: np.ndarray) -> Constraints:
-        """Constraints on derivatives that are `held`."""
+    def linear_rows(self, point: Point, held: np.ndarray, side: np.ndarray | None = None) -> Constraints:
+        """Constraints on derivatives that are `held`, linearised at the bound that is nearer, or on `side` (L,)."""
         which = np.flatnonzero(held)
-        time = 1 / point.duration ** self._order[which]
+        time = 1 / point.duration ** self.order[which]
         border = np.zeros((len(which), self.border))
         share = point.linear[which]
         if not self.fixed:
-            border[:, 0] = self._linear_slope[which] * time - self._order[which] * np.sign(share) / point.duration
+            sign = np.sign(share) if side is None else side[which]
+            border[:, 0] = self._linear_slope[which] * time - self.order[which] * sign / point.duration
         if self.goal is not None:
             border[:, self.toward] = (time[:, None] * self._goal_linear[which]) @ point.along.T
         return Constraints.of(
             self.shape.joints, self.border, first=self._linear_first[which], joint=self._linear_joint[which],
             coefficient=self._linear_local[which] * (time * self._per[which])[:, None], border=border,
-            floor=-1 - share, ceiling=1 - share, keys=which * 4,
+            floor=-1 - share, ceiling=1 - share, keys=which * 4 + LINEAR,
         )  # fmt: skip
 
-    def other_rows(self, point: Point, far: float) -> Constraints:
-        """Constraints at nodes near their bounds, of via points, and numeric ones that steps of `far` can reach."""
-        s, n, f = self.shape, self.shape.joints, self.frame
-        k, j = np.nonzero((self.hot_share(point) > HOT) | (self._hot_always & np.isfinite(self._hot_scale)))
+    def hot(self, point: Point, share: float) -> np.ndarray:
+        """Which limits at nodes (nodes, columns) are used by more than that share, or are always held."""
+        always = self._hot_always & np.isfinite(self._hot_scale)
+        return np.asarray((self.hot_share(point) > share) | always)
+
+    def other_rows(self, point: Point, far: float, hot: np.ndarray | None = None) -> Constraints:
+        """Constraints at nodes near their bounds, of via points, and numeric ones that steps of `far` can reach.
+
+        Args:
+            hot: (nodes, columns) the constraints at nodes; None for those near their bounds.
+        """
+        s, n = self.shape, self.shape.joints
+        k, j = np.nonzero(self.hot(point, HOT) if hot is None else hot)
         slope = point.hot_slope[k, :, j] / self._hot_scale[j][:, None]
         parts = slope[:, :-1].reshape(-1, 3, n)
-        wide = [np.einsum("rdi,rda->rai", parts, s.local[k, :3]).reshape(len(k), f.width)]
-        first = [self._window[k]]
-        border = [np.zeros((len(k), self.border))]
+        edge = np.zeros((len(k), self.border))
         behind = np.einsum("rz,rzc->rc", slope, self._behind(point, k))
-        border[0][:, : behind.shape[1]] = behind
-        floor = [np.where(self._hot_one[j], -np.inf, -1 - point.hot[k, j])]
-        ceiling = [1 - point.hot[k, j]]
-        keys = [(k * len(self._hot_scale) + j) * 4 + 1]
-        if s.vias:
-            basis, speed = s.basis.matrix(point.via_u), s.basis.matrix(point.via_u, 1) @ point.points
-            begin = s.first(point.via_u)
-            local = np.take_along_axis(basis, begin[:, None] + np.arange(LOCAL), axis=1)
-            wide.append((local[:, None, :, None] * np.eye(n)[None, :, None, :]).reshape(s.vias * n, f.width))
-            first.append(np.repeat(begin - s.pinned, n))
-            edge = np.zeros((s.vias, n, self.border))
-            edge[:, :, self.toward] = basis[:, -s.pinned :].sum(axis=1)[:, None, None] * point.along.T
-            for i in range(s.vias):
-                edge[i, :, self.border - s.vias + i] = speed[i]
-            if not self.fixed:
-                edge[:, :, 0] = basis @ self._pinned_slope
-            border.append(edge.reshape(-1, self.border))
-            floor.append(-point.via.ravel())
-            ceiling.append(-point.via.ravel())
-            keys.append(np.arange(s.vias * n) * 4 + 2)
+        edge[:, : behind.shape[1]] = behind
         out = Constraints.of(
-            n, self.border, wide_first=np.concatenate(first), wide=np.concatenate(wide), border=np.concatenate(border),
-            floor=np.concatenate(floor), ceiling=np.concatenate(ceiling), keys=np.concatenate(keys),
+            n, self.border, wide_first=self._window[k], border=edge, keys=(k * len(self._hot_scale) + j) * 4 + AT_NODES,
+            wide=np.einsum("rdi,rda->rai", parts, s.local[k, :3]).reshape(len(k), s.width),
+            floor=np.where(self._hot_one[j], -np.inf, -1 - point.hot[k, j]), ceiling=1 - point.hot[k, j],
         )  # fmt: skip
+        if s.vias:
+            out = out.joined(self._via_rows(point))
         for number, placed, q, value in point.placed:
             gradient, off = placed.gradient(q), np.minimum(value - placed.lower, placed.upper - value)
-            near = np.flatnonzero(off < np.abs(gradient).sum(axis=1) * far + SPARE)
+            reach = np.abs(gradient).sum(axis=1) * far + SPARE if np.isfinite(far) else np.inf
+            near = np.flatnonzero(off < reach)
             place, gradient = placed.place[near], gradient[near]
             edge = np.zeros((len(place), self.border))
             if self.goal is not None:
@@ -172,10 +167,28 @@ class Model(Evaluation):
             at_places = Constraints.of(
                 n, self.border, place=place, gradient=gradient, place_first=window, basis=local, border=edge,
                 floor=(placed.lower - value)[near], ceiling=(placed.upper - value)[near],
-                keys=(placed.keys[near].astype(np.int64) * 64 + number) * 4 + 3,
+                keys=(placed.keys[near].astype(np.int64) * 64 + number) * 4 + AT_PLACES,
             )  # fmt: skip
             out = out.joined(at_places)
         return out if self.goal is None else out.joined(self._goal_bounds(point, self.goal))
+
+    def _via_rows(self, point: Point) -> Constraints:
+        """Constraints that via points are passed."""
+        s, n = self.shape, self.shape.joints
+        basis, speed = s.basis.matrix(point.via_u), s.basis.matrix(point.via_u, 1) @ point.points
+        begin = s.first(point.via_u)
+        local = np.take_along_axis(basis, begin[:, None] + np.arange(LOCAL), axis=1)
+        edge = np.zeros((s.vias, n, self.border))
+        edge[:, :, self.toward] = basis[:, -s.pinned :].sum(axis=1)[:, None, None] * point.along.T
+        for i in range(s.vias):
+            edge[i, :, self.border - s.vias + i] = speed[i]
+        if not self.fixed:
+            edge[:, :, 0] = basis @ self._pinned_slope
+        return Constraints.of(
+            n, self.border, wide_first=np.repeat(begin - s.pinned, n), border=edge.reshape(-1, self.border),
+            wide=(local[:, None, :, None] * np.eye(n)[None, :, None, :]).reshape(s.vias * n, s.width),
+            floor=-point.via.ravel(), ceiling=-point.via.ravel(), keys=np.arange(s.vias * n) * 4 + VIA,
+        )  # fmt: skip
 
     def _goal_bounds(self, point: Point, goal: OpenGoal) -> Constraints:
         """Constraints on the goal's steps: joints' ranges and those of what the pose leaves free."""
@@ -200,16 +213,16 @@ class Model(Evaluation):
         out: dict[str, np.ndarray] = {}
         if not self.fixed or self.goal is not None:
             out["linear"] = np.zeros(len(point.linear))
-            np.add.at(out["linear"], name[kind == 0], values[kind == 0])
-        if (kind == 1).any():
+            np.add.at(out["linear"], name[kind == LINEAR], values[kind == LINEAR])
+        if (kind == AT_NODES).any():
             flat = np.zeros(point.hot.size)
-            np.add.at(flat, name[kind == 1], values[kind == 1])
+            np.add.at(flat, name[kind == AT_NODES], values[kind == AT_NODES])
             out["hot"] = flat.reshape(point.hot.shape)
-        if (kind == 2).any():
+        if (kind == VIA).any():
             out["via"] = np.zeros(point.via.size)
-            out["via"][name[kind == 2]] = values[kind == 2]
+            out["via"][name[kind == VIA]] = values[kind == VIA]
         for number, rows, _, _ in point.placed:
-            wanted = (rows.keys.astype(np.int64) * 64 + number) * 4 + 3
+            wanted = (rows.keys.astype(np.int64) * 64 + number) * 4 + AT_PLACES
             if len(keys) and len(wanted):
                 at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
                 out[f"place {number}"] = np.where(keys[at] == wanted, values[at], 0.0)

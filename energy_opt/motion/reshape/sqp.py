@@ -79,9 +79,11 @@ def descend(
         others, failed = model.other_rows(point, trust), 0
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
         while True:
-            box = _box(model, point, trust)
+            bounds = box(model, point, trust)
             try:
-                found, rows, held = _program(model, point, hessian, gradient, others, held, box, damping, give, loose)
+                found, rows, held = _program(
+                    model, point, hessian, gradient, others, held, bounds, damping, give, loose
+                )
             except np.linalg.LinAlgError:  # no damping makes the program convex: numbers overflowed
                 return now
             now.steps += found.steps
@@ -95,7 +97,7 @@ def descend(
             most_price = float(np.abs(found.multipliers).max(initial=0.0))
             price = max(0.5 * price, 2 * most_price, 1.0) if not elastic else PRICE
             predicted += price * (broken - elastic)
-            step = float(np.abs(found.d[: model.frame.size]).max(initial=0.0))
+            step = float(np.abs(found.d[: model.shape.size]).max(initial=0.0))
             trial = model.at(*model.moved(point, found.d), 2 * step)
             trial_broken = model.broken(trial, give, slack)
             won = point.cost - trial.cost + price * (broken - trial_broken)
@@ -137,7 +139,7 @@ def descend(
     return now
 
 
-def _box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarray]:
+def box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of a step: those of control points, of T and of via times, within the trust region."""
     s = model.shape
     inner = point.points[s.pinned : len(point.points) - s.pinned]

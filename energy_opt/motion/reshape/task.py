@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +12,13 @@ from energy_opt.motion.reshape.curve import Curve, Outcome, fitted
 from energy_opt.motion.reshape.evaluation import OpenGoal
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.level import Level
+from energy_opt.motion.reshape.model import Model
+from energy_opt.motion.reshape.polish import polished
 from energy_opt.motion.reshape.sqp import begin, descend
 from energy_opt.motion.trajectory import Trajectory
 
-BARRIER, POLISHING = 1e-6, 60  # IPOPT's first barrier parameter and its iterations
 FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed it by, to be mended later
+SLACK = 0.01  # the same of a constraint at a place, as beside bodies and in tubes, while a search goes on
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 
 
@@ -69,26 +71,29 @@ class Task:
         """A curve in a duration that is allowed."""
         return replace(curve, duration=float(np.clip(curve.duration, *self.durations)))
 
+    def model(self, level: Level) -> Model:
+        """The problem on a level."""
+        return level.model(self.ends, self.limits, self.parameters, self.durations, self.offset, self.width, self.open)
+
     def polished(self, level: Level, found: Outcome) -> Outcome:
         """An outcome solved again by IPOPT from where it is."""
-        return level.solve(
-            found.curve, self.ends, self.limits, self.parameters, self.durations, rows=found.rows, offset=self.offset,
-            options={"mu_init": BARRIER, "max_iter": POLISHING},
-        )  # fmt: skip
+        model = self.model(level)
+        model.scale = 1 / max(abs(self.cost(found)), 0.01 * abs(found.cost), 1e-6)
+        return polished(model, found.curve)
 
     def descended(
         self, level: Level, guess: Curve, iterations: int, *, trust: float, tolerance: float, loose: float = 1e-6,
         give: float = FREE, stopped: Callable[[], bool] = lambda: False,
     ) -> Outcome:  # fmt: skip
         """What sequential quadratic programming comes to on a level from a guess."""
-        model = level.model(self.ends, self.limits, self.parameters, self.durations, self.offset, self.width, self.open)
+        model = self.model(level)
         lower, upper = model.box
         guess = replace(guess, points=np.clip(guess.points, lower, upper))
         point = model.at_curve(guess)
         model.scale = 1 / max(abs(point.cost), 1e-6)
         now = begin(model.at_curve(guess))
         descend(
-            model, now, iterations, trust, tolerance=tolerance, give=give, loose=loose, stopped=stopped
+            model, now, iterations, trust, tolerance=tolerance, give=give, slack=SLACK, loose=loose, stopped=stopped
         )  # fmt: skip
         return model.outcome(now.point, now.iterations, now.converged)
 
@@ -113,15 +118,3 @@ class Task:
         """Feasible outcomes first, by cost; infeasible ones by how far they are off."""
         feasible = outcome.broken <= FEASIBLE
         return not feasible, self.cost(outcome) if feasible else outcome.broken
-
-
-def all_rows(shape: Shape, limits: Sequence[Limit], orders: Sequence[int] = (1, 2)) -> np.ndarray:
-    """Rows of limits on the derivatives of those orders, at every site, and of those that are held everywhere.
-
-    (R, 3) limit, site or node, joint or column.
-    """
-    sites = [(k, site) for k, limit in enumerate(limits) if limit.order in orders
-             for site in range(len(shape.sites[limit.order - 1]))]  # fmt: skip
-    nodes = [(k, node, j) for k, limit in enumerate(limits) if limit.everywhere
-             for node in range(len(shape.grid[0])) for j in range(limit.scale.size)]  # fmt: skip
-    return np.array([(k, site, j) for k, site in sites for j in range(shape.joints)] + nodes)

@@ -11,9 +11,8 @@ from energy_opt.motion.limits.base import Limit, box_of, scaled
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.curve import Curve, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.search import trajectory_of
-from energy_opt.motion.reshape.task import Task
+from energy_opt.motion.reshape.task import Level, Task
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits, Robot
 

@@ -22,7 +22,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.curve import Curve
 from energy_opt.motion.reshape.layout import Shape
-from energy_opt.motion.reshape.level import Level
+from energy_opt.motion.reshape.task import Level
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.contrast import contrast_functions, contrast_parameters
 from energy_opt.next_motion.legs import Way, joined, reshaped, shortest

@@ -11,9 +11,9 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.certificate import certify
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.limits.power import Power
+from energy_opt.motion.limits.own import Power
 from energy_opt.motion.limits.registry import limits_of
-from energy_opt.motion.limits.tool_speed import ToolSpeed
+from energy_opt.motion.limits.tool import ToolSpeed
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.timing.toppra import fastest

@@ -15,9 +15,8 @@ from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.limits.via import PASSED, ViaPoints
 from energy_opt.motion.reshape.curve import Curve, Outcome, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
-from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.nodes import node_functions
-from energy_opt.motion.reshape.task import Task
+from energy_opt.motion.reshape.task import Level, Task
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.bspline import Basis
 from energy_opt.power import PowerModel

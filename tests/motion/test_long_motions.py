@@ -9,11 +9,8 @@ from energy_opt.effects import CopperLoss, Standby
 from energy_opt.motion.judge import energy
 from energy_opt.motion.judge.certificate import certify, looked_at
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.limits.effort import Effort
-from energy_opt.motion.limits.jerk import Jerk
-from energy_opt.motion.limits.position import Position
-from energy_opt.motion.limits.power import Power
-from energy_opt.motion.limits.velocity import Velocity
+from energy_opt.motion.limits.joint import Effort, Jerk, Position, Velocity
+from energy_opt.motion.limits.own import Power
 from energy_opt.motion.limits.via import ViaPoints
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel

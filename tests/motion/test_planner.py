@@ -268,7 +268,7 @@ def test_a_duration_that_is_named_is_asked_for(panda, model, monkeypatch, works,
 
 def test_a_search_that_stops_names_the_limit_that_it_uses_most() -> None:
     """Not the solver's word alone."""
-    found = Outcome(None, 1.0, 0.0, False, "sqp", 3, np.zeros((0, 3)))  # type: ignore[arg-type]
+    found = Outcome(None, 1.0, 0.0, False, "sqp", 3)  # type: ignore[arg-type]
     assert "kink of dry friction" in found.why and replace(found, status="Odd").why.endswith("Odd")
     worst = Violation("jerk", -0.01, "panda_joint2", 0.5, 99.0, 100.0)
     certificate = Certificate(9, (replace(worst, limit="velocity", excess=-0.5), worst), 1.0)

@@ -19,13 +19,12 @@ from energy_opt.effects import (
     StribeckFriction,
     ViscousFriction,
 )
-from energy_opt.motion.judge.bernstein import peak, through
 from energy_opt.motion.judge.certificate import certify
 from energy_opt.motion.judge.enclosure import Range, enclosed
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.judge.proven import Proof
-from energy_opt.motion.limits.effort import Effort
-from energy_opt.motion.limits.power import Power
+from energy_opt.motion.judge.proven import Proof, peak, through
+from energy_opt.motion.limits.joint import Effort
+from energy_opt.motion.limits.own import Power
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, drive_function

@@ -21,16 +21,14 @@ from energy_opt.effects import (
     ViscousFriction,
 )
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.limits.effort import Effort
-from energy_opt.motion.limits.jerk import JerkAlongPath
+from energy_opt.motion.limits.joint import Effort, JerkAlongPath
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
-from energy_opt.motion.retime.bound import largest_price
 from energy_opt.motion.retime.law import compressed, law_function, point_numbers
-from energy_opt.motion.retime.nlp import RetimeProgram
+from energy_opt.motion.retime.nlp import CurvedRows, LinearRows, RetimeProgram, Rows
 from energy_opt.motion.retime.points import PathLaw, Symbolic
+from energy_opt.motion.retime.program import largest_price
 from energy_opt.motion.retime.quadrature import lift, quadrature
-from energy_opt.motion.retime.rows import CurvedRows, LinearRows, Rows
 from energy_opt.motion.retime.solve import retime
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.timing.toppra import fastest

@@ -9,8 +9,7 @@ from energy_opt.effects import CopperLoss, Standby, ViscousFriction
 from energy_opt.front.answer import table
 from energy_opt.front.optimize import optimize
 from energy_opt.motion import Move, Planner
-from energy_opt.motion.judge.by_joint import loss_by_joint
-from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.reports.optimize import headline

@@ -1,7 +1,8 @@
-"""What a limit is: a bound on a motion, and how judge, retiming and reshaping each see it. One file per limit.
+"""What a limit is: a bound on a motion, and how judge, retiming and reshaping each see it.
 
 Everything that checks or keeps limits loops over a list of `Limit` objects and asks for what it can use; whatever a
-limit does not override is "nothing". A new limit is one file with one class, and its line in `registry`.
+limit does not override is "nothing". A new limit is one class and its line in `registry`;
+`own.OwnLimit` derives all of it from one formula.
 
     what asks                  calls                what comes back
     judge (certificate)        worst(dense)         the worst place of a sampled motion, by the exact laws
@@ -24,8 +25,7 @@ divided outside, or `values`, which enter as `p`; neither builds anything anew. 
 
 Numeric constraints (`PlaceRows`) are for what has no short graph: distances between bodies. They depend on the position
 at their place alone, are evaluated for all constraints at once, and enter the banded Hessian through the B-splines that
-are not zero there. `places` is asked at the start of every IPOPT round, so what is frozen in a round is renewed in the
-next.
+are not zero there. `places` is asked at every linearisation, so what is frozen in one is renewed in the next.
 """
 
 from __future__ import annotations
@@ -204,7 +204,8 @@ class Limit:
     def along(self) -> bool:
         """Does a retiming see it? What has symbolic constraints alone is kept by reshaping."""
         own = type(self)
-        seen = (own.use, own.functions, own.fixed) != (Limit.use, Limit.functions, Limit.fixed)
+        none = Limit.use, Limit.linear, Limit.functions, Limit.fixed
+        seen = (own.use, own.linear, own.functions, own.fixed) != none
         return seen or own.expression is Limit.expression
 
     def where(self, joints: Sequence[str], column: int) -> str:
@@ -241,7 +242,8 @@ class Limit:
 
     def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
         """Share of the bound (M, m) that is used along a path, by the exact laws; None: (a, b) do not tell."""
-        return None
+        line = self.linear(d, float(np.max(b)))
+        return None if line is None else line.use(a, b)
 
     def box(self, n: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Bounds (n,) of all control points."""
@@ -256,7 +258,7 @@ class Limit:
         return -np.inf
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceRows | None:
-        """Numeric constraints near a curve, which gives positions (K, n) at u (K,); asked before every IPOPT round."""
+        """Numeric constraints near a curve, which gives positions (K, n) at u (K,); asked at every linearisation."""
         return None
 
 

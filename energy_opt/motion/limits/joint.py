@@ -1,28 +1,165 @@
-"""What velocity, acceleration, jerk and effort have in common: a bound on the magnitude of one number per joint."""
+"""Limits of joints: position, and the magnitude of one number per joint: velocity, acceleration, jerk, effort.
+
+Along a path, with a its path acceleration, b its squared speed and w = da/ds:
+
+    velocity^2    q'^2 b
+    acceleration  q' a + q'' b
+    jerk          (q' w + 3 q'' a + q''' b) sqrt(b)
+    effort        M a + C b + G, and every torque effect of the model: linear where these are affine in (a, b)
+"""
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar, Self
 
+import casadi as ca
 import numpy as np
 
 from energy_opt.motion.dense import Dense
-from energy_opt.motion.limits.base import Limit, Violation, worst_of
+from energy_opt.motion.limits.base import Fixed, Limit, Linear, State, Violation, worst_of
+from energy_opt.motion.path import JointPath
+from energy_opt.motion.path_dynamics import PathDynamics
+
+
+class Position(Limit):
+    """Bounds (n,) [rad]; excess is a fraction of the range (in rad where there is none).
+
+    A spline whose control points are inside is inside everywhere.
+    """
+
+    name, unit = "position", "rad"
+
+    def __init__(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        self.lower, self.upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+
+    def _excess(self, q: np.ndarray) -> np.ndarray:
+        span = self.upper - self.lower
+        return np.maximum(q - self.upper, self.lower - q) / np.where(np.isfinite(span), span, 1.0)
+
+    def worst(self, x: Dense) -> Violation:
+        excess = self._excess(x.q)
+        excess = np.where(np.isfinite(excess), excess, -1.0)
+        k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        value, lower, upper = float(x.q[k, j]), float(self.lower[j]), float(self.upper[j])
+        bound = upper if upper - value < value - lower else lower
+        return Violation(self.name, float(excess[k, j]), x.joints[j], float(x.time[k]), value, bound)
+
+    def fixed(self, d: PathDynamics) -> Fixed:
+        def text(k: int, j: int) -> str:
+            unit = d.robot.units[j]
+            return f"position {d.q[k, j]:.6g} {unit} is outside [{self.lower[j]:.6g}, {self.upper[j]:.6g}] {unit}"
+
+        return Fixed(self._excess(d.q), text)
+
+    def box(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        return self.lower, self.upper
 
 
 class JointLimit(Limit):
-    """|value_j| <= bound_j for every joint; inf: no bound."""
+    """|value_j| <= bound_j (n,) for every joint; inf: no bound.
+
+    Attributes:
+        reads: the value, as the dense grid of a motion names it.
+    """
+
+    reads: ClassVar[str]
 
     def __init__(self, bound: np.ndarray) -> None:
         self.bound = np.asarray(bound, dtype=float)
 
-    def of(self, x: Dense) -> np.ndarray:
-        """The limited value of every sample, (N, n)."""
-        raise NotImplementedError
-
     def worst(self, x: Dense) -> Violation:
-        value = self.of(x)
+        value = getattr(x, self.reads)
         return worst_of(self, x, value, self.bound, np.abs(value) / self.bound - 1)
 
     def scaled(self, share: float) -> Self:
         return type(self)(self.bound * share)
+
+
+class Velocity(JointLimit):
+    """Bounds (n,) [rad/s]."""
+
+    name, unit, order, reads = "velocity", "rad/s", 1, "v"
+    squared = True
+
+    def linear(self, d: PathDynamics, b: float) -> Linear:
+        none = np.zeros_like(d.q1)
+        return Linear(none, (d.q1 / self.bound) ** 2, none)
+
+
+class Acceleration(JointLimit):
+    """Bounds (n,) [rad/s^2]."""
+
+    name, unit, order, reads = "acceleration", "rad/s^2", 2, "a"
+
+    def linear(self, d: PathDynamics, b: float) -> Linear:
+        return Linear(d.q1 / self.bound, d.q2 / self.bound, np.zeros_like(d.q1))
+
+
+class Jerk(JointLimit):
+    """Bounds (n,) [rad/s^3]."""
+
+    name, unit, order, reads = "jerk", "rad/s^3", 3, "jerk"
+
+    def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray], JerkAlongPath] | None:
+        if not np.isfinite(self.bound).any():
+            return None
+        factors = np.stack([3 * path(s, 2), path(s, 3), path(s, 1)]) / self.bound
+        return lambda k, j: JerkAlongPath(factors[:, k, j])
+
+
+@dataclass(frozen=True)
+class JerkAlongPath:
+    """(k0 a + k1 b + k2 w) sqrt(b) of one joint at each point; see base.Functions."""
+
+    k: np.ndarray  # (3, K)
+
+    def value(self, z: np.ndarray) -> np.ndarray:
+        return ((self.k * z).sum(axis=0) * np.sqrt(z[1]))[:, None]
+
+    def slope(self, z: np.ndarray) -> np.ndarray:
+        root = np.sqrt(z[1])
+        slope = self.k * root
+        slope[1] += (self.k * z).sum(axis=0) / (2 * root)
+        return slope.T[:, None]
+
+    def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        k, none = self.k, np.zeros(z.shape[1])
+        by_b = 2 * k[1] - (k * z).sum(axis=0) / (2 * z[1])
+        return multipliers[:, 0] / (2 * np.sqrt(z[1])) * np.stack([none, k[0], by_b, none, k[2], none])
+
+
+class Effort(JointLimit):
+    """Bounds (n,) [N m] of the motors' torque at the joint side, with every torque effect of the model."""
+
+    name, unit, reads = "effort", "N m", "effort"
+
+    def __init__(self, bound: np.ndarray) -> None:
+        super().__init__(bound)
+        self.scale = self.bound
+
+    def peaked(self, x: Dense) -> np.ndarray:
+        return np.asarray(np.abs(x.effort) / self.bound)
+
+    def expression(self, x: State, p: ca.SX) -> ca.SX:
+        return x.effort
+
+    def fixed(self, d: PathDynamics) -> Fixed:
+        none = np.zeros(len(d.s))
+        held = np.abs(d.motor_torque(none, none))
+
+        def text(k: int, j: int) -> str:
+            unit = d.robot.unit("effort", d.robot.joints[j])
+            return f"moving slowly takes {held[k, j]:.4g} {unit}, the limit is {self.bound[j]:.4g} {unit}"
+
+        return Fixed(held / self.bound - 1, text, holding=True)
+
+    def linear(self, d: PathDynamics, b: float) -> Linear | None:
+        return self.tangent(d, np.zeros(len(d.s)), np.full(len(d.s), b)) if d.affine(b) else None
+
+    def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear:
+        return Linear(*(x / self.bound for x in d.affine_torque(a, b)))
+
+    def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.abs(d.motor_torque(a, b)) / self.bound

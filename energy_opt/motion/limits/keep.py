@@ -110,3 +110,133 @@ class Keep(Limit):
 
 
 _OF = {"upright": "upright", "orientation": "its orientation at the start", "line": "the line between its ends"}
+
+
+class KeepUpright(Keep):
+    """A bound [deg]; the reference is the axis in the tool's frame (3,), and up in the base frame (3,)."""
+
+    name, unit, numbers = "upright", "deg", 6
+
+    @classmethod
+    def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
+        up = up / max(float(np.linalg.norm(up)), 1e-300)
+        share = up @ ends[0, :3, :3]  # how much each axis points up
+        axis = np.zeros(3)
+        axis[np.argmax(np.abs(share))] = np.sign(share[np.argmax(np.abs(share))])
+        return np.concatenate([axis, up])
+
+    @staticmethod
+    def width(bound: float) -> float:
+        return float(2 * np.sin(np.radians(bound) / 2))
+
+    @staticmethod
+    def squared_size(place: ToolState, p: ca.SX) -> ca.SX:
+        # |axis - up|^2 without its cancellation at zero
+        return ca.sumsqr(ca.mtimes(place.rotation, p[:3]) - p[3:])
+
+    def measure(self, poses: np.ndarray) -> np.ndarray:
+        axis, up = poses[:, :3, :3] @ self.reference[:3], self.reference[3:]
+        return np.degrees(np.arctan2(np.linalg.norm(np.cross(axis, up), axis=1), axis @ up))
+
+    def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        axis, up = poses[:, :3, :3] @ self.reference[:3], self.reference[3:]
+        cross = np.cross(axis, up)
+        sine = np.linalg.norm(cross, axis=1, keepdims=True)
+        out, of = np.zeros((len(poses), 6)), np.zeros((len(poses), 6, 6))
+        out[:, 3:] = cross / np.maximum(sine, 1e-12) * np.arctan2(sine, (axis @ up)[:, None])
+        of[:, 3:, 3:] = np.eye(3) - axis[:, :, None] * axis[:, None, :]
+        return out, of
+
+
+class KeepOrientation(Keep):
+    """A bound [deg]; the reference is the rotation at the start, (9,) column by column."""
+
+    name, unit, numbers = "orientation", "deg", 9
+
+    @classmethod
+    def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
+        return ends[0, :3, :3].T.ravel()
+
+    @staticmethod
+    def width(bound: float) -> float:
+        return float(2 * np.sin(np.radians(bound) / 2))
+
+    @staticmethod
+    def squared_size(place: ToolState, p: ca.SX) -> ca.SX:
+        # |R - R0|^2 = 8 sin^2(angle / 2) over all entries; half of it is the chord's square
+        return ca.sumsqr(ca.vec(place.rotation) - p) / 2
+
+    def measure(self, poses: np.ndarray) -> np.ndarray:
+        return np.degrees(np.linalg.norm(_turn(self._still @ poses[:, :3, :3].transpose(0, 2, 1)), axis=1))
+
+    @property
+    def _still(self) -> np.ndarray:
+        return self.reference.reshape(3, 3).T
+
+    def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        out, of = np.zeros((len(poses), 6)), np.zeros((len(poses), 6, 6))
+        out[:, 3:] = _turn(self._still @ poses[:, :3, :3].transpose(0, 2, 1))
+        of[:, 3:, 3:] = np.eye(3)
+        return out, of
+
+
+def _turn(rotation: np.ndarray) -> np.ndarray:
+    """Rotation vectors (M, 3) [rad] of rotations (M, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
+
+
+NO_LENGTH = 1e-9  # [m] a shorter segment is a point
+BEYOND = 0.3  # of the bound: how far constraints let the tool go beyond the segment's ends
+ACROSS = np.sqrt(1 - BEYOND**2) * np.cos(np.pi / 8)  # and the octagon across it: its corners are within the bound
+
+
+class KeepLine(Keep):
+    """A bound [mm]; the reference is where the segment begins (3,) [m], its direction (3,) and length [m]."""
+
+    name, unit, numbers = "line", "mm", 7
+    one_sided = False
+
+    def __init__(self, body: RigidBody, tool: Tool, reference: np.ndarray, bound: float) -> None:
+        super().__init__(body, tool, reference, bound)
+        width = self.width(bound)
+        self.scale = np.append(np.full(4, ACROSS * width), reference[6] / 2 + BEYOND * width)
+        first = np.cross(reference[3:6], np.eye(3)[np.argmin(np.abs(reference[3:6]))])
+        first /= max(float(np.linalg.norm(first)), 1e-300)
+        second = np.cross(reference[3:6], first)
+        across = [first, second, (first + second) / np.sqrt(2), (first - second) / np.sqrt(2)]
+        middle = reference[:3] + reference[6] / 2 * reference[3:6]
+        self.values = np.concatenate([middle, *across, reference[3:6]])
+
+    @classmethod
+    def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
+        begin, way = ends[0, :3, 3], ends[1, :3, 3] - ends[0, :3, 3]
+        length = float(np.linalg.norm(way))
+        if length <= NO_LENGTH:
+            return np.concatenate([begin, [0.0, 0.0, 1.0, 0.0]])
+        return np.concatenate([begin, way / length, [length]])
+
+    def expression(self, x: State, p: ca.SX) -> ca.SX:
+        place = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).position
+        return ca.mtimes(ca.reshape(p[3:], 3, 5).T, place - p[:3])
+
+    @staticmethod
+    def width(bound: float) -> float:
+        return bound / 1000
+
+    def measure(self, poses: np.ndarray) -> np.ndarray:
+        return 1000 * np.linalg.norm(self._off(poses[:, :3, 3]), axis=1)
+
+    def _off(self, place: np.ndarray) -> np.ndarray:
+        begin, direction, length = self.reference[:3], self.reference[3:6], self.reference[6]
+        along = np.clip((place - begin) @ direction, 0.0, length)
+        return place - begin - along[:, None] * direction
+
+    def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        begin, direction, length = self.reference[:3], self.reference[3:6], self.reference[6]
+        out, of = np.zeros((len(poses), 6)), np.zeros((len(poses), 6, 6))
+        # evenly along the segment: a path in joint space may run to and fro on it
+        out[:, :3] = begin + length * share[:, None] * direction - poses[:, :3, 3]
+        of[:, :3, :3] = np.eye(3)
+        return out, of

@@ -20,12 +20,13 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Fixed, Limit, Linear, State, Violation, worst_of
+from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.numerics.batch import Batch
 from energy_opt.robot import Robot
 
 STEP = 1e-5  # relative, of differences
-ONE_SIDED = 20.0  # bounds: below minus so many of them a one-sided value is held too
+ONE_SIDED = 20.0  # bounds: below minus so many of them a one-sided value, as power that flows back, is held too
 
 
 class OwnLimit(Limit):
@@ -139,11 +140,11 @@ class OwnLimit(Limit):
             return None
         none = np.zeros(len(d.s))
         held = self._along(d, none, none, self.one_sided)
-        what = "is on the path" if self._of_position else "is taken by moving slowly"
 
         def text(k: int, j: int) -> str:
-            value, most = held[k, j] * self.scale[j], self.scale[j]
-            return f"{self.name} of {value:.4g} {self.unit} {what}, the limit is {most:.4g}"
+            value = f"{held[k, j] * self.scale[j]:.4g} {self.unit}"
+            what = f"{self.name} of {value} is on the path" if self._of_position else f"standing still takes {value}"
+            return f"{what}, the limit is {self.scale[j]:.4g} {self.unit}"
 
         return Fixed(held - 1, text, holding=not self._of_position)
 
@@ -163,3 +164,32 @@ class OwnLimit(Limit):
             return Linear(by_a, by_b, rest)
         # f <= 1 as |f + r - 1| <= r: values far below are not held
         return Linear(by_a / ONE_SIDED, by_b / ONE_SIDED, (rest + ONE_SIDED - 1) / ONE_SIDED)
+
+
+class Power(OwnLimit):
+    """A bound [W] of the arm's electrical power at the meter, without the meter's faults; controllers trip on it.
+
+    Power that flows back is never too much.
+    """
+
+    name, unit, binds = "power", "W", "arm"
+    one_sided = True
+
+    def __init__(self, bound: float) -> None:
+        if not 0.001 <= bound <= 1e09:
+            raise BadInput(f"--max-power {bound:g}: expected 0.001 to 1e+09 W")
+        super().__init__(bound)
+        self.scale = np.array([float(bound)])
+
+    @classmethod
+    def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
+        return None if settings.max_power is None else cls(settings.max_power).for_robot(robot)
+
+    def value(self, x: State) -> ca.SX:
+        return x.power
+
+    def _along(self, d: PathDynamics, a: np.ndarray, b: np.ndarray, signed: bool) -> np.ndarray:
+        return d.power(a, b)[:, None] / self.scale
+
+    def _shares(self, *columns: np.ndarray) -> np.ndarray:
+        return columns[4] / self.scale

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from energy_opt.motion.limits.acceleration import Acceleration
 from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.limits.effort import Effort
-from energy_opt.motion.limits.jerk import Jerk
-from energy_opt.motion.limits.keep_line import KeepLine
-from energy_opt.motion.limits.keep_orientation import KeepOrientation
-from energy_opt.motion.limits.keep_upright import KeepUpright
-from energy_opt.motion.limits.position import Position
-from energy_opt.motion.limits.power import Power
-from energy_opt.motion.limits.tool_acceleration import ToolAcceleration
-from energy_opt.motion.limits.tool_speed import ToolSpeed
+from energy_opt.motion.limits.joint import Acceleration, Effort, Jerk, Position, Velocity
+from energy_opt.motion.limits.keep import KeepLine, KeepOrientation, KeepUpright
+from energy_opt.motion.limits.own import Power
+from energy_opt.motion.limits.tool import ToolAcceleration, ToolSpeed
 from energy_opt.motion.limits.tube import Tube
-from energy_opt.motion.limits.velocity import Velocity
 from energy_opt.motion.limits.via import ViaPoints
 from energy_opt.motion.move import Move, Settings
 from energy_opt.robot import Limits, Robot

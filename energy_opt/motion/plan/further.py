@@ -15,8 +15,7 @@ from energy_opt.motion.plan.candidates import Made, reshaped
 from energy_opt.motion.plan.context import Context
 from energy_opt.motion.plan.ways import room_between
 from energy_opt.motion.reshape.curve import Curve, Outcome
-from energy_opt.motion.reshape.level import Level
-from energy_opt.motion.reshape.task import Line, Task
+from energy_opt.motion.reshape.task import Level, Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.ways.find import Looks

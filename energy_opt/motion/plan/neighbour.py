@@ -35,7 +35,8 @@ from energy_opt.motion.trajectory import Trajectory
 
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
 PROMISING = 0.01  # of the cost
-ALONE = 1.15  # ratio of durations from which one is solved as a single move is
+ALONE = 1.3  # ratio of durations from which one is solved as a single move is
+LOWER = 5e-5  # of the cost: by less a curve is no better
 BUMP = 0.001  # of the cost: where a front is so little above the line between neighbours, it may be its own curve
 
 
@@ -79,7 +80,9 @@ class Neighbours:
         if step not in self._tried and self._may_lead_lower(task, here, neighbour):
             self._tried.add(step)
             stepped = (
-                self._carried(task, neighbour) if self._context.cell is None else self._cleared(task, neighbour, here)
+                self._carried(task, neighbour, here)
+                if self._context.cell is None
+                else self._cleared(task, neighbour, here)
             )
             here = min((x for x in (here, stepped) if x is not None), key=lambda x: x.energy.total, default=None)
         if here is None and duration not in self._alone_at:
@@ -135,12 +138,18 @@ class Neighbours:
         passed, _ = level.shares(curve, task.parameters, task.limits)
         return not joined(level, task, here.outcome, replace(there, curve=curve, cost=passed))
 
-    def _carried(self, task: Task, neighbour: Optimum) -> Optimum | None:
+    def _carried(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
+        """From a neighbour on to the optimum at this duration; None where that is no better than what is known here."""
         if neighbour.outcome is None:
-            outcome = self._reshaper.from_line(Line.of(neighbour.trajectory), task)
+            start = task.curve(self._reshaper.fine(task.vias).shape, Line.of(neighbour.trajectory))
         else:
             start = replace(neighbour.outcome.curve, duration=task.durations[0])
-            outcome = self._reshaper.solved(start, task)
+        outcome = self._reshaper.solved(start, task, polish=False)
+        known = None if here is None else here.outcome
+        if known is not None and outcome.cost > (1 - LOWER) * known.cost:
+            return None
+        if not outcome.converged:
+            outcome = self._reshaper.solved(outcome.curve, task)
         return self._judged(outcome, task)
 
     def _cleared(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:

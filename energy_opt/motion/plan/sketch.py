@@ -9,7 +9,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import first_line, least_energy_timing, reference_time, task_of
 from energy_opt.motion.plan.context import Context
-from energy_opt.motion.plan.making import first_timing
+from energy_opt.motion.plan.single import first_timing
 from energy_opt.motion.reshape.clear import ClearSearch
 from energy_opt.motion.reshape.evaluation import OpenGoal
 from energy_opt.motion.reshape.search import EXACT, ITERATIONS, trajectory_of

@@ -17,11 +17,10 @@ from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
 from energy_opt.motion.limits.clearance import ClearanceRows
 from energy_opt.motion.reshape.curve import Curve, Outcome
-from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.sqp import Descent, begin, descend
-from energy_opt.motion.reshape.task import FEASIBLE, SLACK, Task
+from energy_opt.motion.reshape.task import FEASIBLE, SLACK, Level, Task
 
 log = logging.getLogger(__name__)
 PLACES, DENSE = 60, 240  # along a curve, evenly in time, where pairs are looked at; and before a proof

@@ -20,9 +20,9 @@ from energy_opt.motion.reshape.sqp import box
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.quadratic import Constraints
 
-BARRIER, ITERATIONS, TOLERANCE = 1e-6, 60, 1e-6  # the first barrier parameter; in all
+BARRIER, ITERATIONS, TOLERANCE = 1e-6, 160, 1e-6  # the first barrier parameter; in all
 BROKEN, NEAR = 1e-7, 0.7  # share beyond a bound at which a limit becomes a constraint, and from which others join it
-LOCAL = 0.03  # [rad, m] that control points go at most in a round: what is not held is not left far behind
+LOCAL = 0.3  # [rad, m] that control points go at most in a round: what is not held is not left far behind
 
 
 class PolishProgram:

@@ -22,10 +22,9 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.motion.reshape.curve import Curve, Outcome, refined
 from energy_opt.motion.reshape.layout import Shape
-from energy_opt.motion.reshape.level import Level
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.starts import Optima, search, valleys
-from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
+from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task
 from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import Basis
 
@@ -168,7 +167,9 @@ class Reshaper:
                 break
         return best, spent
 
-    def solved(self, curve: Curve, task: Task, stopped: Callable[[], bool] = lambda: False) -> Outcome:
+    def solved(
+        self, curve: Curve, task: Task, stopped: Callable[[], bool] = lambda: False, polish: bool = True
+    ) -> Outcome:
         """The optimum near a curve; IPOPT polishes it where sequential quadratic programming did not converge."""
         level = self._level(curve.shape)
         spent = 0
@@ -189,7 +190,7 @@ class Reshaper:
             found = replace(min(found, more, key=task.rank), converged=settled)
         found = replace(found, iterations=spent + found.iterations)
         done = found.broken <= FEASIBLE and (found.converged or self._nodes.kinked or not self._polished)
-        if stopped() or done or task.open is not None:
+        if stopped() or done or task.open is not None or not polish:
             return found
         polished = task.polished(level, found)
         best, spent = min(polished, found, key=task.rank), found.iterations + polished.iterations

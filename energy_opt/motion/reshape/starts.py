@@ -19,8 +19,7 @@ import numpy as np
 
 from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.reshape.curve import Curve, Outcome, between
-from energy_opt.motion.reshape.level import Level
-from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
+from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task
 
 log = logging.getLogger(__name__)
 FEWEST, OFTEN = 12, 3  # starts at least, and how many of them must have found the best optimum

@@ -10,9 +10,9 @@ import numpy as np
 from energy_opt.motion.limits.base import Functions, Limit, Linear
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime.law import WIDTHS, point_numbers
+from energy_opt.motion.retime.nlp import CurvedRows, LinearRows, Rows
 from energy_opt.motion.retime.points import Symbolic
 from energy_opt.motion.retime.quadrature import Lift, kept_lift, lift
-from energy_opt.motion.retime.rows import CurvedRows, LinearRows, Rows
 
 MARGIN = 5e-7  # share of every bound that is kept free, for what lies between the points
 BROKEN = 1e-7  # of a bound: more than this is a violation

@@ -147,7 +147,8 @@ class Task:
         model.scale = 1 / max(abs(point.cost), 1e-6)
         now = begin(model.at_curve(guess))
         descend(
-            model, now, iterations, trust, tolerance=tolerance, give=give, slack=min(give, SLACK), loose=loose, stopped=stopped
+            model, now, iterations, trust, tolerance=tolerance, give=give, slack=min(give, SLACK), loose=loose,
+            stopped=stopped,
         )  # fmt: skip
         return model.outcome(now.point, now.iterations, now.converged)
 

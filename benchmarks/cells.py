@@ -37,8 +37,8 @@ from ompl_rival import plan
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
+from energy_opt.motion.initial_paths.room import Room
 from energy_opt.motion.path import through
-from energy_opt.motion.ways.room import Room
 from energy_opt.robot import load_robot
 
 PARTS = ("paths", "given", "ways", "ends", "payload", "own", "rivals")

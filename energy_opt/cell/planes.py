@@ -185,7 +185,7 @@ class Near:
 
 
 class PlaneRows:
-    """One linearisation (see `motion.limits.base.PlaceRows`): heights over planes, in units of `LENGTH`.
+    """One linearisation (see `motion.limits.base.PlaceConstraints`): heights over planes, in units of `LENGTH`.
 
     Args:
         poses: at the places u (K,), where the planes were found.

@@ -16,7 +16,7 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.limits.clearance import ClearanceRows
+from energy_opt.motion.limits.clearance import ClearanceConstraints
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.reshape.clear import REACH, Margins, Places
@@ -40,9 +40,9 @@ class Keep:
         """Look where a proof failed, and keep more distance there."""
         self._places.learn(proof, duration)
 
-    def rows(self) -> ClearanceRows:
+    def rows(self) -> ClearanceConstraints:
         """The limit to be added to the others."""
-        return ClearanceRows(self._near, self._places.u, self._margins.at(self._places), REACH)
+        return ClearanceConstraints(self._near, self._places.u, self._margins.at(self._places), REACH)
 
 
 MOST_VIAS = 5

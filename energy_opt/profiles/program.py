@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from energy_opt.motion.limits.base import Limit, PlaceRows, box_of, values_of
+from energy_opt.motion.limits.base import Limit, PlaceConstraints, box_of, values_of
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.numerics.batch import Batch
 from energy_opt.profiles.chain import Chain
@@ -40,7 +40,7 @@ APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter p
 class Placed:
     """One limit's constraints on the chain that they were asked for."""
 
-    def __init__(self, rows: PlaceRows, x: ca.SX, symbols: Chain, chain: Chain) -> None:
+    def __init__(self, rows: PlaceConstraints, x: ca.SX, symbols: Chain, chain: Chain) -> None:
         self.rows = rows
         pieces, shares = chain.places(rows.u * chain.duration)
         q = ca.horzcat(*(symbols.at(int(piece), float(s))[0] for piece, s in zip(pieces, shares, strict=True)))

@@ -19,7 +19,7 @@ from energy_opt.cell.proof import Proof, Touch, prove
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Answer
 from energy_opt.motion.plan.candidates import task_of
-from energy_opt.motion.plan.clear import Clearing, mended_clear
+from energy_opt.motion.plan.clear import Clearing, repaired_clear
 from energy_opt.motion.reshape.clear import TRUST
 from energy_opt.motion.reshape.task import Line
 from energy_opt.motion.trajectory import Trajectory
@@ -72,7 +72,7 @@ def aside(
     if work.best is None:
         return None
     try:
-        found = mended_clear(context, work.search, task, work.best)
+        found = repaired_clear(context, work.search, task, work.best)
     except Infeasible:
         return None
     if found.trajectory is None:

@@ -13,12 +13,12 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion.initial_paths import ompl
+from energy_opt.motion.initial_paths.room import Room, steps
 from energy_opt.motion.judge.clearance import clearance_along
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight
 from energy_opt.motion.plan.planner import Planner
-from energy_opt.motion.ways import ompl
-from energy_opt.motion.ways.room import Room, steps
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 

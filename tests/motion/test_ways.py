@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from energy_opt.motion.initial_paths import Way, find_paths
+from energy_opt.motion.initial_paths.find import Ends, Looks
+from energy_opt.motion.initial_paths.polyline import Rounding, between
+from energy_opt.motion.initial_paths.roadmap import cheap_paths
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.ways import Way, find_paths
-from energy_opt.motion.ways.find import Ends, Looks
-from energy_opt.motion.ways.polyline import Rounding, between
-from energy_opt.motion.ways.roadmap import cheap_paths
 
 START, GOAL = np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
 STEP = np.full(3, 0.05)
@@ -94,7 +94,7 @@ def test_what_our_own_lines_do_not_reach_a_planner_does_seeded() -> None:
 
 def test_a_search_without_a_way_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ompl")
-    monkeypatch.setattr("energy_opt.motion.ways.find.FIRST", 1_000)
+    monkeypatch.setattr("energy_opt.motion.initial_paths.find.FIRST", 1_000)
     wall = Wall(np.array([9.0, 9.0]), 0.1)
     assert ways(wall, "auto") == []
     assert 12_000 < len(wall.asked) < 24_000  # twelve attempts of a thousand poses, and our own lines

@@ -63,7 +63,7 @@ def parts_imported(module: Path) -> set[str]:
         ("mujoco", "virtual_arm/mujoco_arm.py"),
         ("rosbags", "formats/bags.py"),
         ("energy_opt_pinsx", "dynamics/templates.py"),
-        ("ompl", "motion/ways/ompl.py"),
+        ("ompl", "motion/initial_paths/ompl.py"),
         ("trimesh", "cell/scene_files/parts.py"),
         ("yaml", "files.py"),
         ("tomllib", "files.py"),

@@ -12,7 +12,7 @@ from poses import GOAL, START
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.certificate import certify
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.limits.base import Limit, PlaceRows, Violation
+from energy_opt.motion.limits.base import Limit, PlaceConstraints, Violation
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.numerics import ipopt
@@ -142,7 +142,7 @@ class Low(Limit):
         k = int(np.argmax(x.q[:, 1]))
         return Violation(self.name, float(x.q[k, 1] - self.height), x.joints[1], float(x.time[k]), 0.0, 0.0)
 
-    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceRows:
+    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceConstraints:
         u = np.linspace(0.05, 0.6, 23)
         assert curve(u).shape == (23, 7)
         return LowRows(u, self.height)

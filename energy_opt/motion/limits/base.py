@@ -15,7 +15,7 @@ limit does not override is "nothing". A new limit is one class and its line in `
     reshaping                  box(n)               bounds of control points: a spline lies in their hull
                                order, bound         constraints on the control points of the derivative of that order
                                expression(x, p)     symbolic constraints at nodes, of (q, v, a, effort, power, t)
-                               places(curve)        numeric constraints at own places, of position only (`PlaceRows`)
+                               places(curve)        numeric constraints of position (`PlaceConstraints`)
                                excess_at(q)         how far positions are beyond what such constraints allow
                                via                  points that are passed at times of the solver's choice
 
@@ -23,9 +23,10 @@ Symbolic constraints are compiled and differentiated with the model's node funct
 and cost nothing in Python. Their numbers (a bound, a reference pose) are either `scale`, by which the constraints are
 divided outside, or `values`, which enter as `p`; neither builds anything anew. `structure` is what does.
 
-Numeric constraints (`PlaceRows`) are for what has no short graph: distances between bodies. They depend on the position
-at their place alone, are evaluated for all constraints at once, and enter the banded Hessian through the B-splines that
-are not zero there. `places` is asked at every linearisation, so what is frozen in one is renewed in the next.
+Numeric constraints (`PlaceConstraints`) are for what has no short graph: distances between bodies. They depend on the
+position at their place alone, are evaluated for all constraints at once, and enter the banded Hessian through the
+B-splines that are not zero there. `places` is asked at every linearisation, so what is frozen in one is renewed in
+the next.
 """
 
 from __future__ import annotations
@@ -127,7 +128,7 @@ class Functions(Protocol):
         """Sum of the functions' Hessians times multipliers (K, r), (d (d + 1) / 2, K)."""
 
 
-class PlaceRows(Protocol):
+class PlaceConstraints(Protocol):
     """R numeric constraints lower <= f <= upper on the positions at K places of a curve.
 
     The same array q is handed to `value`, `gradient` and `hessian` of one iterate: keep what they share by `q is …`.
@@ -225,7 +226,7 @@ class Limit:
         return self
 
     def fixed(self, d: PathDynamics) -> Fixed | None:
-        """What no timing of a path can mend."""
+        """What no timing of a path can repair."""
         return None
 
     def linear(self, d: PathDynamics, b: float) -> Linear | None:
@@ -257,7 +258,7 @@ class Limit:
         """The largest excess at positions (M, n), of a limit that numeric constraints describe; else -inf."""
         return -np.inf
 
-    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceRows | None:
+    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceConstraints | None:
         """Numeric constraints near a curve, which gives positions (K, n) at u (K,); asked at every linearisation."""
         return None
 

@@ -18,7 +18,7 @@ HELD = 1e-6  # of a bound: what the certificate lets pass
 
 
 def check_path(limits: Sequence[Limit], d: PathDynamics) -> None:
-    """What no timing can mend: positions outside the limits, and what merely holding the arm would take.
+    """What no timing can repair: positions outside the limits, and what merely holding the arm would take.
 
     Raises:
         Infeasible: names joint, limit, path position and excess.

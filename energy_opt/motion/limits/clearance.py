@@ -12,7 +12,7 @@ from energy_opt.motion.limits.base import Limit
 
 
 @dataclass(frozen=True, eq=False)
-class ClearanceRows(Limit):
+class ClearanceConstraints(Limit):
     """Pairs of bodies stay apart at places of a curve.
 
     What proves a motion is the cell's proof, not these constraints: they only lead the solver to where it may succeed.

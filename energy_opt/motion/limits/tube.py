@@ -15,7 +15,7 @@ import numpy as np
 
 from energy_opt.motion.conditions import tube_of
 from energy_opt.motion.dense import Dense
-from energy_opt.motion.limits.base import Fixed, Limit, PlaceRows, Violation, worst_of
+from energy_opt.motion.limits.base import Fixed, Limit, PlaceConstraints, Violation, worst_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.nearest import Foot, NearestOf
 from energy_opt.motion.path import JointPath, through
@@ -116,15 +116,15 @@ class Tube(Limit):
 
         return Fixed(value / self.most - 1, text)
 
-    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceRows:
+    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceConstraints:
         u = (np.arange(PLACES) + 0.5) / PLACES
         if self.tool is None:
-            return JointRows(self.near, self.most, u, len(self.joints))
-        return ToolRows(self.near, self.most, u, self.tool)
+            return JointConstraints(self.near, self.most, u, len(self.joints))
+        return ToolConstraints(self.near, self.most, u, self.tool)
 
 
-class JointRows:
-    """Deviations of all joints at all places, as shares of the bound (see `limits.base.PlaceRows`)."""
+class JointConstraints:
+    """Deviations of all joints at all places, as shares of the bound (see `limits.base.PlaceConstraints`)."""
 
     def __init__(self, near: NearestOf, bound: float, u: np.ndarray, joints: int) -> None:
         self.u, self._near, self._bound = u, near, bound
@@ -150,7 +150,7 @@ class JointRows:
         return self._move(q).off_curvature(multipliers.reshape(q.shape) / self._bound)
 
 
-class ToolRows:
+class ToolConstraints:
     """sqrt((d^2 / w^2 + 1) / 2) at all places, for a tool's distance d and the bound w."""
 
     def __init__(self, near: NearestOf, bound: float, u: np.ndarray, tool: Carried) -> None:

@@ -20,7 +20,7 @@ from energy_opt.motion.retime.solve import RetimeSolution, retime
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-MENDS = 10  # times that limits are tightened where the judge finds them broken; peaks lose three quarters each time
+REPAIRS = 10  # times that limits are tightened where the judge finds them broken; peaks lose three quarters each time
 STUCK = 2  # times in a row that limits so tightened cannot be held, after which no tighter ones will be
 LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path
 SHORTEST = 0.2  # and begins at this one
@@ -31,7 +31,7 @@ SMALL = 1e-2  # [rad, m] so small a move is not searched: inertia and gravity ar
 
 
 @dataclass(frozen=True)
-class Made:
+class Candidate:
     """A candidate (None where nothing came of it), what it took, and what to say where a solver gave up.
 
     `optima`: coarse ones of other valleys, and of its own.
@@ -59,7 +59,7 @@ def unseen(move: Move) -> bool:
     return move.path is None or bool(np.abs(move.path(knots) - move.start).max() < RESOLUTION)
 
 
-def unsearched(context: Context, move: Move, timing: Timing) -> Made:
+def unsearched(context: Context, move: Move, timing: Timing) -> Candidate:
     """The minimum-time timing, slowed evenly to what is asked for, in place of a search.
 
     Raises:
@@ -78,7 +78,7 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Made:
     trajectory = timing.slowed(duration).trajectory(context.robot.joints)
     if timing.path.moves and not context.judge(trajectory).within.valid:  # in so little time, many samples are rounding
         trajectory = _in_one(context, move, duration)
-    return Made(
+    return Candidate(
         trajectory,
         message=f"no joint moves by {RESOLUTION:g} rad, which no encoder tells from standing: "
         "answered by the minimum-time timing, or by one polynomial, without a search",
@@ -95,7 +95,7 @@ def _in_one(context: Context, move: Move, duration: float) -> Trajectory:
     return Trajectory(context.robot.joints, u[:, 0] * duration, q, v, a).on_nanoseconds()
 
 
-def small_enough(move: Move, line: RetimeSolution | None, curve: Made) -> Made:
+def small_enough(move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
     """A reshaping that did not converge, as done where the move is so small that the best timing of its line will do.
 
     On a few milliradians, inertia and gravity are the same everywhere, so that another path has nothing to offer; but
@@ -107,7 +107,7 @@ def small_enough(move: Move, line: RetimeSolution | None, curve: Made) -> Made:
     return replace(curve, converged=True, message=message)
 
 
-def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Made) -> Made:
+def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
     """A reshaping that did not converge, as done where a tube is asked for that its path in its best timing keeps to.
 
     In a tube of a tenth of a millimetre the solver's steps are lost in rounding; but the path itself is there, and the
@@ -115,13 +115,13 @@ def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Ma
     """
     if context.settings.tube is None or line is None or not line.converged:
         return curve
-    if not mended_timing(context, move, line).converged:
+    if not repaired_timing(context, move, line).converged:
         return curve
     message = f"{curve.message}; the answer is no worse than the best timing of the path that the tube is about"
     return replace(curve, converged=True, message=message)
 
 
-def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution | None]) -> Made | None:
+def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution | None]) -> Candidate | None:
     """The least-energy timing of the straight line for a move so small that no path has less; None for any other.
 
     Torque is then M a + g with constant M and g, and between ends at rest the least of its square has all joints in
@@ -133,7 +133,7 @@ def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution |
     line = retimed()
     if line is None or not line.converged:
         return None
-    kept = mended_timing(context, move, line)
+    kept = repaired_timing(context, move, line)
     return replace(kept, message=f"a move of less than {SMALL:g} rad: timed along its line") if kept.converged else None
 
 
@@ -158,10 +158,10 @@ def _retimed(context: Context, move: Move, timing: Timing, limits: tuple[Limit, 
     )  # fmt: skip
 
 
-def mended_timing(context: Context, move: Move, first: RetimeSolution) -> Made:
+def repaired_timing(context: Context, move: Move, first: RetimeSolution) -> Candidate:
     """The least energy on the first path within limits by the judge: `first`, solved again where it breaks one."""
     solution, limits, iterations = first, context.limits, first.iterations
-    for _ in range(MENDS):
+    for _ in range(REPAIRS):
         certificate = context.judge(solution.trajectory).within
         if certificate.valid:
             break
@@ -173,8 +173,8 @@ def mended_timing(context: Context, move: Move, first: RetimeSolution) -> Made:
         iterations += solution.iterations
     certificate = context.judge(solution.trajectory).within
     if certificate.valid:
-        return Made(solution.trajectory, iterations, solution.converged, solution.message)
-    return Made(solution.trajectory, iterations, False, broken("retimed", certificate))
+        return Candidate(solution.trajectory, iterations, solution.converged, solution.message)
+    return Candidate(solution.trajectory, iterations, False, broken("retimed", certificate))
 
 
 def broken(how: str, certificate: Certificate) -> str:
@@ -225,7 +225,7 @@ def reshaped(
     warm: Sequence[Trajectory] = (),
     kept: Kept | None = None,
     worth: Callable[[Curve], bool] | None = None,
-) -> Made:
+) -> Candidate:
     """The curve of least objective that the search finds, within limits by the judge.
 
     Args:
@@ -249,7 +249,7 @@ def reshaped(
     reshaper = context.reshaper(settings.objective)
     answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept, worth)
     if not answer.wanted:
-        return Made(None, answer.iterations, starts=answer.starts, outcome=answer.optima[0], optima=answer.optima)
+        return Candidate(None, answer.iterations, starts=answer.starts, outcome=answer.optima[0], optima=answer.optima)
     best, spent, starts = answer.best, answer.iterations, answer.starts
     line = retimed() if best is None and not context.stopped() else None
     if line is not None:  # it holds the limits from the beginning
@@ -262,8 +262,8 @@ def reshaped(
         last = reshaper.from_line(Line.of(line.trajectory), task)
         best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
-        return Made(None, spent, False, "no start of the reshaping led to a trajectory within limits", starts)
-    best, trajectory, certificate, more = mended(context, reshaper, best, task)
+        return Candidate(None, spent, False, "no start of the reshaping led to a trajectory within limits", starts)
+    best, trajectory, certificate, more = repaired(context, reshaper, best, task)
     spent += more
     if free_time and move.duration is not None:
         if trajectory.duration > move.duration * (1 + 1e-9):
@@ -271,20 +271,20 @@ def reshaped(
         trajectory = trajectory_of(replace(best.curve, duration=move.duration), context.robot.joints)
         certificate = context.judge(trajectory).within
     if not certificate.valid:
-        return Made(None, spent, False, broken("reshaped", certificate), starts)
+        return Candidate(None, spent, False, broken("reshaped", certificate), starts)
     message = "" if best.converged else f"{best.why}; {certificate.tightest}"
-    return Made(trajectory, spent, best.converged, message, starts, best, answer.optima)
+    return Candidate(trajectory, spent, best.converged, message, starts, best, answer.optima)
 
 
-def mended(
+def repaired(
     context: Context, reshaper: Reshaper, best: Outcome, task: Task
 ) -> tuple[Outcome, Trajectory, Certificate, int]:
     """Tighten the limits that the judge finds broken, and solve again from where we are; and the iterations spent."""
     limits, spent, stuck = task.limits, 0, 0
-    for mend in range(MENDS + 1):
+    for turn in range(REPAIRS + 1):
         trajectory = trajectory_of(best.curve, context.robot.joints)
         certificate = context.judge(trajectory).within
-        if certificate.valid or mend == MENDS or stuck == STUCK or context.stopped():
+        if certificate.valid or turn == REPAIRS or stuck == STUCK or context.stopped():
             break
         limits = certificate.tightened(limits)
         best = reshaper.solved(best.curve, replace(task, limits=limits))
@@ -318,7 +318,7 @@ def _from_the_fastest(
             joint=str(worst["joint"]),
             limit=str(worst["limit"]),
         )
-    best, trajectory, certificate, more = mended(context, fast, best, free)
+    best, trajectory, certificate, more = repaired(context, fast, best, free)
     spent += more
     if trajectory.duration > task.durations[1] * (1 + 1e-9):
         if fallback:

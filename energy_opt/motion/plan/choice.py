@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.move import Move
-from energy_opt.motion.plan.candidates import Made, mended_timing
+from energy_opt.motion.plan.candidates import Candidate, repaired_timing
 from energy_opt.motion.plan.context import Context, Judged
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
@@ -33,8 +33,8 @@ class Work:
 
     timing: Timing | None
     solution: RetimeSolution | None
-    reshaped: Made | None
-    retimed: Made | None
+    reshaped: Candidate | None
+    retimed: Candidate | None
     warm: Sequence[Trajectory]
     retiming: Callable[[], RetimeSolution | None] = lambda: None
 
@@ -45,9 +45,9 @@ class Work:
         return [(name, m.trajectory) for name, m in candidates if m is not None and m.trajectory is not None]
 
     @property
-    def asked(self) -> Made:
+    def asked(self) -> Candidate:
         """The candidate of the form that was asked for."""
-        return self.reshaped or self.retimed or Made(None)
+        return self.reshaped or self.retimed or Candidate(None)
 
 
 def choose(
@@ -138,10 +138,10 @@ def least(
     beaten = best is not None and best[0] == "reshape"
     solution = None if work.retimed is not None or beaten or context.stopped() else work.retiming()
     if solution is not None and _may_win(solution, best, energy_counts):
-        mended = mended_timing(context, move, solution)
-        iterations = mended.iterations
-        if mended.trajectory is not None and answers(move, mended.trajectory):
-            judged.append(("retime", context.judge(mended.trajectory)))
+        repaired = repaired_timing(context, move, solution)
+        iterations = repaired.iterations
+        if repaired.trajectory is not None and answers(move, repaired.trajectory):
+            judged.append(("retime", context.judge(repaired.trajectory)))
             best = valid()
     if energy_counts and best is not None:  # with its creeping joints at rest, where there are any
         trajectory = at_rest(best[1].trajectory, context.model)

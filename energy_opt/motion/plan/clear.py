@@ -11,7 +11,7 @@ import numpy as np
 
 from energy_opt.cell.planes import Near
 from energy_opt.motion.move import Move
-from energy_opt.motion.plan.candidates import MENDS, Made, reference_time, task_of
+from energy_opt.motion.plan.candidates import REPAIRS, Candidate, reference_time, task_of
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.further import alike, further_lines, passed, wider_optima
 from energy_opt.motion.reshape.clear import PLACES, TRUST, ClearSearch
@@ -55,8 +55,8 @@ def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:
 
 def kept_clear(
     context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None],
-    free: Made, warm: Sequence[Trajectory],
-) -> Made:  # fmt: skip
+    free: Candidate, warm: Sequence[Trajectory],
+) -> Candidate:  # fmt: skip
     """The reshaped move of least objective that is proven to keep clear.
 
     Args:
@@ -82,8 +82,8 @@ def kept_clear(
         found = further_lines(context, work.search.cell, task, level, known)
         work.best_of([(task.curve(level.shape, line), TRUST) for line in found])
     if work.best is None:
-        return Made(None, work.search.iterations, True, NOTHING, free.starts)
-    candidate = mended_clear(context, work.search, task, work.best)
+        return Candidate(None, work.search.iterations, True, NOTHING, free.starts)
+    candidate = repaired_clear(context, work.search, task, work.best)
     trajectory = candidate.trajectory
     if trajectory is not None and free_time and move.duration is not None and trajectory.duration <= move.duration:
         assert candidate.outcome is not None
@@ -117,7 +117,7 @@ class Clearing:
         """The move's own first path."""
         return self.curves[-1]
 
-    def search_from(self, free: Made) -> None:
+    def search_from(self, free: Candidate) -> None:
         """The best of what the first paths and the optima without regard to anything lead to."""
         search, begun = self.search, [(curve, TRUST) for curve in self.curves]
         optima = self._optima(free)
@@ -138,7 +138,7 @@ class Clearing:
         self.best_of(begun)
         self._half_way(optima)
 
-    def _optima(self, free: Made) -> list[Curve]:
+    def _optima(self, free: Candidate) -> list[Curve]:
         """Curves of the answer's shape that are optima without regard to anything, the best first."""
         shape, out = self.search.level.shape, []
         if free.outcome is not None and free.outcome.curve.shape is shape:
@@ -222,20 +222,20 @@ class Clearing:
         return scorer.energy(found).loss > (1 - LITTLE) * scorer.energy(scaled).loss
 
 
-def mended_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Made:
+def repaired_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Candidate:
     """A curve that keeps clear, within limits by the judge too: solved again under tighter ones where it breaks one."""
     limits = task.limits
-    for _ in range(MENDS):
+    for _ in range(REPAIRS):
         trajectory = trajectory_of(outcome.curve, context.robot.joints)
         certificate = context.judge(trajectory).within
         if certificate.valid:
-            return Made(trajectory, 0, outcome=outcome)
+            return Candidate(trajectory, 0, outcome=outcome)
         limits = certificate.tightened(limits)
         again = search.under(replace(task, limits=limits), outcome)
         if again is None:
             break
         outcome = again
-    return Made(None, 0, True, NOTHING)
+    return Candidate(None, 0, True, NOTHING)
 
 
 def _lines(

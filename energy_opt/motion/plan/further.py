@@ -9,17 +9,17 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
+from energy_opt.motion.initial_paths.find import Looks
+from energy_opt.motion.initial_paths.roadmap import cheap_paths
 from energy_opt.motion.move import Move
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.plan.candidates import Made, reshaped
+from energy_opt.motion.plan.candidates import Candidate, reshaped
 from energy_opt.motion.plan.context import Context
 from energy_opt.motion.plan.ways import room_between
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.task import Level, Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
-from energy_opt.motion.ways.find import Looks
-from energy_opt.motion.ways.roadmap import cheap_paths
 
 SAME, LOOKED = 0.15, 40  # [rad] curves that are nearer at all of so many places are one
 WIDER = 3  # further seeds by which the optimum without regard to anything is looked for, where ways are asked for
@@ -54,8 +54,8 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
 
 
 def wider_optima(
-    context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None], free: Made
-) -> Made:  # fmt: skip
+    context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None], free: Candidate
+) -> Candidate:  # fmt: skip
     """What is found without regard to anything from other starts too, with all optima; `free` where that is no more."""
     found, settings = [free], context.settings
     for k in range(1, 1 + min(settings.ways or 0, WIDER)):

@@ -1,7 +1,7 @@
 """A move at one duration after the other: as a single move is solved, and from a neighbour's optimum.
 
-Fronts of energy against duration are made of such steps. At durations that are `ALONE` times apart a step does all that
-a single solve does, so that a front follows where the best optimum changes; between these it begins at the neighbour's
+Fronts of energy against duration consist of such steps. At durations that are `ALONE` times apart a step does all
+that a single solve does, so that a front follows where the best optimum changes; between these it begins at the neighbour's
 optimum alone, which takes a fifth of the time. First paths, their timings and what the starts lead to are shared by all
 durations. Then a neighbour's curve is gone on from where it may lead to less: the better one counts. A retimed path is
 retimed anew, which needs no start.
@@ -18,12 +18,12 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.plan.candidates import (
     least_energy_timing,
-    mended,
-    mended_timing,
     reference_time,
+    repaired,
+    repaired_timing,
     task_of,
 )
-from energy_opt.motion.plan.clear import ROUGH, TRIAL, Clearing, mended_clear
+from energy_opt.motion.plan.clear import ROUGH, TRIAL, Clearing, repaired_clear
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.reshape.clear import TRUST
@@ -167,17 +167,17 @@ class Neighbours:
             curve = work.search.curve_of(trial)
         if not work.finish(curve, TRUST) or work.best is None:
             return None
-        made = mended_clear(self._context, work.search, task, work.best)
-        if made.trajectory is None or made.outcome is None:
+        found = repaired_clear(self._context, work.search, task, work.best)
+        if found.trajectory is None or found.outcome is None:
             return None
-        judged = self._context.judge(made.trajectory)
-        return Optimum(made.trajectory, judged.energy, True, made.outcome) if judged.certificate.valid else None
+        judged = self._context.judge(found.trajectory)
+        return Optimum(found.trajectory, judged.energy, True, found.outcome) if judged.certificate.valid else None
 
     def _judged(self, outcome: Outcome, task: Task) -> Optimum | None:
         """Within limits by the judge, or None."""
         if outcome.broken > FEASIBLE:
             return None
-        best, trajectory, certificate, _ = mended(self._context, self._reshaper, outcome, task)
+        best, trajectory, certificate, _ = repaired(self._context, self._reshaper, outcome, task)
         if not certificate.valid:
             return None
         both = trajectory, at_rest(trajectory, self._context.model)  # with its creeping joints at rest too
@@ -196,9 +196,9 @@ class Neighbours:
             solution = least_energy_timing(context, move, shortest)
             if solution is None:
                 return None
-            made = mended_timing(context, move, solution)
-            if made.trajectory is None:
+            candidate = repaired_timing(context, move, solution)
+            if candidate.trajectory is None:
                 return None
-            trajectory, converged = made.trajectory, made.converged
+            trajectory, converged = candidate.trajectory, candidate.converged
         judged = context.judge(trajectory)
         return Optimum(trajectory, judged.energy, converged) if judged.certificate.valid else None

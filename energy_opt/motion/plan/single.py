@@ -12,11 +12,11 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.candidates import (
-    Made,
+    Candidate,
     in_tube,
     is_at_rest,
     least_energy_timing,
-    mended_timing,
+    repaired_timing,
     reshaped,
     small_enough,
     unsearched,
@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 HURRIED = 1.2  # times the least time on the first path: in more, zero acceleration at the ends costs next to nothing
 
 
-def made(
+def candidates_of(
     context: Context,
     move: Move,
     timing: Timing | None,
@@ -54,18 +54,18 @@ def made(
         Infeasible: no timing or no path holds the limits.
     """
     if timing is not None and timing.path.moves and unseen(move):
-        made = unsearched(context, move, timing)
+        answer = unsearched(context, move, timing)
         return Work(
-            timing, None, made if move.mode == "reshape" else None, made if move.mode == "retime" else None, warm
+            timing, None, answer if move.mode == "reshape" else None, answer if move.mode == "retime" else None, warm
         )
     if move.mode == "retime":
         assert timing is not None
         if context.settings.objective == "time":
             asked = timing if move.duration is None else timing.slowed(move.duration)
-            return Work(timing, None, None, Made(asked.trajectory(context.robot.joints)), warm)
+            return Work(timing, None, None, Candidate(asked.trajectory(context.robot.joints)), warm)
         solution = least_energy_timing(context, move, timing)
         assert solution is not None
-        return Work(timing, solution, None, mended_timing(context, move, solution), warm)
+        return Work(timing, solution, None, repaired_timing(context, move, solution), warm)
     wanted = move.duration if move.duration is not None else move.max_duration
     if context.stopped() and timing is not None:
         return Work(timing, None, None, None, warm)
@@ -91,7 +91,7 @@ def made(
 def _curve(
     context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None],
     warm: Sequence[Trajectory], kept: Kept | None,
-) -> Made:  # fmt: skip
+) -> Candidate:  # fmt: skip
     """The curve of least objective that keeps clear."""
     worth = None if context.cell is None else partial(nearly_clear, context, move)
     curve = reshaped(context, move, timing, retimed, warm, kept, worth)
@@ -102,7 +102,7 @@ def _curve(
     return curve
 
 
-def _costs_more(context: Context, curve: Made, solution: RetimeSolution | None) -> bool:
+def _costs_more(context: Context, curve: Candidate, solution: RetimeSolution | None) -> bool:
     """Is a curve, from zero acceleration to zero, beaten by the best timing of the first path?
 
     Timings begin and end with any acceleration. Near the least time that counts: building it up takes about 1 % longer.
@@ -173,7 +173,7 @@ class Single:
             judged = dict(begun)["scaled"]
             if judged.certificate.valid:
                 progress.found(judged.energy.loss)
-        work = made(context, move, self.timing, warm, self._kept)
+        work = candidates_of(context, move, self.timing, warm, self._kept)
         build = workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
         try:
             result = choose(context, move, work, build, time.perf_counter() - begin - build, begun)

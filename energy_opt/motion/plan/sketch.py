@@ -17,7 +17,7 @@ from energy_opt.motion.reshape.task import FEASIBLE, Line
 from energy_opt.motion.trajectory import Trajectory
 
 SETTLED, FIRST = 1e-6, 0.05  # relative tolerance beside bodies, and the first step there [rad, m]
-BEYOND = 0.5  # share of a bound: a full search, or another end of the move, may still mend so much
+BEYOND = 0.5  # share of a bound: a full search, or another end of the move, may still repair so much
 
 
 def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:

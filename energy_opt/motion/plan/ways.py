@@ -14,6 +14,9 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion.initial_paths import Way, find_paths, ompl
+from energy_opt.motion.initial_paths.find import Ends, Source
+from energy_opt.motion.initial_paths.room import Room, steps
 from energy_opt.motion.judge.clearance import clearance_along
 from energy_opt.motion.limits.base import Limit, box_of
 from energy_opt.motion.limits.keep import Keep
@@ -22,9 +25,6 @@ from energy_opt.motion.path import JointPath, through
 from energy_opt.motion.path_dynamics import PathDynamics, points_of
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.result import FirstPath
-from energy_opt.motion.ways import Way, find_paths, ompl
-from energy_opt.motion.ways.find import Ends, Source
-from energy_opt.motion.ways.room import Room, steps
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, Tool
 from energy_opt.robot.kinematics import Kinematics

@@ -15,7 +15,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
-from energy_opt.motion.limits.clearance import ClearanceRows
+from energy_opt.motion.limits.clearance import ClearanceConstraints
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.search import trajectory_of
@@ -196,5 +196,5 @@ class ClearSearch:
 
     def _with(self, places: Places) -> Model:
         """The model with rows at places."""
-        rows = ClearanceRows(self.near, places.u, self.margins.at(places), REACH)
+        rows = ClearanceConstraints(self.near, places.u, self.margins.at(places), REACH)
         return self._model.keeping(rows)

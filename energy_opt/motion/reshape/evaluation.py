@@ -13,8 +13,8 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from energy_opt.motion.limits.base import Limit, PlaceRows, box_of, values_of
-from energy_opt.motion.limits.clearance import ClearanceRows
+from energy_opt.motion.limits.base import Limit, PlaceConstraints, box_of, values_of
+from energy_opt.motion.limits.clearance import ClearanceConstraints
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions
@@ -59,7 +59,7 @@ class OpenGoal(Protocol):
 
 @dataclass
 class Point:
-    """A curve with what was evaluated there; `placed` are numeric rows and their values."""
+    """A curve with what was evaluated there; `placed`: limits, their numeric constraints, positions and values."""
 
     points: np.ndarray
     duration: float
@@ -72,7 +72,9 @@ class Point:
     hot_slope: np.ndarray  # (nodes, nz, columns)
     via: np.ndarray  # (vias, n) what is off
     along: np.ndarray  # (directions, n) of the goal
-    placed: list[tuple[int, PlaceRows, np.ndarray, np.ndarray]] = field(default_factory=list)  # limit, rows, q, values
+    placed: list[tuple[int, PlaceConstraints, np.ndarray, np.ndarray]] = field(
+        default_factory=list
+    )  # limit, rows, q, values
 
 
 class Evaluation:
@@ -92,7 +94,7 @@ class Evaluation:
         self.ends, self.limits, self.offset, self.scale = ends, tuple(limits), offset, 1.0
         self.fixed = durations[0] == durations[1]
         self.durations = durations
-        self.clearance: ClearanceRows | None = None
+        self.clearance: ClearanceConstraints | None = None
         self.offset = offset if self.fixed else 0.0
         self._at_places = b"", np.zeros((0, 0))
         self._values = np.concatenate([parameters, values_of(limits, width)])
@@ -183,7 +185,7 @@ class Evaluation:
         """Everything at a curve."""
         return self.at(curve.points, curve.duration, curve.via_u, far)
 
-    def keeping(self, clearance: ClearanceRows | None) -> Self:
+    def keeping(self, clearance: ClearanceConstraints | None) -> Self:
         """The same problem with other rows between bodies."""
         out = copy(self)
         out.clearance = clearance

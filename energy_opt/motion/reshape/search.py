@@ -41,7 +41,7 @@ RUNG = 1.5  # ratio of the durations at which starts are solved
 KEPT, WORTH_KEEPING = 5, 2.0  # so many valleys are compared at the move's own duration, if so near the best
 REFINED, WORTH_REFINING = 2, 1.03  # so many of these are solved in full, if so near the best
 EXACT = 1e-6  # share of a bound that the answer may exceed it by while it is searched
-MENDABLE = 0.05  # more control points may still mend an excess up to this share of a bound
+REPAIRABLE = 0.05  # more control points may still repair an excess up to this share of a bound
 
 Kept = dict[float, Optima]  # what starts led to, by the duration at which they were solved
 
@@ -110,7 +110,7 @@ class Reshaper:
         """
         kept = {} if kept is None else kept
         optima, used, spent = self.optima(task, lines, starts, seed, stopped, kept)
-        if worth and optima[0].broken <= MENDABLE and not worth(optima[0].curve):
+        if worth and optima[0].broken <= REPAIRABLE and not worth(optima[0].curve):
             return Answer(None, used, spent, tuple(optima), False)
         best, more = self.refined(task, optima, stopped)
         return Answer(best, used, spent + more, tuple(optima))

@@ -71,7 +71,7 @@ class Level:
         return cost, max([float(share.max()) - 1 for share in shares.values()] + placed)
 
 
-FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed it by, to be mended later
+FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed it by, to be repaired later
 SLACK = 0.01  # the same of a constraint at a place, as beside bodies and in tubes, while a search goes on
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 

@@ -1,4 +1,4 @@
-"""The limits along a path as a retiming sees them: where they are broken, and the constraints that mend it."""
+"""The limits along a path as a retiming sees them: where they are broken, and the constraints that repair it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """Ways: free paths from start to goal where the straight line is not free."""
 
-from energy_opt.motion.ways.find import Free, Way, find_paths
+from energy_opt.motion.initial_paths.find import Free, Way, find_paths
 
 __all__ = ["Free", "Way", "find_paths"]

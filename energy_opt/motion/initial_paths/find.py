@@ -9,9 +9,9 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from energy_opt.motion.initial_paths import ompl
+from energy_opt.motion.initial_paths.polyline import Rounding, between, length, merged, shortened, without_needless
 from energy_opt.motion.path import JointPath, straight
-from energy_opt.motion.ways import ompl
-from energy_opt.motion.ways.polyline import Rounding, between, length, merged, shortened, without_needless
 
 Source = Literal["straight", "given", "own", "ompl"]
 VIAS = 150  # seeded points through which lines of our own may bend

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from energy_opt.motion.ways.find import Ends, Looks
+from energy_opt.motion.initial_paths.find import Ends, Looks
 
 ALONG, AROUND = 60, 1500  # poses along each line, and strewn about both
 SPREAD = (0.1, 0.25, 0.5, 0.9)  # [rad] how far from them

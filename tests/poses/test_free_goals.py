@@ -94,8 +94,8 @@ def test_derivatives_by_the_goal_are_those_of_differences(program: Program) -> N
     level = context.reshaper("energy").fine(0)
     model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset, goal=goal)
     point = model.at_curve(task.curve(level.shape, Line.of(sketch)))
-    along = np.zeros(model.frame.size + model.border)
-    along[model.frame.size :][model.toward] = 1.0
+    along = np.zeros(model.shape.size + model.border)
+    along[model.shape.size :][model.toward] = 1.0
 
     def cost(step: float) -> float:
         return model.at(*model.moved(point, step * along)).cost

@@ -17,8 +17,7 @@ from energy_opt.folders import written_whole
 from energy_opt.formats.output import Written, unchanged
 from energy_opt.front.desk import Answered
 from energy_opt.motion import Move, Result
-from energy_opt.motion.judge.by_joint import loss_by_joint
-from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.timing.toppra import INTERVALS
 from energy_opt.power.model import model_from_document
 from energy_opt.power.worth import per_year_words, until

@@ -13,8 +13,8 @@ bound: speed on every line, acceleration and jerk of every ramp in closed form, 
 that do not overlap; and the duration. Positions need no constraints: the motion stays within the hull of its corners,
 which have bounds.
 
-Other limits (see `limits.base.PlaceConstraints`) are distances between bodies at places of the motion. A place stays at its
-share of its piece while the unknowns change. With J_k = dq_k/dx, a row's gradient g gives g^T J_k, and a place's
+Other limits (see `limits.base.PlaceConstraints`) are distances between bodies at places of the motion. A place stays at
+its share of its piece while the unknowns change. With J_k = dq_k/dx, a row's gradient g gives g^T J_k, and a place's
 Hessian H gives J_k^T H J_k, beside what the bending of q_k itself adds.
 """
 

@@ -36,7 +36,7 @@ from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
 from energy_opt.workcell.motion import Part, at_rest
 
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
-SOLVED = (1.0, 1.35, 2.0, 3.2)  # and those at which a move is optimized before the first schedule; tight cells need 1
+SOLVED = (1.0, 1.6, 3.2)  # and those at which a move is optimized before the first schedule; tight cells need 1
 BLEND, ROOM = 4e-3, 1.05  # [s] over which the acceleration rises at a move's ends, and that in jerk-limited ramps
 WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and limits are kept by all files
 USED = dict.fromkeys(("velocity", "acceleration", "jerk", "effort"), 0.9999)  # of limits: programs round numbers, too
@@ -63,6 +63,31 @@ class ArmMove:
     answers: dict[float, Answer] = field(default_factory=dict)
     slowed: dict[float, Answer] = field(default_factory=dict)
     tried: set[float] = field(default_factory=set)
+
+    def was_tried(self, duration: float) -> bool:
+        """Was it optimized at a duration [s]?"""
+        return any(abs(duration / tried - 1) < SAME for tried in self.tried)
+
+    def beside(self, duration: float, worth: float) -> list[float]:
+        """Durations [s] between a known one and the next on either side at which more than `worth` [J] may be saved.
+
+        Energy is convex over the duration: between two optimized durations it lies above the lines through their
+        neighbours, as far as these are optimized.
+        """
+        hull = Hull.of([(d, answer.energy.total) for d, answer in self.answers.items()])
+        d, e = hull.durations, hull.energies
+        known = [self.was_tried(at) for at in d.tolist()]
+        chosen = int(np.argmin(np.abs(d - duration)))
+        out = []
+        for k in range(max(chosen - 1, 0), min(chosen + 1, len(d) - 1)):  # between d[k] and d[k + 1]
+            middle = float(np.sqrt(d[k] * d[k + 1]))
+            least = -np.inf
+            for one, two in ((k, k - 1), (k + 1, k + 2)):
+                if 0 <= two < len(d) and known[one] and known[two]:
+                    least = max(least, e[one] + (middle - d[one]) * (e[one] - e[two]) / (d[one] - d[two]))
+            if hull.value(middle) - least > worth:
+                out.append(middle)
+        return out
 
 
 class Arm:
@@ -140,6 +165,18 @@ class Arm:
         """
         return self.listing(steps).ready()
 
+    def among(self, steps: Sequence[StepTable]) -> Arm:
+        """The arm with those of its steps alone that are named among `steps`; itself where all are."""
+        names = {step.name for step in steps}
+        kept = [step for step in self.table.step if step.name in names]
+        return self if len(kept) == len(self.table.step) else self.arranged(kept)
+
+    def own_answers(self) -> Arm:
+        """The arm with answers to its moves that no other arrangement of its steps shares."""
+        out = copy(self)
+        out.moves = [replace(move, answers=dict(move.answers)) for move in self.moves]
+        return out
+
     def listing(self, steps: Sequence[StepTable]) -> Arm:
         """The arm with these steps, not yet `ready`; what is known of its moves is kept.
 
@@ -202,7 +239,7 @@ class Arm:
 
     def optimize(self, move: ArmMove, duration: float) -> bool:
         """Optimize a move at a duration [s] where that has not been done; was anything done?"""
-        if any(abs(duration / tried - 1) < SAME for tried in move.tried):
+        if move.was_tried(duration):
             return False
         move.tried.add(duration)
         duration = float(np.clip(duration, move.shortest, move.longest))

@@ -278,6 +278,12 @@ def _wrong_names(cell: WorkCell | None) -> list[str]:
         for pose in () if table.posture == "any" else table.posture:
             if pose not in there:
                 faults.append(f"{where}mode {table.name}: posture {pose!r} is no pose, nor a wait{near(pose, there)}")
+    if (
+        cell.supply is not None
+        and cell.supply.max_power is not None
+        and all(robot.robot is None for robot in cell.robot)
+    ):
+        faults.append("supply: max_power needs an arm: robot = NAME_OR_URDF; curves say nothing of peaks")
     for lag in cell.lag:
         faults += _unknown(cell, lag.begin, "lag: from") + _unknown(cell, lag.end, "lag: to")
     return faults

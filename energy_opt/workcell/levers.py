@@ -39,12 +39,10 @@ class Levers:
 
 
 def with_lever(levers: Levers | None, name: str, schedule: Schedule) -> Levers:
-    """The levers with one more, or with a better schedule of one; what is not better leaves the schedule as it is."""
+    """The levers with one more, or with another schedule of one."""
     if levers is None:
         return Levers(((name, schedule),), (), False)
-    best = min(levers.best, schedule, key=lambda s: s.energy)
-    steps = tuple(step for step in levers.steps if step[0] != name)
-    return replace(levers, steps=(*steps, (name, best)))
+    return replace(levers, steps=(*(step for step in levers.steps if step[0] != name), (name, schedule)))
 
 
 def pull(problem: Problem, *, seconds: float) -> Levers:

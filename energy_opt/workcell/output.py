@@ -53,16 +53,6 @@ def document(result: CellResult) -> dict[str, Any]:
             names = " and ".join(cell.robot[k].name for k in between.robots)
             bodies = "" if between.pair is None else f", {between.pair[0]} and {between.pair[1]}"
             warnings.append(f"{names}{bodies}: {between.verdict} at {between.time or 0.0:.4g} s")
-    if result.supply is not None and result.supply.overflow > 0:
-        warnings.append(
-            f"{result.supply.lost:.4g} J that the arms brake fit nowhere: resistor = false; a larger capacity, or "
-            "slower moves, give room"
-        )
-    if result.supply is not None and result.supply.bound is not None and result.supply.peak > result.supply.bound:
-        warnings.append(
-            f"peak power {result.supply.peak:.5g} W is above max_power = {result.supply.bound:.5g} W; "
-            "a longer cycle_time or a lower speed of single moves (max_duration) gives room"
-        )
     if result.levers.relaxed:
         warnings.append("at full speed no schedule keeps the bounds of the waits: as_is lets waits last longer")
     if cell.supply is None and schedule.gap > SETTLED:

@@ -1,7 +1,7 @@
 """Arms in one cycle: fronts, schedule and proof between the arms, one after the other until all agree.
 
-arrange      every move slowed evenly; orders of steps and poses to wait in by what they then take
-price        every move optimized at a few durations
+arrange      every move slowed evenly; candidates: orders of steps and poses to wait in by what they then take
+price        every move of a candidate optimized at a few durations
 schedule     durations, modes and starts of least energy on the lower hull of what is known
 refine       optimize every move at the duration that it got; again while the cycle's energy changes by 0.1 %
 prove        every two arms, for the whole cycle and for lateness; where two touch, the times at which their steps
@@ -17,16 +17,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
-import numpy as np
-
 from energy_opt.errors import Infeasible
 from energy_opt.schedule import Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm, nearest
 from energy_opt.workcell.aside import aside
 from energy_opt.workcell.between import Between, TwoArms, prove_apart
+from energy_opt.workcell.levers import Levers, with_lever
 from energy_opt.workcell.meeting import meeting
 from energy_opt.workcell.motion import PeriodicMotion
-from energy_opt.workcell.stage import Stage
+from energy_opt.workcell.stage import Candidate, Stage
 
 SETTLED = 1e-3  # relative change of the cycle's energy that ends refining
 REFINED = 6  # schedules whose durations are optimized
@@ -59,7 +58,7 @@ class Planning(Stage):
     @cached_property
     def _two(self) -> dict[tuple[int, int], TwoArms]:
         """Every two arms with a body, by their robots' numbers."""
-        cells = [None if arm is None else arm.cell for arm in self.plain]
+        cells = [None if arm is None else arm.cell for arm in self.arms]
         return {
             (a, b): TwoArms(one, two)
             for (a, one), (b, two) in combinations(enumerate(cells), 2)
@@ -75,24 +74,56 @@ class Planning(Stage):
                 if not self.stopped():
                     arm.optimize(move, min(move.shortest * factor, move.longest))
 
-    def plan(self) -> Planned:
-        """The plan of least energy in which no two arms touch.
+    def plan(self, candidates: Sequence[Candidate]) -> tuple[Planned, Levers]:
+        """The plan of least energy in which no two arms touch, and the levers of its arrangement.
 
-        Where the cheapest arrangement has none, the one of the file is tried.
+        Candidates are estimated by evenly slowed moves. Here each is scheduled with optimized ones; they are planned in
+        the order of these energies, until none that is left takes less than a plan.
 
         Raises:
             Infeasible: no schedule keeps cycle time, lags, zones and the arms apart; names the two steps.
         """
-        if self.arms == self.plain:
-            return self._planned()
-        with suppress(Infeasible):
-            return self._planned()
-        self.arms, self.exclusions = self.plain, {}
-        return self._planned()
+        faults: list[Infeasible] = []
+        priced: list[tuple[Schedule, Candidate]] = []
+        for candidate in candidates:
+            self.arms = candidate.arms
+            try:
+                self._price()
+                priced.append((self._refined(), candidate))
+            except Infeasible as error:
+                faults.append(error)
+        best: tuple[bool, float, Planned, Levers, tuple[Arm | None, ...]] | None = None
+        for schedule, candidate in sorted(priced, key=lambda pair: pair[0].energy):
+            if best is not None and (not best[0], schedule.energy) >= (True, best[1]):
+                break
+            self.arms, self.exclusions = candidate.arms, {}
+            try:
+                found = self._planned(schedule)
+            except Infeasible as error:
+                faults.append(error)
+                continue
+            touching = any(between.verdict != "proven" for between in found.clearance)
+            if best is None or (touching, found.schedule.energy) < best[:2]:
+                best = touching, found.schedule.energy, found, candidate.levers, self.arms
+        if best is None:
+            raise faults[-1]
+        self.arms = best[-1]
+        return best[2], with_lever(best[3], "paths", best[2].schedule)
 
-    def _planned(self) -> Planned:
-        self._price()
-        schedule = self._refined()
+    def slower(self, r: int, name: str, duration: float) -> Planned | None:
+        """The plan in which a robot's step takes a duration [s] at least; None where there is none."""
+        before = self.arms, dict(self.exclusions), dict(self.least)
+        step = next(step for step in self.problem(True).rings[r].steps if step.name == name)
+        if duration <= step.most:
+            self.least[r, name] = duration
+            with suppress(Infeasible):
+                found = self._planned(self._refined())
+                if all(between.verdict == "proven" for between in found.clearance):
+                    return found
+        self.arms, self.exclusions, self.least = before
+        return None
+
+    def _planned(self, schedule: Schedule) -> Planned:
         for _ in range(SHIFTED):
             found = self.proved(schedule)
             touching = [between for between in found.clearance if between.verdict != "proven"]
@@ -120,6 +151,7 @@ class Planning(Stage):
     def _around(self, found: Planned) -> Planned | None:
         """The plan with moves that make way for other arms in their motion; None where none was found."""
         around: list[str] = []
+        self.arms = tuple(None if arm is None else arm.own_answers() for arm in self.arms)
         for turn in range(AROUND):
             touching = [between for between in found.clearance if between.verdict != "proven"]
             if not touching or self.stopped():
@@ -172,25 +204,29 @@ class Planning(Stage):
 
     def _refined(self) -> Schedule:
         """A schedule whose moves are all optimized at the durations that they have."""
-        schedule, before = self._scheduled(), np.inf
         for k in range(REFINED):
             self.progress("schedule", 0.5 + 0.4 * k / REFINED)
-            self._optimize(schedule)
             schedule = self._scheduled()
-            if abs(schedule.energy - before) < SETTLED * abs(schedule.energy):
+            if not self._optimize(schedule):
                 break
-            before = schedule.energy
-        self._optimize(schedule)
         return self._scheduled(self._durations(schedule))
 
-    def _optimize(self, schedule: Schedule) -> None:
-        """Optimize every move at the duration that it has in a schedule."""
-        for arm, durations in zip(self.arms, self._durations(schedule), strict=True):
-            if arm is None or durations is None:
-                continue
-            for move in arm.moves:
+    def _optimize(self, schedule: Schedule) -> bool:
+        """Optimize every move at the duration that it has in a schedule; where it is, between this and the next ones
+        where that may save more than its share of `SETTLED`. Was anything done?"""
+        moves = [
+            (arm, move, durations[move.place])
+            for arm, durations in zip(self.arms, self._durations(schedule), strict=True)
+            if arm is not None and durations is not None
+            for move in arm.moves
+        ]
+        worth = SETTLED * abs(schedule.energy) / max(len(moves), 1)
+        done = False
+        for arm, move, duration in moves:
+            for at in move.beside(duration, worth) if move.was_tried(duration) else [duration]:
                 if not self.stopped():
-                    arm.optimize(move, durations[move.place])
+                    done |= arm.optimize(move, at)
+        return done
 
     def _durations(self, schedule: Schedule) -> list[dict[int, float] | None]:
         """Durations of the arms' moves, by step."""

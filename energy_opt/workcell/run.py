@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from energy_opt.cell.request import CellRequest
@@ -16,6 +16,7 @@ from energy_opt.workcell.between import Between
 from energy_opt.workcell.file import WorkCell
 from energy_opt.workcell.levers import Levers
 from energy_opt.workcell.plan import Planned, Planning
+from energy_opt.workcell.supplied import supplied
 from energy_opt.workcell.supply import FINE, Supplied, Supply
 
 
@@ -66,9 +67,8 @@ class CellResult:
 
     @property
     def solved(self) -> bool:
-        """Are all arms proven to keep apart, and is the bound of power kept?"""
-        peak = self.supply is None or self.supply.valid
-        return not self.interrupted and peak and all(between.verdict == "proven" for between in self.clearance)
+        """Are all arms proven to keep apart?"""
+        return not self.interrupted and all(between.verdict == "proven" for between in self.clearance)
 
 
 def run_workcell(
@@ -95,7 +95,8 @@ def run_workcell(
         progress: called with what is being done and the share of the work that is done.
 
     Raises:
-        BadInput: a fault of the file. Infeasible: no schedule keeps cycle time, lags, zones, and arms apart.
+        BadInput: a fault of the file. Infeasible: no schedule keeps cycle time, lags, zones, limits of the supply, and
+        arms apart.
     """
     arms = tuple(
         None
@@ -104,32 +105,19 @@ def run_workcell(
         for table in cell.robot
     )
     planning = Planning(cell, arms, seconds, progress, stopped)
-    levers = planning.arranged()
+    candidates = planning.candidates()
     if planning.moving:
-        planned = planning.plan()
-        levers = replace(levers, steps=(*levers.steps, ("paths", planned.schedule)))
+        planned, levers = planning.plan(candidates)
     else:
+        levers = candidates[0].levers
         planned = planning.proved(levers.best)
     arms = planning.arms
     if all(arm is None for arm in arms):
         return CellResult(cell, planned, levers, arms, None, None, planned.schedule.bound, stopped())
-    supply = Supply(cell, arms, FINE)
-    own = supply.drawn(planned.schedule, shared=False)
+    own = Supply(cell, arms, FINE).drawn(planned.schedule, shared=False)
+    drawn = own
     if cell.supply is not None:
-        planned = _shifted(planning, planned, Supply(cell, arms))
-    drawn = supply.drawn(planned.schedule, supply.table.shared)
+        planned, drawn = supplied(planning, planned)
     bound = planning.bound(lossless=cell.supply is not None)
     energy = planned.schedule.energy if cell.supply is None else drawn.energy
-    return CellResult(cell, planned, levers, arms, own, drawn, min(bound, energy), stopped())
-
-
-def _shifted(planning: Planning, planned: Planned, supply: Supply) -> Planned:
-    """The plan with starts at which the supply draws less, where the arms keep apart."""
-
-    def apart(schedule: Schedule) -> bool:
-        return all(between.verdict == "proven" for between in planning.proved(schedule).clearance)
-
-    schedule = supply.in_phase(planned.schedule, apart)
-    finer = supply.shifted(schedule)
-    schedule = finer if apart(finer) else schedule
-    return planned if schedule is planned.schedule else replace(planning.proved(schedule), around=planned.around)
+    return CellResult(cell, planned, levers, planning.arms, own, drawn, min(bound, energy), stopped())

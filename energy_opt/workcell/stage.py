@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 
 from energy_opt.errors import Infeasible
 from energy_opt.schedule import Exclusion, Problem, Ring, Schedule, solve
@@ -12,6 +13,14 @@ from energy_opt.workcell.arrange import arrangements, cheapest, listed
 from energy_opt.workcell.curves import problem_of, ring_of
 from energy_opt.workcell.file import WorkCell, groups_of
 from energy_opt.workcell.levers import Levers, pull, with_lever
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An arrangement of the arms' steps, and what each lever saves in it with evenly slowed moves."""
+
+    arms: tuple[Arm | None, ...]
+    levers: Levers
 
 
 class Stage:
@@ -31,48 +40,67 @@ class Stage:
     ) -> None:
         self.cell, self.arms, self.seconds = cell, tuple(arms), seconds
         self.progress, self.stopped = progress, stopped
-        self.plain = self.arms  # in the order of the file, as far as `after` allows it
         self.exclusions: dict[tuple[int, int, int, int], Exclusion] = {}
+        self.least: dict[tuple[int, str], float] = {}  # durations [s] that moves of a robot must have, for the supply
 
     @property
     def moving(self) -> bool:
         """Is any arm known, not by its curves alone?"""
         return any(arm is not None for arm in self.arms)
 
-    def arranged(self) -> Levers:
-        """What each lever saves with evenly slowed moves; the arms take the arrangement of steps that costs least.
+    def candidates(self) -> list[Candidate]:
+        """The arrangement of the file, and those that cost least with evenly slowed moves: where arms may go elsewhere
+        to wait, in other orders of the steps, and in these orders where they stay.
 
         Raises:
             Infeasible: no schedule keeps cycle time, lags and zones.
         """
         given = self.arms
-        self.arms = tuple(None if arm is None else listed(arm) for arm in given)
-        self.plain = self.arms
-        for k, arm in enumerate(self.arms):
+        self.arms = plain = tuple(None if arm is None else listed(arm) for arm in given)
+        for k, arm in enumerate(plain):
             if arm is not None:
-                self.progress(f"{arm.name}: evenly slowed", 0.1 * k / len(self.arms))
+                self.progress(f"{arm.name}: evenly slowed", 0.1 * k / len(plain))
                 arm.slow()
-        found: Levers | None = None
+        found: list[Candidate] = []
         fault: Infeasible | None = None
+        free = any(groups_of(robot) for robot in self.cell.robot)
+
+        def add(arms: tuple[Arm | None, ...], levers: Levers | None, schedule: Schedule | None = None) -> None:
+            with suppress(Infeasible):
+                if free or levers is None:
+                    schedule = schedule or solve(self.problem(False, arms=arms), seconds=self.seconds)
+                    if levers is not None and arms == plain:  # the solver may have stopped at a gap
+                        schedule = min(schedule, levers.best, key=lambda s: s.energy)
+                    levers = with_lever(levers, "order", schedule)
+                found.append(Candidate(arms, levers))
+
+        levers: Levers | None = None
         try:
-            found = pull(self.problem(False).as_listed, seconds=self.seconds)
+            levers = pull(self.problem(False).as_listed, seconds=self.seconds)
         except Infeasible as error:
             fault = error
+        if levers is not None or not self.moving:
+            add(plain, levers)
+        waiting = levers
         self.progress("poses to wait in", 0.12)
-        better = self._cheapest(given, False)
-        if better is not None:
-            found = with_lever(found, "modes", better)
-        if any(groups_of(robot) for robot in self.cell.robot):
-            self.progress("orders of steps", 0.15)
-            better = self._cheapest(given, True)
-            if better is not None:
-                found = with_lever(found, "order", better)
-        if found is None:
+        if self.moving and (better := self._cheapest(given, False)) is not None and better[0] != plain:
+            waiting = with_lever(levers, "modes", better[1])
+            add(better[0], waiting)
+        self.progress("orders of steps", 0.15)
+        if self.moving and free and (better := self._cheapest(given, True)) is not None:
+            staying = tuple(
+                arm if arm is None or own is None else arm.among(own.table.step)
+                for arm, own in zip(better[0], plain, strict=True)
+            )
+            add(better[0], levers if staying == better[0] else waiting, better[1])
+            if staying != better[0]:
+                add(staying, levers)
+        if not found:
             raise fault or Infeasible("no order of the steps keeps the cycle time", limit="duration")
         return found
 
-    def _cheapest(self, given: Sequence[Arm | None], orders: bool) -> Schedule | None:
-        """The schedule of the best arrangement, where there is more than one; the arms take it."""
+    def _cheapest(self, given: Sequence[Arm | None], orders: bool) -> tuple[tuple[Arm | None, ...], Schedule] | None:
+        """The arrangement that costs least, where there is more than one, with its schedule."""
         choices = [[] if arm is None else arrangements(arm, orders, self.stopped) for arm in given]
         if not orders and all(len(choice) < 2 for choice in choices):
             return None
@@ -81,14 +109,7 @@ class Stage:
             out = self.problem(False, arms=arms)
             return out if orders else out.as_listed
 
-        if not self.moving:
-            with suppress(Infeasible):
-                return solve(problem(given), seconds=self.seconds)
-        found = cheapest(given, choices, problem)
-        if found is None:
-            return None
-        self.arms = found[0]
-        return found[1]
+        return cheapest(given, choices, problem)
 
     def problem(
         self,
@@ -98,11 +119,17 @@ class Stage:
         lossless: bool = False,
         anywhere: bool = False,
     ) -> Problem:
-        """The scheduling problem with all that is known now; `anywhere`: but for the times that keep arms apart."""
+        """The scheduling problem with all that is known now; `anywhere`: without what keeps arms apart and what the
+        supply asks for."""
         rings: dict[str, Ring] = {}
         for k, (robot, arm) in enumerate(zip(self.cell.robot, self.arms if arms is None else arms, strict=True)):
             held = None if hold is None else hold[k]
-            rings[robot.name] = ring_of(self.cell, robot) if arm is None else arm.ring(optimized, held, lossless)
+            ring = ring_of(self.cell, robot) if arm is None else arm.ring(optimized, held, lossless)
+            if not anywhere:
+                asked = [max(step.least, self.least.get((k, step.name), 0.0)) for step in ring.steps]
+                steps = (replace(step, least=least) for step, least in zip(ring.steps, asked, strict=True))
+                ring = replace(ring, steps=tuple(steps))
+            rings[robot.name] = ring
         return problem_of(self.cell, rings, () if anywhere else tuple(self.exclusions.values()))
 
     def bound(self, lossless: bool) -> float:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.schedule import Schedule, Wait
+from energy_opt.schedule import Move, Schedule, Wait
 from energy_opt.schedule.check import keeps
 from energy_opt.workcell.arm import MOTORS, Arm
 from energy_opt.workcell.file import SupplyTable, WorkCell
@@ -54,6 +54,11 @@ class Supplied:
     def peak(self) -> float:
         """The largest power [W]."""
         return float(self.power.max())
+
+    @property
+    def peak_time(self) -> float:
+        """When that is [s]."""
+        return float(self.time[np.argmax(self.power)])
 
     @property
     def valid(self) -> bool:
@@ -121,6 +126,20 @@ class Supply:
         share = np.linspace(0, 1, len(self._moves[key][0]))
         for into, values in zip((bus, rest), self._moves[key], strict=True):
             into[inside] += np.interp(done, share, values)
+
+    def heaviest(self, schedule: Schedule, found: Supplied) -> list[tuple[int, int]]:
+        """Moves (robot, step) to which it is due that a schedule is not valid, those with the largest share first: of
+        the power at its peak, or of the energy braked."""
+        shares = {}
+        for r, ring in enumerate(schedule.problem.rings):
+            for k, step in enumerate(ring.steps):
+                if isinstance(step, Move):
+                    bus, rest = np.zeros((2, len(self.time)))
+                    self._add(schedule, r, k, bus, rest)
+                    shares[r, k] = float((bus + rest)[np.argmax(found.power)])
+                    if found.overflow > 0:
+                        shares[r, k] = float(-bus.clip(max=0).sum())
+        return sorted((move for move, share in shares.items() if share > 0), key=lambda move: -shares[move])
 
     def in_phase(self, schedule: Schedule, apart: Callable[[Schedule], bool]) -> Schedule:
         """The schedule with whole robots later in the cycle, where the supply draws less.

@@ -100,6 +100,9 @@ def test_faults_of_a_file_are_named_with_their_place(tmp_path: Path, capsys: pyt
     del document["robot"][1]["step"][0]["after"]
     assert run(tmp_path, document)[0] == 2
     assert "its curve is not convex" in capsys.readouterr().err
+    document = two_robots() | {"supply": {"max_power": 500.0}}
+    assert run(tmp_path, document)[0] == 2
+    assert "supply: max_power needs an arm" in capsys.readouterr().err
 
 
 def skoda(path: Path) -> dict:

@@ -219,6 +219,38 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
                 assert np.abs(values["ation"]).max() < 1e-6  # no jump of the acceleration at a join
 
 
+@pytest.mark.slow
+def test_a_peak_that_other_times_do_not_lower_is_met_by_slower_moves_or_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ends = [[x, 0.3, 0.0, -1.9, 0.0, 2.2, 0.8] for x in (-0.6, 0.6)]
+    document = {
+        "format": "energy-opt/job/2",
+        "cycle_time": 5.0,
+        "mode": [{"name": "brakes", "power": 40.0, "least": 0.2}],  # so fast moves cost least
+        "robot": [{"name": "a", "robot": "panda", "step": [{"name": f"to {k}", "to": q} for k, q in enumerate(ends)]}],
+    }
+    file, peaks, energies = tmp_path / "cell.toml", [], []
+    for most in (1000.0, 110.0, 50.0):
+        document["supply"] = {"capacity": 20.0, "max_power": most}
+        file.write_bytes(tomli_w.dumps(document).encode())
+        options = ["--model", "source-method-2", "--starts", "1", "--quiet", "--force"]
+        code = main(["job", str(file), "--out", str(tmp_path / "out"), *options])
+        if most == 50:
+            assert code == 3
+            assert "W at" in (said := capsys.readouterr().err) and "max_power = 50 W" in said and "a.to " in said
+            continue
+        assert code == 0
+        found = json.loads((tmp_path / "out" / "job.json").read_text())
+        from cell_circuit import PANDA, cycle_of
+
+        peaks.append(cycle_of(document, tmp_path / "out", {"a": PANDA}).peak)  # at a meter
+        energies.append(found["energy_total"])
+        assert sum(step["duration"] for step in found["robots"][0]["steps"]) == pytest.approx(5.0)
+    assert peaks[0] > 120 and peaks[1] <= 110
+    assert energies[0] < energies[1] < 1.1 * energies[0]
+
+
 class Swings:
     """Stands for an arm: a move that takes 200 W in its first half and gives them back in its second."""
 

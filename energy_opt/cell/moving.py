@@ -73,10 +73,15 @@ class MovingBodies(Bodies):
 
 
 class MovingCell(Cell):
-    """A cell among others' moving bodies, for one move from `start` to `goal` (n,) [rad]."""
+    """A cell among others' moving bodies, for one move from `start` to `goal` (n,) [rad].
 
-    def __init__(self, own: Cell, others: Others, start: np.ndarray, goal: np.ndarray) -> None:
+    Args:
+        asked: clearance from the others [m].
+    """
+
+    def __init__(self, own: Cell, others: Others, start: np.ndarray, goal: np.ndarray, asked: float) -> None:
         vars(self).update(vars(own))
+        self.asked = asked
         self._own, self._others, self._ends = own, others, (start, goal)
         self.bodies = MovingBodies(own.bodies, others)
         self._near = Near(self.bodies)

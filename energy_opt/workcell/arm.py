@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,13 +22,13 @@ from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.ways import check_free
-from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.schedule import Hull, Mode, Move, Ring, Wait
 from energy_opt.schedule.curves import SAME
+from energy_opt.workcell.arm_move import ArmMove, nearest
 from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of
 from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
@@ -43,51 +42,6 @@ USED = dict.fromkeys(("velocity", "acceleration", "jerk", "effort"), 0.9999)  # 
 AT_ENDS = 1e-6  # [rad/s^2] of acceleration at a move's ends that counts as none
 MOTORS = "motors"  # the mode in which the motors hold the arm
 AT_REST = np.linspace(0, 1, 3)  # samples of a wait
-
-
-@dataclass
-class ArmMove:
-    """A motion from rest to rest, by duration.
-
-    Attributes:
-        place: index of its step in the robot's table; leg, timing: its first path and that path's fastest timing.
-        answers: what is known by now, trajectories by duration [s].
-        tried: durations [s] at which it was optimized.
-    """
-
-    place: int
-    leg: Leg
-    timing: Timing
-    shortest: float
-    longest: float
-    answers: dict[float, Answer] = field(default_factory=dict)
-    slowed: dict[float, Answer] = field(default_factory=dict)
-    tried: set[float] = field(default_factory=set)
-
-    def was_tried(self, duration: float) -> bool:
-        """Was it optimized at a duration [s]?"""
-        return any(abs(duration / tried - 1) < SAME for tried in self.tried)
-
-    def beside(self, duration: float, worth: float) -> list[float]:
-        """Durations [s] between a known one and the next on either side at which more than `worth` [J] may be saved.
-
-        Energy is convex over the duration: between two optimized durations it lies above the lines through their
-        neighbours, as far as these are optimized.
-        """
-        hull = Hull.of([(d, answer.energy.total) for d, answer in self.answers.items()])
-        d, e = hull.durations, hull.energies
-        known = [self.was_tried(at) for at in d.tolist()]
-        chosen = int(np.argmin(np.abs(d - duration)))
-        out = []
-        for k in range(max(chosen - 1, 0), min(chosen + 1, len(d) - 1)):  # between d[k] and d[k + 1]
-            middle = float(np.sqrt(d[k] * d[k + 1]))
-            least = -np.inf
-            for one, two in ((k, k - 1), (k + 1, k + 2)):
-                if 0 <= two < len(d) and known[one] and known[two]:
-                    least = max(least, e[one] + (middle - d[one]) * (e[one] - e[two]) / (d[one] - d[two]))
-            if hull.value(middle) - least > worth:
-                out.append(middle)
-        return out
 
 
 class Arm:
@@ -301,6 +255,11 @@ class Arm:
         return tuple(mode for mode in modes if allowed is None or mode.name in allowed) or tuple(modes[:1])
 
     @property
+    def zones(self) -> list[str | None]:
+        """The zone of every step."""
+        return [step.zone for step in self.table.step]
+
+    @property
     def postures(self) -> list[str]:
         """Names of the poses in which the arm may wait: its own, and those that a mode names."""
         named = (pose for mode in self.modes.values() if mode.posture != "any" for pose in mode.posture)
@@ -356,11 +315,6 @@ class Arm:
 
 def _taken(answer: Answer) -> float:
     return answer.energy.total
-
-
-def nearest(known: dict[float, Any], duration: float) -> float:
-    """The key of `known` that is nearest to a duration [s]."""
-    return min(known, key=lambda d: abs(d - duration))
 
 
 def _standing(robot: Robot, q: np.ndarray, seconds: float) -> Trajectory:

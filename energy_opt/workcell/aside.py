@@ -24,7 +24,8 @@ from energy_opt.motion.reshape.clear import TRUST
 from energy_opt.motion.reshape.task import Line
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits
-from energy_opt.workcell.arm import Arm, ArmMove
+from energy_opt.workcell.arm import Arm
+from energy_opt.workcell.arm_move import ArmMove
 from energy_opt.workcell.between import TwoArms, side_by_side
 from energy_opt.workcell.motion import Part, PeriodicMotion, at_rest
 
@@ -40,7 +41,7 @@ FINISHED = 3  # first curves from which the search goes on
 
 def aside(
     arm: Arm, move: ArmMove, start: float, duration: float, others: Sequence[tuple[Cell, PeriodicMotion]],
-    jitter: float, seed: int = 0,
+    jitter: float, asked: float, seed: int = 0,
 ) -> Answer | None:  # fmt: skip
     """The move with the least energy that is found among others' motions; None where nothing clear was found.
 
@@ -48,19 +49,20 @@ def aside(
         start, duration: when the move is done [s].
         others: cells and motions of the other arms.
         jitter: how early or late every arm may be [s].
+        asked: clearance from other arms [m].
     """
     cell = arm.cell
     if cell is None:
         return None
     known = move.answers[min(move.answers, key=lambda d: abs(d - duration))].trajectory
     ends = known.position[0], known.position[-1]
-    moving = MovingCell(cell, others_during(cell, others, start, duration, jitter), *ends)
-    if moving.gap(np.array([0.0, 1.0]), np.stack(ends), cell.asked + KEPT) <= cell.asked:
+    moving = MovingCell(cell, others_during(cell, others, start, duration, jitter, asked), *ends, asked)
+    if moving.gap(np.array([0.0, 1.0]), np.stack(ends), asked + KEPT) <= asked:
         return None  # another arm is at one of its ends
     planner = arm.worker.planner(move.leg)
-    asked = replace(move.leg.move(duration), mode="reshape", path=None)
-    context = replace(planner.context(asked), cell=moving)
-    task = task_of(context, asked, duration, duration)
+    free = replace(move.leg.move(duration), mode="reshape", path=None)
+    context = replace(planner.context(free), cell=moving)
+    task = task_of(context, free, duration, duration)
     level = context.reshaper("energy").fine(task.vias)
     lines = _clear_lines(moving, known, duration, arm.job.robot.limits, seed)
     if not lines:
@@ -120,7 +122,12 @@ def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: L
 
 
 def others_during(
-    own: Cell, others: Sequence[tuple[Cell, PeriodicMotion]], start: float, duration: float, jitter: float
+    own: Cell,
+    others: Sequence[tuple[Cell, PeriodicMotion]],
+    start: float,
+    duration: float,
+    jitter: float,
+    asked: float,
 ) -> Others:
     """The bodies of other arms during a move, each in time, and as early and late as both arms may be apart."""
     late = (0.0,) if jitter == 0 else (0.0, -2 * jitter, 2 * jitter)
@@ -160,9 +167,7 @@ def others_during(
         one = PeriodicMotion([Part("", start, duration, Trajectory(joints, time, q, v, a))], duration)
         out, first = Proof(), 0
         for two, motion, by, use in proofs:
-            found = prove(
-                two.bodies, side_by_side(two, one, motion, by, 0.0), np.full(len(two.bodies.pairs), own.asked)
-            )
+            found = prove(two.bodies, side_by_side(two, one, motion, by, 0.0), np.full(len(two.bodies.pairs), asked))
             number = {pair: first + k for k, pair in enumerate(use.tolist())}
             out.touches += [
                 Touch(t.time - start, number[t.pair], t.distance) for t in found.touches if t.pair in number

@@ -9,12 +9,13 @@ interval of d is halved.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.cell.bodies import Bodies, Body
-from energy_opt.cell.cell import Cell
+from energy_opt.cell.bodies import Bodies, Body, Scenery
+from energy_opt.cell.cell import TOUCHING, Cell
 from energy_opt.cell.curve import MotionCurve, Spans
 from energy_opt.cell.proof import prove
 from energy_opt.robot.kinematics import Follows, Kinematics, Link
@@ -66,6 +67,22 @@ class TwoArms:
         self.own_numbers = [k for k, body in enumerate(one.bodies.all) if k < one.links or body.joint >= 0]
         self.of_second = _own(two)
         self.asked = max(one.asked, two.asked)
+
+    def rested(self, poses: np.ndarray) -> TwoArms:
+        """These arms for poses (N, n) of both in which they may rest at the same time.
+
+        Where no clearance was asked for and in some of them the arms are nearer than the default without touching, the
+        arms keep half of that distance.
+        """
+        scene, pairs = Scenery(self.bodies, poses), len(self.bodies.pairs)
+        at, pair = np.repeat(np.arange(len(poses)), pairs), np.tile(np.arange(pairs), len(poses))
+        least = np.full(len(poses), 2 * self.asked)
+        for k in np.flatnonzero(scene.apart(at, pair)[0] < 2 * self.asked).tolist():
+            a, b = (scene.placed(int(at[k]), body) for body in self.bodies.pairs[pair[k]].tolist())
+            least[at[k]] = min(least[at[k]], self.bodies.ruler(int(pair[k])).near(a, b))
+        out = copy(self)
+        out.asked = min(self.asked, float(least[least > TOUCHING].min(initial=2 * self.asked)) / 2)
+        return out
 
     def names(self, pair: int) -> tuple[str, str]:
         """The names of a pair's bodies, the first robot's first."""

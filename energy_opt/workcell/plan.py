@@ -15,11 +15,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, product
+
+import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.schedule import Exclusion, Run, Schedule, solve
-from energy_opt.workcell.arm import SOLVED, Arm, nearest
+from energy_opt.workcell.arm import SOLVED, Arm
+from energy_opt.workcell.arm_move import nearest
 from energy_opt.workcell.aside import aside
 from energy_opt.workcell.between import Between, TwoArms, prove_apart
 from energy_opt.workcell.levers import Levers, with_lever
@@ -58,12 +61,20 @@ class Planning(Stage):
     @cached_property
     def _two(self) -> dict[tuple[int, int], TwoArms]:
         """Every two arms with a body, by their robots' numbers."""
-        cells = [None if arm is None else arm.cell for arm in self.arms]
-        return {
-            (a, b): TwoArms(one, two)
-            for (a, one), (b, two) in combinations(enumerate(cells), 2)
-            if one is not None and two is not None
-        }
+        out = {}
+        for (a, one), (b, two) in combinations(enumerate(self.arms), 2):
+            if one is None or two is None or one.cell is None or two.cell is None:
+                continue
+            out[a, b] = TwoArms(one.cell, two.cell)
+            if one.request.clearance is None:
+                both = product(*(zip(arm.job.steps, arm.zones, strict=True) for arm in (one, two)))
+                ends = [
+                    np.concatenate([first.goal, second.goal])
+                    for (first, zone), (second, other) in both
+                    if first.stop and second.stop and (zone is None or zone != other)
+                ]
+                out[a, b] = out[a, b].rested(np.array(ends)) if ends else out[a, b]
+        return out
 
     def _price(self) -> None:
         """Optimize every move at the first durations."""
@@ -176,12 +187,13 @@ class Planning(Stage):
             move = next((m for m in arm.moves if ring_name(arm, m.place) == part.name), None)
             if move is None:
                 continue
+            asked = min(two.asked for pair, two in self._two.items() if r in pair)
             others = [
                 (other.cell, moves)
                 for k, (other, moves) in enumerate(zip(self.arms, found.motions, strict=True))
                 if k != r and other is not None and other.cell is not None and moves is not None
             ]
-            answer = aside(arm, move, part.start, part.duration, others, self.cell.jitter, turn)
+            answer = aside(arm, move, part.start, part.duration, others, self.cell.jitter, asked, turn)
             if answer is not None:
                 move.answers[nearest(move.answers, part.duration)] = answer
                 return f"{arm.name}.{part.name}"

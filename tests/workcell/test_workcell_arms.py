@@ -124,14 +124,26 @@ def test_the_bodies_of_an_arm_that_moves_are_where_it_is_at_that_instant(panda: 
     cells = [Cell(panda, CellRequest(base=base)) for base in bases]
     goal = REST + np.array([0.3, 0.5, 0.0, 0.4, 0.0, 0.2, 0.0])
     one, two = swing(panda.joints, goal, 0.4), swing(panda.joints, goal, 0.9)
-    others = others_during(cells[0], [(cells[1], two)], 0.0, CYCLE, 0.0)
-    moving = MovingCell(cells[0], others, REST, REST)
+    others = others_during(cells[0], [(cells[1], two)], 0.0, CYCLE, 0.0, 0.002)
+    moving = MovingCell(cells[0], others, REST, REST, 0.002)
     u = np.linspace(0, 1, 40)
     apart = moving.gap(u, one.at(u * CYCLE - 1e-12), 1.0)
     assert apart < 0.15
     least = least_distance(one, two, cells[1].request.base_pose, 0.0)
     own = min(d for q in one.at(u * CYCLE) for _, d in cells[0].distances(q, 1.0))
     assert apart == pytest.approx(min(least, own), abs=2e-3)
+
+
+def test_arms_keep_half_of_what_their_poses_leave_where_that_is_less_than_the_default(panda: object) -> None:
+    second = CellRequest(base=(0.877, 0.05, 0.0, 0.0, 0.0, np.pi))
+    still = swing(panda.joints, REST, 1.0)
+    apart = least_distance(still, still, second.base_pose, 0.0)
+    assert 0.0002 < apart < 0.003
+    arms = TwoArms(Cell(panda, CellRequest()), Cell(panda, second))
+    forward, back = (REST + np.array([0.0, by, 0.0, by, 0.0, 0.0, 0.0]) for by in (0.6, -0.3))
+    near, touching, far = (np.concatenate([q, q]) for q in (REST, forward, back))
+    assert arms.rested(np.array([near, touching, far])).asked == pytest.approx(apart / 2, abs=2e-5)
+    assert arms.rested(np.array([touching, far])).asked == arms.asked == 0.002
 
 
 @pytest.mark.slow

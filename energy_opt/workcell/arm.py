@@ -223,8 +223,7 @@ class Arm:
         """
         moves = {move.place: move for move in self.moves}
         steps: list[Move | Wait] = []
-        for k, (step, table) in enumerate(zip(self.job.steps, self.table.step, strict=True)):
-            name = step_name(k, table)
+        for k, (name, step, table) in enumerate(zip(self.names, self.job.steps, self.table.step, strict=True)):
             if step.wait is not None:
                 least, most = table.span
                 steps.append(Wait(name, least, max(most, least), self.modes_at(k)))
@@ -255,9 +254,9 @@ class Arm:
         return tuple(mode for mode in modes if allowed is None or mode.name in allowed) or tuple(modes[:1])
 
     @property
-    def zones(self) -> list[str | None]:
-        """The zone of every step."""
-        return [step.zone for step in self.table.step]
+    def names(self) -> list[str]:
+        """The name of every step, as its ring has it."""
+        return [step_name(k, step) for k, step in enumerate(self.table.step)]
 
     @property
     def postures(self) -> list[str]:
@@ -301,7 +300,7 @@ class Arm:
 
     def parts(self, ring: Ring, starts: np.ndarray, durations: np.ndarray) -> list[Part]:
         """The motion of every step of the ring, as scheduled."""
-        moves = {step_name(m.place, self.table.step[m.place]): m for m in self.moves}
+        moves = {self.names[move.place]: move for move in self.moves}
         out = []
         for step, start, duration in zip(ring.steps, starts.tolist(), durations.tolist(), strict=True):
             if isinstance(step, Move):

@@ -15,8 +15,6 @@ from dataclasses import dataclass, replace
 from energy_opt.errors import Infeasible
 from energy_opt.schedule import Move, Problem, Ring, Schedule, Wait, solve
 
-ALONE = ("modes",)  # levers that are stated without those before them, too
-
 
 @dataclass(frozen=True)
 class Levers:

@@ -42,14 +42,13 @@ class Planned:
     """A cell's plan.
 
     Attributes:
-        schedule: with durations at which every move is known; exclusions: times that keep arms apart, found on the way.
+        schedule: with durations at which every move is known.
         clearance: every two arms.
         motions: of every arm over its cycle; None for a robot that is known by its curves alone.
         around: moves that go around another arm, as `robot.step`.
     """
 
     schedule: Schedule
-    exclusions: tuple[Exclusion, ...]
     clearance: tuple[Between, ...]
     motions: tuple[PeriodicMotion | None, ...]
     around: tuple[str, ...] = ()
@@ -67,11 +66,11 @@ class Planning(Stage):
                 continue
             out[a, b] = TwoArms(one.cell, two.cell)
             if one.request.clearance is None:
-                both = product(*(zip(arm.job.steps, arm.zones, strict=True) for arm in (one, two)))
+                both = product(*(zip(arm.job.steps, arm.table.step, strict=True) for arm in (one, two)))
                 ends = [
                     np.concatenate([first.goal, second.goal])
-                    for (first, zone), (second, other) in both
-                    if first.stop and second.stop and (zone is None or zone != other)
+                    for (first, here), (second, there) in both
+                    if first.stop and second.stop and (here.zone is None or here.zone != there.zone)
                 ]
                 out[a, b] = out[a, b].rested(np.array(ends)) if ends else out[a, b]
         return out
@@ -184,7 +183,7 @@ class Planning(Stage):
             if arm is None or motion is None:
                 continue
             part = motion.part_at(at)
-            move = next((m for m in arm.moves if ring_name(arm, m.place) == part.name), None)
+            move = next((m for m in arm.moves if arm.names[m.place] == part.name), None)
             if move is None:
                 continue
             asked = min(two.asked for pair, two in self._two.items() if r in pair)
@@ -207,7 +206,7 @@ class Planning(Stage):
             if arm is None:
                 continue
             for move in arm.moves:
-                k = names.index(ring_name(arm, move.place))
+                k = names.index(arm.names[move.place])
                 energies[r][k] = move.answers[nearest(move.answers, schedule.durations[r][k])].energy.total
         return replace(schedule, energies=tuple(energies))
 
@@ -248,7 +247,7 @@ class Planning(Stage):
                 out.append(None)
                 continue
             by_name = dict(zip((step.name for step in ring.steps), lengths.tolist(), strict=True))
-            out.append({m.place: by_name[ring_name(arm, m.place)] for m in arm.moves})
+            out.append({m.place: by_name[arm.names[m.place]] for m in arm.moves})
         return out
 
     def proved(self, schedule: Schedule) -> Planned:
@@ -266,7 +265,7 @@ class Planning(Stage):
             assert one is not None
             assert two is not None
             clearance.append(prove_apart(arms, (a, b), one, two, self.cell.jitter))
-        return Planned(schedule, tuple(self.exclusions.values()), tuple(clearance), motions)
+        return Planned(schedule, tuple(clearance), motions)
 
     def _keep_apart(self, between: Between, found: Planned) -> None:
         """Add the times at which the two steps that touch may not meet."""
@@ -324,12 +323,6 @@ class Planning(Stage):
             limit="clearance",
             time=time,
         )
-
-
-def ring_name(arm: Arm, place: int) -> str:
-    """The name in a ring of the arm's step at an index of its table."""
-    table = arm.table.step[place]
-    return table.name or f"step {place + 1}"
 
 
 def _wider(one: Run, two: Run) -> Run:

@@ -79,7 +79,8 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     levels = np.concatenate([np.full(p.stop - p.start, x) for p, x in zip(samples.parts, drift, strict=True)])
     whiten = Whitener(noise, [samples.at[p] for p in samples.parts], samples.weight)
     white = whiten(samples.power - now.reading - levels) ** 2
-    usual, lives, allowed = samples.floor**2 + noise.wave**2, [], []
+    single = max(samples.floor, noise.white * samples.group**0.5)  # neighbours that share readings differ by less
+    usual, lives, allowed = single**2 + noise.wave**2, [], []
     for rows, part, (time, _) in zip(samples.slices, samples.parts, samples.single, strict=True):
         lives.append(np.interp(time, samples.t[rows], (samples.v[rows] != 0).any(axis=1).astype(float)) > 0.5)
         allowed.append(usual + np.interp(time, samples.at[part], samples.allowed[part]))

@@ -120,7 +120,7 @@ def judge_cycle(robot: Robot, asked: Mapping[str, Any], out: Path) -> list[str]:
         near = np.flatnonzero(off <= reach)  # the way back may come nearer than the way there
         at += int(near[0]) if near.size else 0
         holds("pass", float((off - reach).min()))
-    still = np.abs(np.diff(q, axis=0)).max(axis=1) == 0
+    still = np.abs(np.diff(q, axis=0)).max(axis=1) < 1e-12  # [rad]: the last digit of a position may differ
     waits = float(np.diff(t)[still].sum())
     if waits < asked["wait"] * 0.9:  # jumps of the acceleration are spread at their cost
         faults.append(f"waits {waits:g} s")

@@ -225,7 +225,7 @@ class SolvingGroup(Request):
     )
     controls: int | None = option(None, "control points per joint of a reshaped move (48)", "N", kind=int)
     end_acceleration: str = option("zero", "zero or free acceleration at the ends (zero; free: reshape)", "KIND")
-    compile: str = option("auto", "compile functions: auto, always or never (auto)", "WHEN")
+    compile: str = option("auto", "compile the model's functions: auto, always or never (auto)", "WHEN")
     objective: str = option("energy", "energy, torque, power_squared, path_length or time (energy)", "NAME")
     verify_samples: int | None = option(
         None, "samples of the certificate (10 between two samples of the trajectory)", "N", kind=int

@@ -133,7 +133,7 @@ class JobRequest(
     )
     _: KW_ONLY
     starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int, main=True)
-    compile: str = option("auto", "compile functions: auto, always or never (auto)", "WHEN")
+    compile: str = option("auto", "compile the model's functions: auto, always or never (auto)", "WHEN")
     resume: bool = option(
         False, "take the answers that an earlier run into --out left", kind=bool, main=True, written=False
     )
@@ -166,5 +166,5 @@ class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotG
     seeds: int = option(3, "the best of them that are solved (3)", "N", kind=int)
     steps: int = option(4, "solves on the way from the best (4)", "N", kind=int)
     starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int)
-    compile: str = option("auto", "compile functions: auto, always or never (auto)", "WHEN")
+    compile: str = option("auto", "compile the model's functions: auto, always or never (auto)", "WHEN")
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)

@@ -47,7 +47,7 @@ class BenchRequest(WorthGroup, PlannedCellGroup, DeadlineGroup, PayloadGroup, Ro
     robot: AnyRobot | None = option(None, "robot for every move (the suite's)", "NAME_OR_URDF", main=True)
     model: AnyModel | None = option(None, f"{MODEL} (the suite's)", "MODEL", main=True)
     seed: int | None = option(None, "seed of random moves and of the solver's starts (the suite's)", "N", kind=int)
-    compile: str = option("auto", "compile functions: auto, always or never (auto)", "WHEN")
+    compile: str = option("auto", "compile the model's functions: auto, always or never (auto)", "WHEN")
     self_collision: bool | None = option(None, "the arm keeps clear of itself (the suite's)", "on|off", kind=bool)
     planner: str | None = option(None, "source of the first path: auto, none or ompl (the suite's)", "NAME")
     overrides: Mapping[str, Any] | None = option(None, "entries in place of every table's own", internal=True)

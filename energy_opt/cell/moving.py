@@ -27,7 +27,7 @@ class Others:
 
     Attributes:
         bodies: each on one of M frames, which `joint` numbers; -1 for fixed ones, their pose then in this arm's base.
-        pairs: (P, 2) indices: of this arm's bodies, and of these.
+        pairs: (P, 2) indices: of this arm's bodies, and of these. wanted: (P,) the clearance [m] that each keeps.
         frames: the M frames in this arm's base frame at places u (K,) along the move.
         prove: the proof of these pairs for a trajectory of this arm: time (N,) [s] from 0 on, position, velocity and
             acceleration (N, n); times are from 0 on too.
@@ -35,6 +35,7 @@ class Others:
 
     bodies: Sequence[Body]
     pairs: np.ndarray
+    wanted: np.ndarray
     frames: Callable[[np.ndarray], Frames]
     count: int
     prove: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Proof]
@@ -73,15 +74,11 @@ class MovingBodies(Bodies):
 
 
 class MovingCell(Cell):
-    """A cell among others' moving bodies, for one move from `start` to `goal` (n,) [rad].
+    """A cell among others' moving bodies, for one move from `start` to `goal` (n,) [rad]."""
 
-    Args:
-        asked: clearance from the others [m].
-    """
-
-    def __init__(self, own: Cell, others: Others, start: np.ndarray, goal: np.ndarray, asked: float) -> None:
+    def __init__(self, own: Cell, others: Others, start: np.ndarray, goal: np.ndarray) -> None:
         vars(self).update(vars(own))
-        self.asked = asked
+        self.asked = float(others.wanted.max(initial=own.asked))
         self._own, self._others, self._ends = own, others, (start, goal)
         self.bodies = MovingBodies(own.bodies, others)
         self._near = Near(self.bodies)
@@ -97,12 +94,15 @@ class MovingCell(Cell):
         return [*self._own.distances(q, reach), *((p, d) for p, d in least.items() if p >= first)]
 
     def gap(self, u: np.ndarray, q: np.ndarray, reach: float) -> float:
-        """The least distance [m] of any pair at places u (K,), positions q (K, n); `reach` where none is nearer."""
-        distance = self._near.measured(u, q, reach)[2]
-        return float(distance.min(initial=reach))
+        """The least distance [m] that any pair has beyond its clearance at places u (K,), positions q (K, n); `reach`
+        where none has less."""
+        wanted = self.wanted(np.stack(self._ends))
+        _, number, distance, _, _ = self._near.measured(u, q, float(wanted.max(initial=0.0)) + reach)
+        return float((distance - wanted[self._near.pair[number]]).min(initial=reach))
 
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
-        others = np.full(len(self._others.pairs), self.asked if clearance is None else clearance)
+        count, wanted = len(self._others.pairs), self._others.wanted
+        others = wanted if clearance is None else np.full(count, clearance)
         return np.concatenate([self._own.wanted(ends, clearance), others])
 
     def prove(

@@ -38,26 +38,26 @@ KEPT = 0.004  # [m] more than is asked for that a first curve keeps; the search 
 FASTER = 1.5  # times a speed limit that a first curve may reach; the search brings it down
 FINISHED = 3  # first curves from which the search goes on
 
+Other = tuple[Cell, PeriodicMotion, np.ndarray | None]  # another arm, its motion, and `TwoArms.clearance` from it
+
 
 def aside(
-    arm: Arm, move: ArmMove, start: float, duration: float, others: Sequence[tuple[Cell, PeriodicMotion]],
-    jitter: float, asked: float, seed: int = 0,
+    arm: Arm, move: ArmMove, start: float, duration: float, others: Sequence[Other], jitter: float, seed: int = 0,
 ) -> Answer | None:  # fmt: skip
     """The move with the least energy that is found among others' motions; None where nothing clear was found.
 
     Args:
         start, duration: when the move is done [s].
-        others: cells and motions of the other arms.
+        others: the other arms.
         jitter: how early or late every arm may be [s].
-        asked: clearance from other arms [m].
     """
     cell = arm.cell
     if cell is None:
         return None
     known = move.answers[min(move.answers, key=lambda d: abs(d - duration))].trajectory
     ends = known.position[0], known.position[-1]
-    moving = MovingCell(cell, others_during(cell, others, start, duration, jitter, asked), *ends, asked)
-    if moving.gap(np.array([0.0, 1.0]), np.stack(ends), asked + KEPT) <= asked:
+    moving = MovingCell(cell, others_during(cell, others, start, duration, jitter), *ends)
+    if moving.gap(np.array([0.0, 1.0]), np.stack(ends), KEPT) <= 0:
         return None  # another arm is at one of its ends
     planner = arm.worker.planner(move.leg)
     free = replace(move.leg.move(duration), mode="reshape", path=None)
@@ -91,7 +91,6 @@ def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: L
     joints = known.position.shape[1]
     middle = 64 * (u * (1 - u)) ** 3
     bumps = np.stack([middle, middle * 4 * (u - 0.5)])
-    enough = cell.asked + KEPT
 
     def line(x: np.ndarray) -> Line | None:
         when = u + np.clip(x[0], -DELAY, DELAY) * 16 * (u * (1 - u)) ** 2
@@ -111,34 +110,28 @@ def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: L
         found = line(x if k else best)
         if found is None:
             continue
-        gap = cell.gap(u[1:-1], found.q[1:-1], enough)
+        gap = cell.gap(u[1:-1], found.q[1:-1], KEPT)
         if gap > nearest_:
             best, nearest_ = x, gap
-        if gap >= enough - KEPT / 2:
+        if gap >= KEPT / 2:
             out.append(found)
             if len(out) == FINISHED:
                 break
     return out
 
 
-def others_during(
-    own: Cell,
-    others: Sequence[tuple[Cell, PeriodicMotion]],
-    start: float,
-    duration: float,
-    jitter: float,
-    asked: float,
-) -> Others:
+def others_during(own: Cell, others: Sequence[Other], start: float, duration: float, jitter: float) -> Others:
     """The bodies of other arms during a move, each in time, and as early and late as both arms may be apart."""
     late = (0.0,) if jitter == 0 else (0.0, -2 * jitter, 2 * jitter)
     inward = np.linalg.inv(own.request.base_pose)
     bodies: list[Body] = []
     pairs: list[np.ndarray] = []
+    wanted: list[np.ndarray] = []
     placed: list[tuple[Cell, PeriodicMotion, float, np.ndarray]] = []
     proofs: list[tuple[TwoArms, PeriodicMotion, float, np.ndarray]] = []
     frame = 0
-    for cell, motion in others:
-        two = TwoArms(own, cell)
+    for cell, motion, clearance in others:
+        two = TwoArms(own, cell, clearance)
         theirs, joint = two.of_second, cell.bodies.kinematics.count
         both = np.sort(two.bodies.pairs, axis=1)  # the first arm's bodies come first
         use = np.flatnonzero(two.bodies.joint[both[:, 0]] >= 0)
@@ -150,6 +143,7 @@ def others_during(
             ]  # fmt: skip
             own_side = np.array(two.own_numbers)[both[use, 0]]
             pairs.append(np.column_stack([own_side, both[use, 1] - len(two.own_numbers) + len(bodies) - len(theirs)]))
+            wanted.append(two.wanted[use])
             placed.append((cell, motion, by, inward @ cell.request.base_pose))
             proofs.append((two, motion, by, use))
             frame += joint
@@ -167,7 +161,7 @@ def others_during(
         one = PeriodicMotion([Part("", start, duration, Trajectory(joints, time, q, v, a))], duration)
         out, first = Proof(), 0
         for two, motion, by, use in proofs:
-            found = prove(two.bodies, side_by_side(two, one, motion, by, 0.0), np.full(len(two.bodies.pairs), asked))
+            found = prove(two.bodies, side_by_side(two, one, motion, by, 0.0), two.wanted)
             number = {pair: first + k for k, pair in enumerate(use.tolist())}
             out.touches += [
                 Touch(t.time - start, number[t.pair], t.distance) for t in found.touches if t.pair in number
@@ -177,4 +171,4 @@ def others_during(
             first += len(use)
         return out
 
-    return Others(bodies, np.vstack(pairs), frames, frame, proof)
+    return Others(bodies, np.vstack(pairs), np.concatenate(wanted), frames, frame, proof)

@@ -31,7 +31,8 @@ class Between:
     Attributes:
         robots: indices of the two; pair: names of the bodies that come nearest.
         verdict: "proven", "colliding" or "undecided".
-        lower_bound: what they keep apart at least [m], where proven; min_distance: the least that was measured [m].
+        lower_bound: what they keep apart at least [m], where proven; min_distance: the least that was measured, of
+            `pair`; wanted: what that pair is to keep [m].
         time: of that or of the collision [s]; late: how much the second robot is then ahead of the first [s].
     """
 
@@ -43,12 +44,17 @@ class Between:
     min_distance: float | None = None
     time: float | None = None
     late: float = 0.0
+    wanted: float | None = None
 
 
 class TwoArms:
-    """The bodies of two arms in one frame, and the pairs of one with the other."""
+    """The bodies of two arms in one frame, and the pairs of one with the other.
 
-    def __init__(self, one: Cell, two: Cell) -> None:
+    Args:
+        clearance: (A, B) [m] that each body of the first keeps from each of the second; None for what cells ask for.
+    """
+
+    def __init__(self, one: Cell, two: Cell, clearance: np.ndarray | None = None) -> None:
         self.count = one.bodies.kinematics.coupling.matrix.shape[1]
         links = [*placed_links(one, 0), *placed_links(two, one.bodies.kinematics.count)]
         bodies, sides = [], []
@@ -66,22 +72,32 @@ class TwoArms:
         self.bodies = Bodies(Kinematics(links), bodies, pairs)
         self.own_numbers = [k for k, body in enumerate(one.bodies.all) if k < one.links or body.joint >= 0]
         self.of_second = _own(two)
-        self.asked = max(one.asked, two.asked)
+        count = sides.count(0)
+        asked = np.full((count, len(bodies) - count), max(one.asked, two.asked))
+        self.clearance = asked if clearance is None else clearance
+        self._sides = tuple(np.sort(self.bodies.pairs, axis=1).T - [[0], [count]])  # the first arm's bodies come first
+
+    @property
+    def wanted(self) -> np.ndarray:
+        """The clearance (P,) [m] of each pair."""
+        return np.asarray(self.clearance[self._sides])
 
     def rested(self, poses: np.ndarray) -> TwoArms:
         """These arms for poses (N, n) of both in which they may rest at the same time.
 
-        Where no clearance was asked for and in some of them the arms are nearer than the default without touching, the
-        arms keep half of that distance.
+        A pair of bodies that is nearer than twice its clearance in some of them keeps half of its least distance there.
+        Poses in which the arms touch do not count: these cannot be taken at the same time.
         """
-        scene, pairs = Scenery(self.bodies, poses), len(self.bodies.pairs)
+        scene, pairs, wanted = Scenery(self.bodies, poses), len(self.bodies.pairs), self.wanted
         at, pair = np.repeat(np.arange(len(poses)), pairs), np.tile(np.arange(pairs), len(poses))
-        least = np.full(len(poses), 2 * self.asked)
-        for k in np.flatnonzero(scene.apart(at, pair)[0] < 2 * self.asked).tolist():
+        distance = np.full((len(poses), pairs), np.inf)
+        for k in np.flatnonzero(scene.apart(at, pair)[0] < 2 * wanted[pair]).tolist():
             a, b = (scene.placed(int(at[k]), body) for body in self.bodies.pairs[pair[k]].tolist())
-            least[at[k]] = min(least[at[k]], self.bodies.ruler(int(pair[k])).near(a, b))
+            distance[at[k], pair[k]] = self.bodies.ruler(int(pair[k])).near(a, b)
+        possible = distance[distance.min(axis=1) > TOUCHING]
         out = copy(self)
-        out.asked = min(self.asked, float(least[least > TOUCHING].min(initial=2 * self.asked)) / 2)
+        out.clearance = self.clearance.copy()
+        out.clearance[self._sides] = np.minimum(wanted, possible.min(axis=0, initial=np.inf) / 2)
         return out
 
     def names(self, pair: int) -> tuple[str, str]:
@@ -141,8 +157,7 @@ def prove_apart(
     arms: TwoArms, robots: tuple[int, int], one: PeriodicMotion, two: PeriodicMotion, jitter: float
 ) -> Between:
     """Do two robots keep apart over their whole cycle, each up to `jitter` [s] early or late?"""
-    count = len(arms.bodies.pairs)
-    wanted = np.full(count, arms.asked)
+    count, wanted = len(arms.bodies.pairs), arms.wanted
     least: Between | None = None
     bound = np.inf
     # first without slack, in the middle and at both ends: collisions show there at once
@@ -151,8 +166,9 @@ def prove_apart(
         worst = proof.touches[0] if proof.touches else proof.least
         if worst is not None and (least is None or least.min_distance is None or worst.distance < least.min_distance):
             least = Between(
-                robots, proof.verdict, count, arms.names(worst.pair), None, worst.distance, worst.time, late
-            )
+                robots, proof.verdict, count, arms.names(worst.pair), None, worst.distance, worst.time, late,
+                float(wanted[worst.pair]),
+            )  # fmt: skip
         if proof.verdict != "proven":
             return least or Between(robots, proof.verdict, count)
         bound = min(bound, proof.lower_bound)
@@ -164,14 +180,16 @@ def prove_apart(
             bound = min(bound, proof.lower_bound)
             continue
         worst = proof.touches[0] if proof.touches else proof.least
-        if slack < SHORTEST or worst is None or (worst.distance <= arms.asked and bool(proof.touches)):
-            pair = None if worst is None else arms.names(worst.pair)
-            distance, time = (None, None) if worst is None else (worst.distance, worst.time)
-            touching = distance is not None and distance <= 0
-            return Between(robots, "colliding" if touching else "undecided", count, pair, None, distance, time, late)
+        if worst is None:
+            return Between(robots, "undecided", count, late=late)
+        asked = float(wanted[worst.pair])
+        if slack < SHORTEST or (worst.distance <= asked and bool(proof.touches)):
+            verdict = "colliding" if worst.distance <= 0 else "undecided"
+            pair = arms.names(worst.pair)
+            return Between(robots, verdict, count, pair, None, worst.distance, worst.time, late, asked)
         open_ += [(late - slack / 2, slack / 2), (late + slack / 2, slack / 2)]
     if least is None:
-        return Between(robots, "proven", count, lower_bound=arms.asked if not np.isfinite(bound) else bound)
+        return Between(robots, "proven", count, lower_bound=float(wanted.min()) if not np.isfinite(bound) else bound)
     return replace(least, verdict="proven", lower_bound=bound)
 
 

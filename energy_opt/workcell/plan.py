@@ -186,13 +186,12 @@ class Planning(Stage):
             move = next((m for m in arm.moves if arm.names[m.place] == part.name), None)
             if move is None:
                 continue
-            asked = min(two.asked for pair, two in self._two.items() if r in pair)
             others = [
-                (other.cell, moves)
+                (other.cell, moves, self._two[r, k].clearance if r < k else self._two[k, r].clearance.T)
                 for k, (other, moves) in enumerate(zip(self.arms, found.motions, strict=True))
                 if k != r and other is not None and other.cell is not None and moves is not None
             ]
-            answer = aside(arm, move, part.start, part.duration, others, self.cell.jitter, asked, turn)
+            answer = aside(arm, move, part.start, part.duration, others, self.cell.jitter, turn)
             if answer is not None:
                 move.answers[nearest(move.answers, part.duration)] = answer
                 return f"{arm.name}.{part.name}"
@@ -311,11 +310,11 @@ class Planning(Stage):
                 solve(replace(problem, cycle_time=cycle), seconds=self.seconds / len(LONGER))
                 help_ = f'with `zone = "{names[0]}-{names[1]}"` in both steps and cycle_time = {cycle:.4g} it works'
                 break
-        near, asked = between.min_distance or 0.0, self._two[a, b].asked
+        near, asked = between.min_distance or 0.0, between.wanted or 0.0
         touch = f"touch at {time:.4g} s{bodies}"
         if near > 0:
             touch = (
-                f"come as near as {1e3 * near:.2g} mm at {time:.4g} s{bodies}; --clearance asks for {1e3 * asked:.2g}"
+                f"come as near as {1e3 * near:.2g} mm at {time:.4g} s{bodies}; they are to keep {1e3 * asked:.2g} mm"
             )
         return Infeasible(
             f"{names[0]}, step {steps[0]}, and {names[1]}, step {steps[1]}, {touch}; neither "

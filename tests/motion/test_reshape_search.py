@@ -8,6 +8,7 @@ from poses import GOAL, START
 
 from energy_opt import optimize
 from energy_opt.batches.moves import random_moves
+from energy_opt.conditions import ToolAcceleration
 from energy_opt.effects import CoulombFriction
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.candidates import first_line, task_of
@@ -68,12 +69,24 @@ def test_searches_under_dry_friction_find_what_wide_kinks_lead_to():
 
 @pytest.mark.slow
 def test_a_search_among_kinks_goes_on_while_it_wins():
-    """A slow and short move under published friction: three descents were too few, and it ended as not converged."""
+    """A slow and short move under published friction, which ended as not converged."""
     start = [-0.892177, -0.634797, -1.505717, -0.271708, -0.177188, -1.580148]
     goal = [-0.893169, -0.594056, -1.650017, -0.204278, -0.210586, -1.440509]
     via = [-0.880687, -0.580030, -1.558168, -0.189328, -0.200243, -1.540328]
     found = optimize(robot="ur10e", start=start, goal=goal, via=[via], duration=3.829)
     assert found.status == "solved", found.message
+
+
+def test_a_step_that_is_corrected_holds_its_via_point_once():
+    """Via points at two linearisations at once left no step: the search stopped with 2.7035 J, its path in a detour."""
+    start = [0.771896, 0.672325, 0.243215, 0.909219, -1.436149, -1.065632]
+    goal = [0.812997, 0.701066, 0.210269, 1.037274, -1.515227, -1.156208]
+    via = [0.728005, 0.740156, 0.278774, 0.907118, -1.419359, -1.146870]
+    found = optimize(
+        "ur5", model="source-method-2", start=start, goal=goal, via=[via], mode="reshape", duration=0.7,
+        end_acceleration="free", conditions=[ToolAcceleration(4.106)], self_collision=False,
+    )  # fmt: skip
+    assert found.status == "solved" and found.energy.loss < 2.69
 
 
 def test_the_answer_is_an_optimum_that_ipopt_cannot_better(panda, model):

@@ -132,11 +132,14 @@ class Model(Evaluation):
         always = self._hot_always & np.isfinite(self._hot_scale)
         return np.asarray((self.hot_share(point) > share) | always)
 
-    def other_rows(self, point: Point, far: float, hot: np.ndarray | None = None) -> Constraints:
+    def other_rows(
+        self, point: Point, far: float, hot: np.ndarray | None = None, equalities: bool = True
+    ) -> Constraints:
         """Constraints at nodes near their bounds, of via points, and numeric ones that steps of `far` can reach.
 
         Args:
             hot: (nodes, columns) the constraints at nodes; None for those near their bounds.
+            equalities: with those of via points, which leave no step where two linearisations are held at once.
         """
         s, n = self.shape, self.shape.joints
         k, j = np.nonzero(self.hot(point, HOT) if hot is None else hot)
@@ -150,7 +153,7 @@ class Model(Evaluation):
             wide=np.einsum("rdi,rda->rai", parts, s.local[k, :3]).reshape(len(k), s.width),
             floor=np.where(self._hot_one[j], -np.inf, -1 - point.hot[k, j]), ceiling=1 - point.hot[k, j],
         )  # fmt: skip
-        if s.vias:
+        if s.vias and equalities:
             out = out.joined(self._via_rows(point))
         for number, placed, q, value in point.placed:
             gradient, off = placed.gradient(q), np.minimum(value - placed.lower, placed.upper - value)

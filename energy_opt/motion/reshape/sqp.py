@@ -116,7 +116,7 @@ def descend(
                 break
             failed += 1
             damping = found.damping
-            again = model.other_rows(trial, step) if model.deepest(trial) < SHALLOW else None
+            again = model.other_rows(trial, step, equalities=False) if model.deepest(trial) < SHALLOW else None
             if again is not None and again.count:
                 others = others.joined(again.moved(found.d))
             full = failed == 1 and again is not None and again.count and trial_broken > broken

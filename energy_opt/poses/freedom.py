@@ -125,13 +125,11 @@ def _descended(
     """Newton steps, direction by direction, along what keeps the pose; each is brought back to it."""
     limits = tool.robot.limits
     now, best = float(cost(q[None])[0]), q
-    for _ in range(rounds):
+    for _ in range(rounds if np.isfinite(now) else 0):
         along = directions(tool, pose, best)
         if not len(along):
             return best
-        around = cost(np.vstack([best + STEP * along, best - STEP * along]))
-        plus, minus = around[: len(along)], around[len(along) :]
-        slope, bend = (plus - minus) / (2 * STEP), (plus + minus - 2 * now) / STEP**2
+        slope, bend = _differences(cost, best, along, now)
         size = np.abs(slope) / np.maximum(np.abs(bend), np.abs(slope) / FARTHEST + 1e-12)
         step = -(np.sign(slope) * np.minimum(size, FARTHEST)) @ along
         if np.abs(step).max() < 1e-5:
@@ -151,11 +149,21 @@ def _descended(
     return best
 
 
+def _differences(cost: Cost, q: np.ndarray, along: np.ndarray, now: float) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives (K,) of a cost along directions (K, n); from one neighbour where one is infinite."""
+    plus, minus = cost(np.vstack([q + STEP * along, q - STEP * along])).reshape(2, -1)
+    plus, minus = (
+        np.where(np.isfinite(one), one, np.where(np.isfinite(other), 2 * now - other, now))
+        for one, other in ((plus, minus), (minus, plus))
+    )
+    return (plus - minus) / (2 * STEP), (plus + minus - 2 * now) / STEP**2
+
+
 def used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[Pose, np.ndarray] | None:
     """The pose moved to the cheapest edge of its tolerance, and positions that reach it; None where none does."""
     if max(pose.tolerance) <= WIDE:
         return None
-    slope = (cost(q + STEP * np.eye(len(q))) - cost(q - STEP * np.eye(len(q)))) / (2 * STEP)
+    slope, _ = _differences(cost, q, np.eye(len(q)), float(cost(q[None])[0]))
     by_error = np.linalg.pinv(jacobian(tool, pose, q), rcond=1e-4).T @ slope
     parts = []
     for part, allowed in zip((by_error[:3], by_error[3:]), pose.tolerance, strict=True):

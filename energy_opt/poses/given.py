@@ -20,7 +20,7 @@ from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, inverse
 from energy_opt.errors import BadInput, near
-from energy_opt.files import inside, read_yaml
+from energy_opt.files import inside, read_yaml_documents
 from energy_opt.poses.pose import FORM, Pose, pose_from
 from energy_opt.robot import Robot
 
@@ -86,13 +86,16 @@ class Given:
 
     def _stamped(self, file: str, name: str, free: Sequence[str], tolerance: str | tuple[float, float] | None) -> Pose:
         path = Path(file) if self._folder is None else inside(self._folder, file, self._outside)
-        found: Any = read_yaml(path)
+        documents = read_yaml_documents(path)
+        if len(documents) > 1:
+            raise BadInput(f"{name}: {path} holds {len(documents)} documents; expected one PoseStamped")
+        found: Any = documents[0] if documents else None
         header = found.get("header", {}) if isinstance(found, Mapping) else {}
         try:
             body = found.get("pose", found)
             place = [body["position"][k] for k in "xyz"]
             turn = [body["orientation"][k] for k in "xyzw"]
-            frame = str(header.get("frame_id") or "")
+            frame = str(header.get("frame_id") or "").removeprefix("/")
         except (AttributeError, KeyError, TypeError):
             raise BadInput(f"{name}: {path}: expected a PoseStamped with pose: position and orientation") from None
         return replace(pose_from(_numbers([*place, *turn], f"{name}: {path}"), free, tolerance, name), frame=frame)
@@ -155,7 +158,8 @@ def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> 
     objects = {thing.name: thing for thing in (scene.objects if scene is not None else ())}
     if frame not in objects:
         known = [*objects, WORLD[0], *(name for name, (joint, _) in links.items() if joint < 0)]
-        raise BadInput(f"{pose.name}: no frame {frame!r}{near(frame, known)}; frames are {', '.join(known)}")
+        frames = ", ".join(dict.fromkeys(known))
+        raise BadInput(f"{pose.name}: no frame {frame!r}{near(frame, known)}; frames are {frames}")
     thing = objects[frame]
     if thing.frame is not None or thing.attached_to is not None:
         raise BadInput(f"{pose.name}: {frame} moves with the arm; a pose in its frame says nothing")

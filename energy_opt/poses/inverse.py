@@ -29,7 +29,9 @@ SMALL = 1e-9  # [m, rad] a smaller error is none
 DIFFERENCE = 1e-6  # [rad, m]
 SAME = 1e-3  # [rad, m] positions nearer than this are one
 TURN = 2 * np.pi
+ROUNDING = 1e-13  # share of the normal matrix's trace that damps at least, so that it can be inverted
 LENGTH = 0.3  # [m] that counts as much as a radian
+OPPOSITE = 1e-3  # what a free turn does to the error, below which the axis points the opposite way: any turn is as good
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,9 @@ def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True)
         held = ((at <= lower) & (gradient > 0)) | ((at >= upper) & (gradient < 0))
         jacobian *= ~held[:, None]
         gradient *= ~held
-        normal = np.einsum("kij,kil->kjl", jacobian, jacobian) + damping[open_, None, None] * np.eye(n)
+        normal = np.einsum("kij,kil->kjl", jacobian, jacobian)
+        least = damping[open_] + ROUNDING * np.trace(normal, axis1=1, axis2=2)
+        normal += least[:, None, None] * np.eye(n)
         trial = np.clip(at - np.linalg.solve(normal, gradient[..., None])[..., 0], lower, upper)
         there = tool.missed(pose, trial).both * weight
         better = np.sum(there**2, axis=1) < np.sum(now**2, axis=1)
@@ -197,7 +201,7 @@ def jacobian_of(tool: ToolKinematics, pose: Pose, q: np.ndarray, e: np.ndarray) 
     back = Rotation.from_rotvec(-np.clip(angle, of.low, of.high)[:, None] * np.eye(3)[k]).as_matrix()
     moved = inverse @ back @ turn
     along = inverse[:, :, k]  # what the free turn itself does to the error
-    follows = moved[:, k] / np.where(np.abs(along[:, k]) > 1e-9, along[:, k], 1.0)[:, None]
+    follows = moved[:, k] / np.where(np.abs(along[:, k]) > OPPOSITE, along[:, k], 1.0)[:, None]
     moved = moved - along[:, :, None] * follows[:, None] * inside[:, None, None]
     return np.concatenate([shift, moved], axis=1)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -150,7 +151,7 @@ FORM = "X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW with lengths in m and angles in rad"
 def tolerance_of(text: str) -> tuple[float, float]:
     """Distance [m] and angle [rad] from `1mm,1deg`; either may be left out, and m and rad are taken as well."""
     units = {"mm": (0, 1e-3), "m": (0, 1.0), "deg": (1, np.pi / 180), "rad": (1, 1.0)}
-    out = [1e-6, 1e-6]
+    given: dict[int, float] = {}
     for word in text.split(","):
         unit = next((u for u in ("mm", "deg", "rad", "m") if word.strip().endswith(u)), None)
         if unit is None:
@@ -159,8 +160,11 @@ def tolerance_of(text: str) -> tuple[float, float]:
         value = finite_number(word.strip().removesuffix(unit), f"--pose-tolerance {text}", "1mm,1deg") * scale
         if not value >= 0:
             raise BadInput(f"--pose-tolerance {text}: expected no negative number")
-        out[which] = max(value, 1e-9)
-    return out[0], out[1]
+        if which in given:
+            what = ("distance", "angle")[which]
+            raise BadInput(f"--pose-tolerance {text}: two {what}s; expected a distance and an angle, such as 1mm,1deg")
+        given[which] = max(value, 1e-9)
+    return given.get(0, 1e-6), given.get(1, 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +202,9 @@ def free_values(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> dict[st
         angles = 2 * np.arctan2(q[:, axes], q[:, 3:])
     else:
         order = [*axes, *(k for k in range(3) if k not in axes)]
-        angles = turned.as_euler("".join("XYZ"[k] for k in order))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # where two axes are one, any split between them will do
+            angles = turned.as_euler("".join("XYZ"[k] for k in order))
     for k, angle in zip(axes, angles.T, strict=False):
         low, high = ranges[TURNS[k]]
         middle = (low + high) / 2 if np.isfinite([low, high]).all() else 0.0

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import BPoly
+from scipy.optimize import minimize_scalar
 from tool_poses import by_pinocchio
 
 from energy_opt.cli.main import main
@@ -20,6 +22,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.choose import Chooser
 from energy_opt.poses.estimate import curves
 from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.poses.pose import pose_from
 from energy_opt.poses.sets import Ring, layer
 from energy_opt.reports.words import goals_words
 from energy_opt.robot import load_robot
@@ -57,6 +60,25 @@ def test_the_chosen_goal_costs_no_more_than_the_nearest(tmp_path: Path) -> None:
     at = by_pinocchio(load_robot("ur5e"), q)
     assert np.linalg.norm(at[:3, 3] - [0.4, 0.3, 0.3]) < 2e-6
     assert np.arccos(np.clip(-at[2, 2], -1, 1)) < 1e-5  # the tool points down, turned as it likes
+
+
+@pytest.mark.slow
+def test_a_pose_on_the_way_is_passed_as_exactly_as_a_pose_at_the_end(tmp_path: Path) -> None:
+    options = ["--robot", "ur3e", "--start", "0.2,-1.4,1.4,-1.5,-1.5,0.1", "--via-pose", "0.3,0.05,0.3,3.14,0,0"]
+    options += ["--goal-pose", "0.25,0.2,0.25,3.1,0.1,0", "--free", "rz", "--duration", "2", "--starts", "1"]
+    assert main(["optimize", *options, "--model", "source-method-2", "--quiet", "--out", str(tmp_path)]) == 0
+    rows, robot = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1), load_robot("ur3e")
+    motion = BPoly.from_derivatives(rows[:, 0], rows[:, 1:19].reshape(-1, 3, 6))
+    wanted = pose_from("0.3,0.05,0.3,3.14,0,0").matrix
+
+    def missed(time: float) -> float:
+        at = by_pinocchio(robot, motion(time))
+        return float(np.linalg.norm([*(at[:3, 3] - wanted[:3, 3]), *(at[:3, 2] - wanted[:3, 2])]))
+
+    times = np.linspace(0, 2, 400)
+    nearest = times[np.argmin(np.linalg.norm(ToolKinematics(robot)(motion(times))[1] - wanted[:3, 3], axis=1))]
+    found = minimize_scalar(missed, bounds=(nearest - 0.01, nearest + 0.01), method="bounded", options={"xatol": 1e-10})
+    assert found.fun < 1e-6
 
 
 @pytest.mark.slow

@@ -52,6 +52,18 @@ def test_along_a_free_axis_the_cheapest_positions_are_found(ur: ToolKinematics) 
     assert improved(ur, free, q, lambda rows: (rows[:, 5] - 1.1) ** 2, None)[5] == pytest.approx(1.1, abs=1e-3)
 
 
+def test_positions_at_the_edge_of_what_is_possible_are_improved_inwards(ur: ToolKinematics) -> None:
+    """A neighbour that is too far for the time costs infinitely much: the slope is that towards the other one."""
+    q = np.array([0.3, -1.2, 1.4, -1.7, -1.5, 0.2])
+    pose = pose_at(ur, q, free=(Freedom.of("rz"),))
+
+    def cost(rows: np.ndarray) -> np.ndarray:
+        return np.where(rows[:, 5] < q[5] + 1e-4, (rows[:, 5] - q[5] + 0.4) ** 2, np.inf)
+
+    assert improved(ur, pose, q, cost, None)[5] == pytest.approx(q[5] - 0.4, abs=1e-3)
+    assert np.array_equal(improved(ur, pose, q, lambda rows: np.full(len(rows), np.inf), None), q)
+
+
 def test_a_bent_motion_costs_what_it_did_and_changes_as_the_straight_moves_do(ur: ToolKinematics) -> None:
     """Of a straight quintic, bent to another end, the straight quintic to that end is left."""
     scorers = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]

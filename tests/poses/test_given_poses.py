@@ -34,6 +34,8 @@ def test_words_of_poses() -> None:
             pose_from(words)
     with pytest.raises(BadInput, match="expected one of x, y, z"):
         Freedom.of("yaw")
+    with pytest.raises(BadInput, match="two distances"):
+        pose_from("0.1,0.2,0.3,0,0,0", (), "1mm,1mm")
 
 
 def test_poses_in_a_job_stay_open_until_they_are_chosen(tmp_path: Path, ur: ToolKinematics) -> None:
@@ -85,6 +87,13 @@ def test_a_pose_in_the_frame_of_an_object_and_from_a_message(tmp_path: Path, ur:
         assert np.allclose(pose.matrix[:3, 3], [0.2, 0.0, 0.2], atol=1e-6)
         assert np.allclose(pose.matrix[:3, :3], np.eye(3), atol=1e-6)
     assert given.pose("pick", "goal").free[0].axis == "rz"
+    echoed = tmp_path / "echoed.yaml"  # as ROS prints a message
+    echoed.write_text((tmp_path / "at.yaml").read_text().replace("box_1", "/box_1") + "---\n")
+    assert np.array_equal(given.pose("echoed.yaml", "goal").matrix, given.pose("at.yaml", "goal").matrix)
+    assert given.pose("echoed.yaml", "goal").frame == "box_1"
+    echoed.write_text(2 * echoed.read_text())
+    with pytest.raises(BadInput, match="holds 2 documents"):
+        given.pose("echoed.yaml", "goal")
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text(scene.read_text().replace("free: [rz]", "free: [turn]"))
     assert main(["check", str(scene), "--quiet"]) == 0

@@ -11,7 +11,7 @@ import pytest
 from tool_poses import by_pinocchio, pose_at
 
 from energy_opt.poses.inverse import ToolKinematics, jacobian_of, reach, solve
-from energy_opt.poses.pose import Freedom, Pose, missed
+from energy_opt.poses.pose import Freedom, Pose, missed, pose_from
 from energy_opt.poses.sets import unreached
 from energy_opt.robot import load_robot
 
@@ -44,6 +44,20 @@ def test_all_branches_of_a_ur_are_found(ur: ToolKinematics) -> None:
     wrapped = {tuple(np.round((row + np.pi) % (2 * np.pi) - np.pi, 3)) for row in found}
     assert len(wrapped) == 8 == ur_branches(ur, pose)
     assert np.abs(found - q).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize("free", [("rz",), ("rx:-20:20", "rz"), ("x:-50:50", "ry")])
+def test_upright_and_opposite_poses_are_reached(free: tuple[str, ...]) -> None:
+    """Starts at joint limits, which are multiples of pi, point the tool exactly opposite to what is wanted."""
+    tool = ToolKinematics(load_robot("ur10"))
+    pose = pose_from("0.4,0.25,0.25,3.14159265,0,0.78539816", free)
+    found = reach(tool, pose, near=np.array([0.2, -1.4, 1.4, -1.5, -1.5, 0.1])).positions
+    assert len(found) > 20
+    if free == ("rz",):
+        for row in found[::10]:
+            at = by_pinocchio(tool.robot, row)
+            assert np.abs(at[:3, 3] - [0.4, 0.25, 0.25]).max() < 1e-8
+            assert np.abs(at[:3, 2] - pose.matrix[:3, 2]).max() < 1e-8
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5e", "xarm7", "z1"])

@@ -37,6 +37,7 @@ ROUNDS, AGAIN = 10, 5  # descents from a curve at most; iterations of each but t
 GIVE = 0.1  # share of a bound that counts as kept in the first descent
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
 FINE = 1e-3  # relative: such a descent ends where so little is to be won
+MET = 1e-7  # [rad] via points are missed by: a tenth of what poses may be missed by
 RESOLVED, EXACT = 15, 1e-6  # iterations under limits that have changed a little, and what these may be exceeded by
 
 
@@ -174,7 +175,7 @@ class ClearSearch:
             if bad.any():
                 if not places.look(dense[k[bad]]) or turn > 1:
                     places.keep(self.near.pair[number[bad]])
-            elif model.excess(now.point) > FEASIBLE / 10:
+            elif model.excess(now.point) > FEASIBLE / 10 or np.abs(now.point.via).max(initial=0.0) > MET:
                 pass
             else:
                 proof = self.proof(curve)

@@ -145,7 +145,7 @@ class Near:
             height[some] = all_[np.arange(len(some)), vertex[some]]
         return vertex, height
 
-    def rows(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneRows:
+    def constraints(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneRows:
         """Constraints at places u (K,), positions q (K, n), for what is nearer than `reach` [m] there.
 
         Args:

@@ -176,9 +176,9 @@ def _print(args: argparse.Namespace) -> int:
 
 def parsers(words: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
     """The command's parser, and that of each verb; only those of verbs that stand in `words` have their arguments."""
-    parser = Parser(prog="energy-opt", description="Robot arms that use less energy.")
+    parser = Parser(prog="energy-opt", description="Plan motions of robot arms that use less electrical energy.")
     parser.add_argument("--version", action="version", version=f"energy-opt {__version__}")
-    parser.add_argument("--example", metavar="KIND", help=f"print a commented file that works: {', '.join(EXAMPLES)}")
+    parser.add_argument("--example", metavar="KIND", help=f"print a commented example file: {', '.join(EXAMPLES)}")
     parser.add_argument("--print-completion", metavar="SHELL", help=f"print a completion script: {', '.join(SHELLS)}")
     group = parser.add_subparsers(dest="verb", metavar="VERB")  # of the same class
     verbs = {}

@@ -99,16 +99,20 @@ def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
     known = {field for field, (_, spelled) in options_of(verb.request).items() if not spelled.internal}
     group = groups.get("output") or parser.add_argument_group("output")
     if "out" not in known and (verb.out or name == "run"):
-        usual = verb.out or "that of its verb"
+        usual = verb.out or "the verb's own"
         group.add_argument("--out", type=Path, metavar="DIR", help=f"folder of results ({usual})")
     if "force" not in known and (verb.out or name == "run"):
-        group.add_argument("--force", action="store_true", help="overwrite what DIR holds of another request")
+        group.add_argument("--force", action="store_true", help="overwrite the results of another request in DIR")
     if verb.report:
-        group.add_argument("--view", action="store_true", help="open report.html in the browser when it is written")
-    group.add_argument("--json", action="store_true", help="the result as one JSON document on stdout")
-    group.add_argument("--quiet", action="store_true", help="no progress and no messages")
-    group.add_argument("--effects", action="append", default=[], metavar="FILE.py", help="effects of your own")
-    group.add_argument("-v", dest="verbose", action="store_true", help="what the solver does; where it fails, where")
+        group.add_argument("--view", action="store_true", help="open report.html in the browser")
+    group.add_argument("--json", action="store_true", help="print the result as one JSON document on stdout")
+    group.add_argument("--quiet", action="store_true", help="print no progress and no messages")
+    group.add_argument(
+        "--effects", action="append", default=[], metavar="FILE.py", help="Python file that defines your own effects"
+    )
+    group.add_argument(
+        "-v", dest="verbose", action="store_true", help="print each step of the solver, and the traceback of a fault"
+    )
     parser.add_argument("--help-all", nargs=0, action=_HelpAll, help="show all options, and exit")
 
 

@@ -24,7 +24,7 @@ class Quality:
     """A model's error beside noise of the same kind of readings.
 
     Attributes:
-        motion, rest: rms error of single readings while the arm moves and while it stands, less the meter's drift in
+        motion, rest: rms error of single readings while the arm moves and while it rests, less the meter's drift in
             each run, W; 0 where there are none.
         noise_motion, noise_rest: what the noise alone may leave there, W.
         rmse, noise: error of all readings, and what noise and drift would leave, W.

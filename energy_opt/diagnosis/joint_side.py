@@ -59,7 +59,7 @@ class JointSide:
         values: (3, n) dry friction [N m], viscous friction [N m s/rad], rotor inertia [kg m^2].
         covariance: (3, n, n) of each across the joints. pair: (n,) covariance of the first two.
         usual: [rad/s] the median speed in motion. noise: [N m] rms of what is left.
-        left: (K, n) what is left, N m, of `rows`.
+        left: (K, n) residual of the readings [N m].
     """
 
     unit: str

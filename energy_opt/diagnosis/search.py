@@ -23,7 +23,7 @@ from energy_opt.effects import Effect
 ODDS, REFIT_ODDS, FREE_ODDS = -4.0, -3.0, -5.0
 RARE = {"iron_loss": -3.0, "psu_loss": -2.0, "asymmetric_friction": -1.5, "power_law_friction": -2.0,
         "thermal_viscous": -1.5, "standby_drift": -3.0}  # fmt: skip
-GUESSED = 6.0  # times as wide as a declared value's doubt is that of a value that nobody declared
+GUESSED = 6.0  # prior width of a value that nobody declared, over that of a declared value
 ROUNDS, MOVES, POOR = 12, 2, 3
 PAIRED = 10  # candidates that are tried in pairs
 NEAR = 12.0  # logarithm of odds below the likeliest nuisance at which others no longer count

@@ -49,51 +49,53 @@ class Verb:
 
 VERBS = {
     "optimize": Verb(
-        "one move to minimum energy",
+        "plan one move with minimum energy",
         moves.OptimizeRequest, "optimize", "energy_opt_out", True, "result.json",
     ),
     "tradeoff": Verb(
-        "energy against duration for one move",
+        "energy against duration, of one move or of a job",
         moves.TradeoffRequest, "tradeoff", "energy_opt_tradeoff", True, "tradeoff.json",
     ),
     "bench": Verb(
-        "a batch of moves, in parallel, resumable, with a report",
+        "plan many moves in parallel, with a report; an interrupted run can be resumed",
         verbs.BenchRequest, "bench", report=True, printed=True,
     ),
     "job": Verb(
-        "a cycle of moves and waits, its time spent where it saves most",
+        "plan a cycle of moves and waits, of one robot or several, with minimum energy",
         moves.JobRequest, "job", "energy_opt_job", True, "job.json",
     ),
     "place": Verb(
-        "the base pose that makes a job cheapest", moves.PlaceRequest, "place", "energy_opt_place", True, "place.json"
+        "find the base pose at which a job takes the least energy",
+        moves.PlaceRequest, "place", "energy_opt_place", True, "place.json",
     ),
     "evaluate": Verb(
-        "motions as they are: energy under models, limits, clearance; in other formats",
+        "energy, limits and clearance of given motions; write them in other formats",
         verbs.EvaluateRequest, "evaluate", "energy_opt_evaluation",
     ),
     "identify": Verb(
-        "the source paper's two methods from static poses",
+        "overhead and winding losses from static poses: the source paper's two methods",
         verbs.IdentifyRequest, "identify", "identify", True, "identify.json",
     ),
     "diagnose": Verb(
-        "which effect a power model lacks, from measured data",
+        "find from measured data which effect a power model lacks",
         verbs.DiagnoseRequest, "diagnose", "diagnosis", True, "diagnosis.json",
     ),
     "import": Verb(
-        "logs as labs have them to a measured set; guesses columns and units",
+        "make a measured set from a lab's logs; columns and units are guessed",
         verbs.ImportRequest, "simulate:run_import",
     ),
     "passport": Verb(
-        "an arm's electrical passport from its models; several side by side",
+        "the electrical passport of an arm: values, intervals, sources; compare several",
         verbs.PassportRequest, "robots:run_passport", "passport", True,
     ),
     "simulate": Verb(
         "play trajectories on a virtual arm and write a measured set", verbs.SimulateRequest, "simulate"
     ),
-    "check": Verb("is this log, trajectory, model or suite usable", verbs.CheckRequest, "check"),
-    "robots": Verb("the robots known by name, with joints and limits", verbs.RobotsRequest, "robots", printed=True),
+    "check": Verb("check whether logs, trajectories, models and other files are usable", verbs.CheckRequest, "check"),
+    "robots": Verb("list the known robots, with joints and limits", verbs.RobotsRequest, "robots", printed=True),
     "effects": Verb(
-        "the effects known, with parameters, units and laws", verbs.EffectsRequest, "robots:run_effects", printed=True
+        "list the known effects, with parameters, units and laws",
+        verbs.EffectsRequest, "robots:run_effects", printed=True,
     ),
     "run": Verb("repeat the request of a result, or one written by hand", verbs.RunRequest, "verbs", report=True),
 }  # fmt: skip

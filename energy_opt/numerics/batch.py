@@ -24,7 +24,7 @@ def _over(function: ca.Function, count: int) -> ca.Function:
 
 
 class Batch:
-    """A CasADi function of dense columns applied to K points: arguments (K, rows), results (K, entries)."""
+    """A CasADi function of dense columns applied to K points: arguments (K, inputs), results (K, entries)."""
 
     def __init__(self, function: ca.Function, count: int) -> None:
         block = max(1, min(count, BLOCK))

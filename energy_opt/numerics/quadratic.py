@@ -2,7 +2,7 @@
 
     min  d'Hd / 2 + g'd + price * sum(e)     so that  low <= d <= high,  floor - e <= A d <= ceiling + e,  e >= 0
 
-H is a band with a border of a few full rows and columns. The constraints A d are elastic: the program always has a
+H is a band with a border of a few full lines and columns. The constraints A d are elastic: the program always has a
 solution, and constraints that are out of reach are broken by as little as pays. With t the distance of a constraint
 from its bound and l its multiplier, e is eliminated like t, so that a step needs one factorization of
 

@@ -60,7 +60,7 @@ class Pose:
         free: directions of the tool's frame in which it may differ.
         tolerance: distance [m] and angle [rad] by which it may be missed.
         name: for messages.
-        frame: in which `matrix` stands: "" for the robot's base, else an object of the scene, or "world" for the
+        frame: the frame of `matrix`: "" for the robot's base, else an object of the scene, or "world" for the
             scene's own frame (see `poses.given.in_base`).
     """
 

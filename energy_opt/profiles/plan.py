@@ -40,7 +40,7 @@ class Keep:
         """Look where a proof failed, and keep more distance there."""
         self._places.learn(proof, duration)
 
-    def rows(self) -> ClearanceConstraints:
+    def constraints(self) -> ClearanceConstraints:
         """The limit to be added to the others."""
         return ClearanceConstraints(self._near, self._places.u, self._margins.at(self._places), REACH)
 
@@ -208,7 +208,7 @@ class MovesPlanner:
         """
         limits, keep = self.p.limits(move), None
         for turn in range(TURNS):
-            constraints = () if keep is None else (keep.rows(),)
+            constraints = () if keep is None else (keep.constraints(),)
             chain, converged = self._solved(chain, move, durations, objective, (*limits, *constraints))
             certificate = self.p.certify(chain.trajectory(self.robot.joints), move)
             proof = certificate.clearance

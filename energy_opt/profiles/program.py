@@ -40,9 +40,9 @@ APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter p
 class Placed:
     """One limit's constraints on the chain that they were asked for."""
 
-    def __init__(self, rows: PlaceConstraints, x: ca.SX, symbols: Chain, chain: Chain) -> None:
-        self.rows = rows
-        pieces, shares = chain.places(rows.u * chain.duration)
+    def __init__(self, constraints: PlaceConstraints, x: ca.SX, symbols: Chain, chain: Chain) -> None:
+        self.constraints = constraints
+        pieces, shares = chain.places(constraints.u * chain.duration)
         q = ca.horzcat(*(symbols.at(int(piece), float(s))[0] for piece, s in zip(pieces, shares, strict=True)))
         pull = ca.SX.sym("pull", q.numel())
         slope = ca.densify(ca.jacobian(ca.vec(q), x))
@@ -55,18 +55,18 @@ class Placed:
         q, slope = self._position(x)
         self._x, self._q = x, np.asarray(q.full()).T.copy()
         self._slope = np.asarray(slope.full()).reshape(*self._q.shape, -1)  # (K, n, unknowns)
-        self.value = self.rows.value(self._q)
-        self._gradient = self.rows.gradient(self._q)
+        self.value = self.constraints.value(self._q)
+        self._gradient = self.constraints.gradient(self._q)
 
     def slopes(self) -> np.ndarray:
         """Derivatives with respect to all unknowns, (R, unknowns)."""
-        return np.asarray(np.matmul(self._gradient[:, None, :], self._slope[self.rows.place])[:, 0])
+        return np.asarray(np.matmul(self._gradient[:, None, :], self._slope[self.constraints.place])[:, 0])
 
     def hessian(self, multipliers: np.ndarray) -> np.ndarray:
         """The constraints' share of the Lagrangian's Hessian, (unknowns, unknowns)."""
-        h = self.rows.hessian(self._q, multipliers)
+        h = self.constraints.hessian(self._q, multipliers)
         pull = np.zeros_like(self._q)
-        np.add.at(pull, self.rows.place, multipliers[:, None] * self._gradient)
+        np.add.at(pull, self.constraints.place, multipliers[:, None] * self._gradient)
         curved = np.einsum("kai,kab,kbj->ij", self._slope, h, self._slope, optimize=True)
         return np.asarray(curved + np.asarray(self._bent(self._x, pull.ravel()).full()))
 
@@ -136,10 +136,10 @@ class Program:
         low = [0.0] * len(linear) + [durations[0]] + [0.0] * len(same) + [-1.0] * share.numel()
         high = [np.inf] * len(linear) + [durations[1]] + [0.0] * len(same) + [1.0] * share.numel()
         bounds = np.concatenate([np.zeros(0), *(limit.scale for limit in limits)])
-        sides = [np.full(limit.scale.size, -np.inf if limit.one_sided else -1.0) for limit in limits]
+        lowest = [np.full(limit.scale.size, -np.inf if limit.one_sided else -1.0) for limit in limits]
         self._width, self._bounded = len(bounds), np.flatnonzero(np.isfinite(bounds))
         self._bounds = bounds[self._bounded]
-        least_share = np.tile(np.concatenate(sides)[self._bounded], self._count)
+        least_share = np.tile(np.concatenate(lowest)[self._bounded], self._count)
         asked = [] if near is None else [limit.places(near.along) for limit in limits]
         self.placed = [
             Placed(constraints, x, symbols, near)
@@ -147,8 +147,8 @@ class Program:
             if constraints is not None and near is not None
         ]
         self.row_bounds = (
-            np.concatenate([low, least_share, *(placed.rows.lower for placed in self.placed)]),
-            np.concatenate([high, np.ones(len(least_share)), *(placed.rows.upper for placed in self.placed)]),
+            np.concatenate([low, least_share, *(placed.constraints.lower for placed in self.placed)]),
+            np.concatenate([high, np.ones(len(least_share)), *(placed.constraints.upper for placed in self.placed)]),
         )
         low_corner, high_corner = (np.tile(side, k) for side in box_of(limits, n))
         if near is not None and self.placed:
@@ -167,8 +167,8 @@ class Program:
         self._closed_count = closed.numel()
         self._place = ca.Function("place", [x], [ca.densify(y) for y in (z, h, t, jz, jh)])
         self._bent = ca.Function("bent", [x, pull, weight], [ca.densify(bent)])
-        self._rows = ca.Function("rows", [x], [ca.densify(closed), ca.densify(ca.jacobian(closed, x))])
-        self._rows_bent = ca.Function("rows_bent", [x, lam], [ca.densify(ca.hessian(ca.dot(lam, closed), x)[0])])
+        self._closed_of = ca.Function("closed", [x], [ca.densify(closed), ca.densify(ca.jacobian(closed, x))])
+        self._closed_bent = ca.Function("closed_bent", [x, lam], [ca.densify(ca.hessian(ca.dot(lam, closed), x)[0])])
         self._cost, self._limited, self._curvature = (
             Batch(f, self._count) for f in (nodes.cost, nodes.limited, nodes.curvature)
         )
@@ -204,8 +204,8 @@ class Program:
         self._values = values.copy()
         self._values_z = jac.reshape(self._count, -1, self._width).copy()
         self._pulled = np.matmul(self._g[:, None, :], self._jz)[:, 0]  # J_k^T g_k
-        closed, slope_rows = self._rows(x)
-        self._closed, self._closed_x = np.asarray(closed.full()).ravel(), np.asarray(slope_rows.full())
+        closed, slope_closed = self._closed_of(x)
+        self._closed, self._closed_x = np.asarray(closed.full()).ravel(), np.asarray(slope_closed.full())
         for placed in self.placed:
             placed.move(x)
 
@@ -245,7 +245,7 @@ class Program:
         pull = s * self._h[:, None] * self._g + np.einsum("kzj,kj->kz", self._values_z, lam)
         out += cross + cross.T
         out += np.asarray(self._bent(x, pull.ravel(), s * self._e).full())
-        out += np.asarray(self._rows_bent(x, closed).full())
+        out += np.asarray(self._closed_bent(x, closed).full())
         for placed, part in zip(self.placed, by_place, strict=True):
             out += placed.hessian(part)
         return np.concatenate([out[: j + 1, j] for j in range(self.size)])

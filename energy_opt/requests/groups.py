@@ -59,10 +59,11 @@ class RobotGroup(Request):
     """robot and model"""
 
     limits: str | PathLike[str] | None = option(
-        None, "MoveIt's joint_limits.yaml (published or the URDF's)", "FILE", kind=Path, main=True
-    )
+        None, "joint limits in MoveIt's joint_limits.yaml (published ones, else the URDF's)", "FILE", kind=Path,
+        main=True,
+    )  # fmt: skip
     lock: Mapping[str, float] | Sequence[str] = option(
-        (), "a joint that does not move, and its position [rad, m]", "JOINT=VALUE", many=True
+        (), "hold a joint at a position [rad, m] (repeatable)", "JOINT=VALUE", many=True
     )
 
     def __post_init__(self) -> None:
@@ -89,7 +90,7 @@ class RobotGroup(Request):
 class PrefixGroup(Request):
     """robot and model"""
 
-    joint_prefix: str = option("", "what joints' names in files begin with", "PREFIX")
+    joint_prefix: str = option("", "the joint names in files have this prefix (none)", "PREFIX")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +98,7 @@ class PayloadGroup(Request):
     """robot and model"""
 
     payload: AnyPayload | None = option(
-        None, "point mass [kg] and its centre in the last joint's frame [m] (none)", "MASS[,CX,CY,CZ]", main=True
+        None, "point mass [kg] and its position in the last joint's frame [m] (none)", "MASS[,CX,CY,CZ]", main=True
     )
 
 
@@ -106,8 +107,10 @@ class RobustGroup(Request):
     """several models"""
 
     robust: str | Mapping[str, Any] | None = option(
-        None, "mean or worst energy over several models, or over one's covariance and rivals (mean)", "KIND"
-    )
+        None,
+        "with several models: minimise their mean or their worst energy; with one: over draws from its covariance "
+        "and its rival models (mean)", "KIND",
+    )  # fmt: skip
 
     def document(self) -> dict[str, Any]:
         """As every request, with `model`, its name, and where several are planned under, all under `robust`.
@@ -140,18 +143,22 @@ class MoveGroup(Request):
     """move"""
 
     start: Positions | Pose | None = option(
-        None, "joint positions [rad, m]: comma-separated, name=value pairs, or a pose of the SRDF", "Q", main=True
-    )
+        None, "joint positions [rad, m]: comma-separated, name=value pairs, or a pose's name in the SRDF", "Q",
+        main=True,
+    )  # fmt: skip
     goal: Positions | Pose | AnyOf | None = option(
-        None, "the same for the end; several: the cheapest of them", "Q", several=True, main=True
-    )
+        None, "joint positions at the end, as --start; given several times: the cheapest of them", "Q", several=True,
+        main=True,
+    )  # fmt: skip
     path: AnyPath | None = option(
-        None, "waypoints [rad, m] or a trajectory, in place of start and goal", "FILE", main=True
+        None, "waypoints [rad, m] or a trajectory, in place of --start and --goal", "FILE", main=True
     )
     via: Sequence[Positions | Pose] = option(
-        (), "a point [rad, m] to pass (within 1e-4; reshape; repeatable)", "Q", many=True
+        (), "joint positions to pass, within 1e-4 rad or m (with --mode reshape; repeatable)", "Q", many=True
     )
-    mode: str = option("reshape", "reshape: path and timing; retime: timing alone (reshape)", "MODE", main=True)
+    mode: str = option(
+        "reshape", "reshape: optimize path and timing; retime: timing alone (reshape)", "MODE", main=True
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,20 +167,19 @@ class PoseGroup(Request):
 
     start_pose: AnyPose | None = option(
         None,
-        "in place of --start: X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW [m, rad]; OBJECT: before it, a name of the scene file, "
-        "or FILE.yaml",
-        "POSE",
-    )
+        "pose of the tool, in place of --start: X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW [m, rad]; with `OBJECT: ` before it "
+        "in that object's frame; or the name of a pose in the scene file; or a file FILE.yaml", "POSE",
+    )  # fmt: skip
     goal_pose: AnyPose | None = option(
-        None, "in place of --goal; the cheapest joint positions are chosen", "POSE", main=True
+        None, "pose of the tool, in place of --goal; the cheapest joint positions are chosen", "POSE", main=True
     )
-    via_pose: Sequence[AnyPose] = option((), "what the tool passes (reshape; repeatable)", "POSE", many=True)
+    via_pose: Sequence[AnyPose] = option((), "pose that the tool passes (with reshape; repeatable)", "POSE", many=True)
     free: Sequence[str] = option(
-        (), "x, y, z, rx, ry or rz of the tool's frame that goal and via poses leave free [mm, deg] (repeatable)",
-        "AXIS[:FROM:TO]", many=True,
+        (), "axis x, y, z, rx, ry or rz of the tool's frame that is free at goal and via poses, in a range [mm, deg] "
+        "(repeatable)", "AXIS[:FROM:TO]", many=True,
     )  # fmt: skip
     pose_tolerance: str | Sequence[float] | None = option(
-        None, "by how much the poses may be missed (1e-6 m, rad)", "1mm,1deg"
+        None, "largest distance and angle from the poses (1e-6 m, 1e-6 rad)", "1mm,1deg"
     )
 
 
@@ -181,17 +187,18 @@ class PoseGroup(Request):
 class ConditionGroup(Request):
     """conditions"""
 
-    max_power: float | None = option(None, "bound of the arm's electrical power [W] (none)", "W", kind=float)
-    tool_speed: float | None = option(None, "bound of the speed of the tool's origin [m/s] (none)", "V", kind=float)
+    max_power: float | None = option(None, "largest electrical power of the arm [W] (none)", "W", kind=float)
+    tool_speed: float | None = option(None, "largest speed of the tool's origin [m/s] (none)", "V", kind=float)
     tool_acceleration: float | None = option(
-        None, "bound of the acceleration of the tool's origin [m/s^2] (none)", "A", kind=float
+        None, "largest acceleration of the tool's origin [m/s^2] (none)", "A", kind=float
     )
     keep: str | Sequence[str] = option(
-        (), "upright[:DEG] (5), orientation[:DEG] (2) or line[:MM] (1) of the tool (repeatable)", "WHAT", many=True
-    )
-    tube: str | None = option(None, "0.1rad (each joint) or 0.02m (tool): distance to the given path (none)", "WIDTH")
+        (), "keep the tool upright[:DEG] (5), its orientation[:DEG] (2) or it on a line[:MM] (1) (repeatable)", "WHAT",
+        many=True,
+    )  # fmt: skip
+    tube: str | None = option(None, "largest distance from --path: 0.1rad (each joint) or 0.02m (tool) (none)", "WIDTH")
     conditions: Sequence[Condition | Limit | str | PathLike[str]] = option(
-        (), "limits of your own (repeatable)", "FILE.py", many=True
+        (), "Python file that defines your own limits (repeatable)", "FILE.py", many=True
     )
     own_limits: Sequence[Limit] = option((), "limits of one's own", internal=True, written=False, many=True)
 
@@ -218,17 +225,18 @@ class ConditionGroup(Request):
 class SolvingGroup(Request):
     """solving"""
 
-    solver: str = option("ipopt", "ipopt where the search does not converge, or sqp alone (ipopt)", "NAME")
-    starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int)
+    solver: str = option("ipopt", "sqp: search alone; ipopt: IPOPT follows where it does not converge (ipopt)", "NAME")
+    starts: int | None = option(None, "largest number of starting points with --mode reshape (24)", "N", kind=int)
     initial_paths: int | None = option(
-        None, "collision-free paths to start from (1; 0 besides a free --path)", "N", kind=int, aliases=("--ways",)
-    )
-    controls: int | None = option(None, "control points per joint of a reshaped move (48)", "N", kind=int)
-    end_acceleration: str = option("zero", "zero or free acceleration at the ends (zero; free: reshape)", "KIND")
-    compile: str = option("auto", "compile the model's functions: auto, always or never (auto)", "WHEN")
-    objective: str = option("energy", "energy, torque, power_squared, path_length or time (energy)", "NAME")
+        None, "number of collision-free initial paths (1; 0 if a --path without collision is given)", "N", kind=int,
+        aliases=("--ways",),
+    )  # fmt: skip
+    controls: int | None = option(None, "control points per joint with --mode reshape (48)", "N", kind=int)
+    end_acceleration: str = option("zero", "acceleration at both ends: zero, or free with reshape (zero)", "KIND")
+    compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
+    objective: str = option("energy", "minimise energy, torque, power_squared, path_length or time (energy)", "NAME")
     verify_samples: int | None = option(
-        None, "samples of the certificate (10 between two samples of the trajectory)", "N", kind=int
+        None, "number of samples of the certificate (10 between two samples of the trajectory)", "N", kind=int
     )
     dynamics: str = option("auto", "source of the dynamics: auto, compact, templates or pinocchio (auto)", "SOURCE")
 
@@ -245,7 +253,7 @@ class DeadlineGroup(Request):
     """solving"""
 
     deadline: float | None = option(
-        None, "end the search of each motion with its best proven answer after S seconds (never)", "S", kind=float
+        None, "after S seconds, end the search for each motion and take its best proven answer (never)", "S", kind=float
     )
 
 
@@ -253,26 +261,26 @@ class DeadlineGroup(Request):
 class CellGroup(Request):
     """body and cell"""
 
-    self_collision: bool | None = option(True, "the arm keeps clear of itself (on)", "on|off", kind=bool)
-    srdf: str | PathLike[str] | None = option(None, "links that may touch (known robots have one)", "FILE", kind=Path)
-    package_dir: Sequence[str | PathLike[str]] = option((), "where package:// is found", "DIR", kind=Path, many=True)
+    self_collision: bool | None = option(True, "keep the arm clear of itself (on)", "on|off", kind=bool)
+    srdf: str | PathLike[str] | None = option(None, "SRDF: links that may touch (known robots' own)", "FILE", kind=Path)
+    package_dir: Sequence[str | PathLike[str]] = option((), "folder of package:// names", "DIR", kind=Path, many=True)
     scene: str | PathLike[str] | None = option(
-        None, "MoveIt PlanningScene, .scene text, or short YAML (none)", "FILE", kind=Path, main=True
+        None, "scene: MoveIt PlanningScene, .scene text, or short YAML (none)", "FILE", kind=Path, main=True
     )
     base: str | Sequence[float] | None = option(
-        None, "robot's base in the scene's frame [m, rad] (the same frame)", "X,Y,Z,R,P,Y"
+        None, "pose of the robot's base in the scene's frame [m, rad] (the scene's frame itself)", "X,Y,Z,R,P,Y"
     )
     floor: float | None = option(
-        None, "solid below this height of the scene's frame [m] (none)", "Z", kind=float, main=True
+        None, "height of a floor in the scene's frame [m]; all below it is solid (none)", "Z", kind=float, main=True
     )
-    clearance: float | None = option(None, "distance kept from everything [m] (0.002)", "M", kind=float)
-    tool: str | None = option(None, "the tool's frame and origin [m] (the last joint's)", "FRAME[,X,Y,Z]")
+    clearance: float | None = option(None, "smallest distance from all bodies [m] (0.002)", "M", kind=float)
+    tool: str | None = option(None, "the tool: a frame, and its origin there [m] (the last joint's)", "FRAME[,X,Y,Z]")
     payload_size: str | Sequence[float] | None = option(
-        None, "edges [m] of the payload's box about its centre of mass (a point)", "X,Y,Z"
+        None, "edges of a box around the payload's centre of mass [m] (the payload is a point)", "X,Y,Z"
     )
     planner: str | None = option("auto", "source of the first path; here no verb looks for one", "NAME", hidden=True)
-    allow_outside: bool = option(False, "files may name files outside of their folder", kind=bool)
-    allow_large: bool = option(False, "larger files and meshes are read too", kind=bool)
+    allow_outside: bool = option(False, "allow a file to name files outside of its own folder", kind=bool)
+    allow_large: bool = option(False, "also read files and meshes above the usual size limits", kind=bool)
     cell: CellRequest | None = option(None, "all of these as one object", internal=True, written=False)
 
     def __post_init__(self) -> None:
@@ -295,7 +303,7 @@ class CellGroup(Request):
 class PlannedCellGroup(CellGroup):
     """body and cell"""
 
-    planner: str | None = option("auto", "source of the first path: auto, none or ompl (auto)", "NAME")
+    planner: str | None = option("auto", "planner of the initial path: auto, none or ompl (auto)", "NAME")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -303,19 +311,19 @@ class WriteGroup(Request):
     """for controllers"""
 
     write: Sequence[str] = option(
-        (), "csv, yaml, json, mcap, follow-joint-trajectory, urscript or franka (repeatable)", "FORMAT", many=True,
-        main=True,
+        (), "also write the motion as csv, yaml, json, mcap, follow-joint-trajectory, urscript or franka (repeatable)",
+        "FORMAT", many=True, main=True,
     )  # fmt: skip
-    rate: float | None = option(None, "samples per second of what --write writes [Hz]", "HZ", kind=float)
+    rate: float | None = option(None, "samples per second in the files of --write [Hz] (by format)", "HZ", kind=float)
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorthGroup(Request):
     """what it is worth"""
 
-    cycles_per_year: float | None = option(None, "also state the saving of a year", "N", kind=float)
-    price: float | None = option(None, "of a kWh, in any currency", "PER_KWH", kind=float)
-    co2: float | None = option(None, "carbon dioxide of a kWh [kg]", "KG_PER_KWH", kind=float)
+    cycles_per_year: float | None = option(None, "cycles in a year: also state the saving in a year", "N", kind=float)
+    price: float | None = option(None, "price of one kWh, in any currency", "PER_KWH", kind=float)
+    co2: float | None = option(None, "carbon dioxide of one kWh [kg]", "KG_PER_KWH", kind=float)
     per_year: PerYear | None = option(None, "all of these as one object", internal=True, written=False)
 
     def __post_init__(self) -> None:

@@ -46,7 +46,7 @@ class MoveRequest(
 
     robot: AnyRobot | None = option(None, ROBOT, "NAME_OR_URDF", main=True)
     model: AnyModel | Sequence[AnyModel] | None = option(
-        (), f"{MODEL} (source-method-2 and careful, in the mean)", "MODEL", many=True, main=True
+        (), f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
     )
 
     def document(self) -> dict[str, Any]:
@@ -74,13 +74,13 @@ class OptimizeRequest(WriteGroup, MoveRequest):
     always: ClassVar[tuple[str, ...]] = (*OF_A_MOVE, "mode", "duration", "max_duration")
 
     _: KW_ONLY
-    duration: float | None = option(None, "exactly this long [s] (free)", "T", kind=float, main=True)
-    max_duration: float | None = option(None, "at most this long [s] (free)", "T", kind=float, main=True)
+    duration: float | None = option(None, "exact duration [s] (free)", "T", kind=float, main=True)
+    max_duration: float | None = option(None, "longest duration [s] (free)", "T", kind=float, main=True)
     standard: str | None = option(
-        None, "standard joint moves with a speed and an acceleration each, instead of a free trajectory", "moves",
+        None, "write standard joint moves (a speed and an acceleration each) instead of a free trajectory", "moves",
         flag="--as", choices=("moves",),
     )  # fmt: skip
-    vias: int | None = option(None, "points between the ends that --as moves may add, at most (0)", "K", kind=int)
+    vias: int | None = option(None, "largest number of via points that --as moves may add (0)", "K", kind=int)
 
 
 @dataclass(frozen=True)
@@ -91,20 +91,23 @@ class TradeoffRequest(MoveRequest):
 
     _: KW_ONLY
     job: str | PathLike[str] | Mapping[str, Any] | None = option(
-        None, "a job over its cycle time, in place of one move", "JOB.toml", place="?"
+        None, "a job, in place of one move: its energy over its cycle time", "JOB.toml", place="?"
     )
     durations: str | Sequence[float] | np.ndarray | None = option(
-        None, "where [s] (20, chosen by the program)", "FIRST:LAST:COUNT", main=True
+        None, "durations of the points [s] (20 points, chosen by the program)", "FIRST:LAST:COUNT", main=True
     )
-    duration: float | None = option(None, "only this duration [s]", "T", kind=float)
-    max_duration: float | None = option(None, "the front ends here [s]", "T", kind=float, main=True)
+    duration: float | None = option(None, "one point, at this duration [s]", "T", kind=float)
+    max_duration: float | None = option(
+        None, "longest duration of the front [s] (chosen by the program)", "T", kind=float, main=True
+    )
     cycle: float | None = option(
-        None, "also the energy over a cycle of T s, waiting included", "T", kind=float, main=True
+        None, "also state the energy over a cycle of T seconds, including the wait (no cycle)", "T", kind=float,
+        main=True,
+    )  # fmt: skip
+    idle_power: float | None = option(
+        None, "power overhead while the arm waits [W] (the model's standby)", "W", kind=float
     )
-    idle_power: float | None = option(None, "overhead while waiting [W] (the model's standby)", "W", kind=float)
-    resume: bool = option(
-        False, "of a job: take the answers that an earlier run into --out left", kind=bool, written=False
-    )
+    resume: bool = option(False, "with JOB.toml: continue an earlier run into the same --out", kind=bool, written=False)
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
 
 
@@ -125,18 +128,18 @@ class JobRequest(
     verb: ClassVar[str] = "job"
 
     job: str | PathLike[str] | Mapping[str, Any] = option(
-        ..., "the cycle (`energy-opt --example job`)", "JOB.toml", place="1"
+        ..., "file of the cycle (`energy-opt --example job` prints one)", "JOB.toml", place="1"
     )
-    robot: AnyRobot | None = option(None, "in place of the job's own", "NAME_OR_URDF", main=True)
+    robot: AnyRobot | None = option(
+        None, "robot instead of the one in the job file: a name or a URDF", "NAME_OR_URDF", main=True
+    )
     model: AnyModel | Sequence[AnyModel] | None = option(
-        (), f"{MODEL} (source-method-2 and careful, in the mean)", "MODEL", many=True, main=True
+        (), f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
     )
     _: KW_ONLY
-    starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int, main=True)
-    compile: str = option("auto", "compile the model's functions: auto, always or never (auto)", "WHEN")
-    resume: bool = option(
-        False, "take the answers that an earlier run into --out left", kind=bool, main=True, written=False
-    )
+    starts: int | None = option(None, "largest number of starting points of each move (24)", "N", kind=int, main=True)
+    compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
+    resume: bool = option(False, "continue an earlier run into the same --out", kind=bool, main=True, written=False)
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
 
 
@@ -147,24 +150,26 @@ class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotG
     verb: ClassVar[str] = "place"
 
     job: str | PathLike[str] | Mapping[str, Any] = option(
-        ..., "a cycle with steps that end at poses of the tool", "JOB.toml", place="1"
+        ..., "file of a cycle with steps that end at poses of the tool", "JOB.toml", place="1"
     )
     base_box: str | Sequence[float] = option(
         ...,
-        "where the base may stand in the scene's frame [m]; `yaw`: turned as it likes, YAW0,YAW1: within [rad]",
-        "X0,X1,Y0,Y1,Z0,Z1[,yaw]", main=True,
+        "range of the base's position in the scene's frame [m]; `,yaw`: it may also turn; `,YAW0,YAW1`: it may turn "
+        "within this range [rad]", "X0,X1,Y0,Y1,Z0,Z1[,yaw]", main=True,
     )  # fmt: skip
     model: AnyModel | Sequence[AnyModel] | None = option(
-        (), f"{MODEL} (source-method-2 and careful, in the mean)", "MODEL", many=True, main=True
+        (), f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
     )
     _: KW_ONLY
     fixture: str | None = option(
-        None, "the object of the scene that is placed in place of the base; poses in its frame move with it", "OBJECT"
+        None, "place this object of the scene instead of the base; poses in its frame move with it", "OBJECT"
     )
-    robot: AnyRobot | None = option(None, "in place of the job's own", "NAME_OR_URDF", main=True)
-    looked_at: int = option(120, "placements that are estimated (120)", "N", kind=int)
-    seeds: int = option(3, "the best of them that are solved (3)", "N", kind=int)
-    steps: int = option(4, "solves on the way from the best (4)", "N", kind=int)
-    starts: int | None = option(None, "starting points of a reshaping at most (24)", "N", kind=int)
-    compile: str = option("auto", "compile the model's functions: auto, always or never (auto)", "WHEN")
+    robot: AnyRobot | None = option(
+        None, "robot instead of the one in the job file: a name or a URDF", "NAME_OR_URDF", main=True
+    )
+    looked_at: int = option(120, "number of placements to estimate (120)", "N", kind=int)
+    seeds: int = option(3, "number of the best estimates to solve (3)", "N", kind=int)
+    steps: int = option(4, "largest number of further solves from the best one (4)", "N", kind=int)
+    starts: int | None = option(None, "largest number of starting points of each move (24)", "N", kind=int)
+    compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)

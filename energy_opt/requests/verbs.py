@@ -34,22 +34,29 @@ class BenchRequest(WorthGroup, PlannedCellGroup, DeadlineGroup, PayloadGroup, Ro
 
     verb: ClassVar[str] = "bench"
 
-    suite: str | PathLike[str] | None = option(None, "what to run", "SUITE.toml", kind=Path, place="?")
+    suite: str | PathLike[str] | None = option(
+        None, "file of the suite (`energy-opt --example suite` prints one)", "SUITE.toml", kind=Path, place="?"
+    )
     out: str | PathLike[str] | None = option(None, "folder of results (bench_<suite>)", "DIR", kind=Path, main=True)
     _: KW_ONLY
-    jobs: int | None = option(None, "processes on this machine (one per free core)", "N", kind=int, main=True)
-    resume: bool = option(False, "do what an earlier run into --out left", kind=bool, main=True)
-    force: bool = option(False, "overwrite results of another suite or version of it", kind=bool, main=True)
-    scheduler: str | None = option(None, "compute on a Dask cluster, e.g. tcp://host:8786 (none)", "ADDRESS", main=True)
-    compare: Sequence[str | PathLike[str]] | None = option(
-        None, "two results: what got better or worse", "OLD NEW", kind=Path, many=True, nargs=2, main=True
+    jobs: int | None = option(None, "number of processes on this machine (one per free core)", "N", kind=int, main=True)
+    resume: bool = option(False, "continue an earlier run into the same --out", kind=bool, main=True)
+    force: bool = option(
+        False, "overwrite the results of another suite, or of another version of it", kind=bool, main=True
     )
-    robot: AnyRobot | None = option(None, "robot for every move (the suite's)", "NAME_OR_URDF", main=True)
+    scheduler: str | None = option(
+        None, "compute on a Dask cluster, such as tcp://host:8786 (none)", "ADDRESS", main=True
+    )
+    compare: Sequence[str | PathLike[str]] | None = option(
+        None, "compare two results: which moves got better or worse", "OLD NEW", kind=Path, many=True, nargs=2,
+        main=True,
+    )  # fmt: skip
+    robot: AnyRobot | None = option(None, "robot of every move (the suite's)", "NAME_OR_URDF", main=True)
     model: AnyModel | None = option(None, f"{MODEL} (the suite's)", "MODEL", main=True)
     seed: int | None = option(None, "seed of random moves and of the solver's starts (the suite's)", "N", kind=int)
-    compile: str = option("auto", "compile the model's functions: auto, always or never (auto)", "WHEN")
-    self_collision: bool | None = option(None, "the arm keeps clear of itself (the suite's)", "on|off", kind=bool)
-    planner: str | None = option(None, "source of the first path: auto, none or ompl (the suite's)", "NAME")
+    compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
+    self_collision: bool | None = option(None, "keep the arm clear of itself (the suite's)", "on|off", kind=bool)
+    planner: str | None = option(None, "planner of the initial path: auto, none or ompl (the suite's)", "NAME")
     overrides: Mapping[str, Any] | None = option(None, "entries in place of every table's own", internal=True)
 
 
@@ -64,7 +71,9 @@ class IdentifyRequest(CellGroup, SeedGroup, PayloadGroup, RobotGroup):
     )
     robot: AnyRobot | None = option(None, f"{ROBOT} (the one that log.toml names)", "NAME_OR_URDF", main=True)
     _: KW_ONLY
-    suggest: int | None = option(None, "propose N static poses that would tell most", "N", kind=int, main=True)
+    suggest: int | None = option(
+        None, "propose the N static poses that determine the losses best", "N", kind=int, main=True
+    )
 
 
 @dataclass(frozen=True)
@@ -76,15 +85,15 @@ class DiagnoseRequest(PlannedCellGroup, SeedGroup, PayloadGroup, RobotGroup):
     set: str | PathLike[str] = option(..., "the measured set: a folder with a log.toml", "DIR", kind=Path, place="1")
     model: AnyModel | None = option(
         None,
-        "the declared model, a file or a name (the set's own declared.toml, else mechanical power with standby and "
-        "copper loss fitted)",
-        "DECLARED.toml", main=True,
+        "the declared model: a file or a name (the set's own declared.toml, else mechanical power plus fitted standby "
+        "and copper loss)", "DECLARED.toml", main=True,
     )  # fmt: skip
     _: KW_ONLY
     robot: AnyRobot | None = option(None, f"{ROBOT} (the one that log.toml names)", "NAME_OR_URDF", main=True)
     tolerance: float = option(
-        3.0, "energy error within which a model is good enough to plan with [%] (3)", "PERCENT", kind=float, main=True
-    )
+        3.0, "largest error of a motion's energy with which the model is good enough for planning [%] (3)", "PERCENT",
+        kind=float, main=True,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -94,19 +103,21 @@ class ImportRequest(RobotGroup):
     verb: ClassVar[str] = "import"
 
     files: Sequence[str | PathLike[str]] | str = option(
-        ..., "tables of joints and of meters, or bags, any order", "FILE", kind=Path, place="+"
+        ..., "tables of joints and of power meters, or bags, in any order", "FILE", kind=Path, place="+"
     )
-    out: str | PathLike[str] = option(..., "folder of the measured set", "SET", kind=Path, main=True)
-    robot: AnyRobot | None = option(None, f"{ROBOT} (found by columns and torques)", "NAME_OR_URDF", main=True)
+    out: str | PathLike[str] = option(..., "folder of the measured set to write", "SET", kind=Path, main=True)
+    robot: AnyRobot | None = option(None, f"{ROBOT} (found from columns and torques)", "NAME_OR_URDF", main=True)
     _: KW_ONLY
-    time: str | None = option(None, "the column of stamps (found by its header)", "COLUMN[:UNIT]", main=True)
+    time: str | None = option(None, "column of time stamps (found by its header)", "COLUMN[:UNIT]", main=True)
     power: str | None = option(
-        None, "the whole robot's power; VOLTAGE*CURRENT is a product (found by its header)", "COLUMN[:UNIT]", main=True
-    )
+        None, "column of the whole robot's power, or two as VOLTAGE*CURRENT (found by its header)", "COLUMN[:UNIT]",
+        main=True,
+    )  # fmt: skip
     joint: Sequence[str] = option(
-        (), "a joint's position (found by its header; repeatable)", "JOINT=COLUMN[:UNIT]", many=True, main=True
-    )
-    force: bool = option(False, "replace a set that is there already", kind=bool, main=True)
+        (), "column of a joint's position (found by its header; repeatable)", "JOINT=COLUMN[:UNIT]", many=True,
+        main=True,
+    )  # fmt: skip
+    force: bool = option(False, "replace a set that exists already", kind=bool, main=True)
 
 
 @dataclass(frozen=True)
@@ -116,32 +127,34 @@ class SimulateRequest(CellGroup, SeedGroup, PayloadGroup, PrefixGroup, RobotGrou
     verb: ClassVar[str] = "simulate"
 
     trajectories: Sequence[str | PathLike[str]] | str = option(
-        ..., "files of trajectories, in order", "TRAJECTORY", kind=Path, place="+"
+        ..., "trajectories to play, in this order", "TRAJECTORY", kind=Path, place="+"
     )
-    plant: str | PathLike[str] = option(..., "what the arm truly is: a model file", "MODEL.toml", kind=Path, main=True)
+    plant: str | PathLike[str] = option(
+        ..., "model file: the true effects of the virtual arm", "MODEL.toml", kind=Path, main=True
+    )
     out: str | PathLike[str] = option(
         "simulated", "folder of the measured set (simulated)", "DIR", kind=Path, main=True
     )
     robot: AnyRobot | None = option(None, f"{ROBOT} (the plant file's)", "NAME_OR_URDF", main=True)
     model: AnyModel | None = option(
-        None, "what the owner believes, a file or a name: put into the set", "DECLARED.toml", main=True
+        None, "declared model to put into the set: a file or a name (none)", "DECLARED.toml", main=True
     )
     _: KW_ONLY
-    repeat: int = option(1, "play all of them N times (1)", "N", kind=int, main=True)
-    rest: float = option(0.3, "standing before and after each [s] (0.3)", "S", kind=float)
+    repeat: int = option(1, "play all trajectories N times (1)", "N", kind=int, main=True)
+    rest: float = option(0.3, "time at rest before and after each trajectory [s] (0.3)", "S", kind=float)
     static: float = option(
-        0.0, "also a static run of S seconds where each begins (0: none)", "S", kind=float, main=True
+        0.0, "also record S seconds at rest at the start of each trajectory (0: none)", "S", kind=float, main=True
     )
     noise: float = option(0.6, "standard deviation of the meter's noise [W] (0.6)", "W", kind=float, main=True)
     rate: float = option(125.0, "encoder samples per second [Hz] (125)", "HZ", kind=float)
     meter_rate: float | None = option(
-        None, "readings per second of a meter with a file and clock of its own [Hz] (none)", "HZ", kind=float
+        None, "the meter has its own file and clock, with this many readings per second [Hz] (none)", "HZ", kind=float
     )
-    resolution: float = option(0.02, "of the meter [W] (0.02)", "W", kind=float)
+    resolution: float = option(0.02, "resolution of the meter [W] (0.02)", "W", kind=float)
     encoder: float = option(2e-5, "resolution of the encoders [rad] (2e-5)", "RAD", kind=float)
-    jitter: float = option(0.0, "standard deviation of sampling times [s] (0)", "S", kind=float)
-    log: Sequence[str] = option((), "also log velocity, effort", "SIGNAL", nargs="*", many=True)
-    force: bool = option(False, "overwrite what DIR holds of another request", kind=bool, main=True)
+    jitter: float = option(0.0, "standard deviation of the sampling times [s] (0)", "S", kind=float)
+    log: Sequence[str] = option((), "further signals to log: velocity, effort", "SIGNAL", nargs="*", many=True)
+    force: bool = option(False, "overwrite the results of another request in DIR", kind=bool, main=True)
 
 
 @dataclass(frozen=True)
@@ -152,14 +165,12 @@ class EvaluateRequest(CellGroup, SeedGroup, WriteGroup, PayloadGroup, PrefixGrou
     always: ClassVar[tuple[str, ...]] = ("files", "robot", "payload", "limits")
 
     files: Trajectory | str | PathLike[str] | Sequence[Trajectory | str | PathLike[str]] = option(
-        ...,
-        "a trajectory, program, bag or recording; or a result of optimize or job (folder, JSON or table), with its "
-        "payloads and brakes",
+        ..., "a trajectory, a program, a bag, a recording, or a result of optimize or job (folder, JSON or table)",
         "FILE", place="+",
     )  # fmt: skip
-    robot: AnyRobot | None = option(None, f"{ROBOT} (the one that the files name or have)", "NAME_OR_URDF", main=True)
+    robot: AnyRobot | None = option(None, f"{ROBOT} (the one that the files name)", "NAME_OR_URDF", main=True)
     model: AnyModel | Sequence[AnyModel] | None = option(
-        (), f"{MODEL} (source-method-2 and careful)", "MODEL", many=True, main=True
+        (), f"{MODEL} (source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
     )
 
     def document(self) -> dict[str, Any]:
@@ -182,15 +193,17 @@ class PassportRequest(Request):
 
     models: AnyModel | Sequence[AnyModel] = option(
         ...,
-        "model files, or names of robots (published values where there are any); the others are compared with the "
-        "first",
+        "model files, or names of robots (published values, else assumed ones); the first is compared with the others",
         "MODEL", place="+",
     )  # fmt: skip
-    robot: AnyRobot | None = option(None, "the models' robot (the one that each names)", "NAME_OR_URDF", main=True)
+    robot: AnyRobot | None = option(
+        None, "robot of the models (the one that each model names)", "NAME_OR_URDF", main=True
+    )
     _: KW_ONLY
     limits: str | PathLike[str] | None = option(
-        None, "MoveIt's joint_limits.yaml (published or the URDF's)", "FILE", kind=Path, main=True
-    )
+        None, "joint limits in MoveIt's joint_limits.yaml (published ones, else the URDF's)", "FILE", kind=Path,
+        main=True,
+    )  # fmt: skip
 
     @classmethod
     def read(cls, given: dict[str, Any]) -> dict[str, Any]:
@@ -204,9 +217,13 @@ class CheckRequest(CellGroup, PayloadGroup, PrefixGroup, RobotGroup):
 
     verb: ClassVar[str] = "check"
 
-    files: Sequence[str | PathLike[str]] | str = option(..., "what to check", "FILE_OR_DIR", kind=Path, place="+")
-    robot: AnyRobot | None = option(None, "the robot whose joints and limits are meant", "NAME_OR_URDF", main=True)
-    model: AnyModel | None = option(None, "model for the torque of a trajectory (source-method-2)", "MODEL")
+    files: Sequence[str | PathLike[str]] | str = option(
+        ..., "files and folders to check", "FILE_OR_DIR", kind=Path, place="+"
+    )
+    robot: AnyRobot | None = option(
+        None, "robot whose joints and limits a trajectory or limits file is checked against", "NAME_OR_URDF", main=True
+    )
+    model: AnyModel | None = option(None, "model that gives the torque of a trajectory (source-method-2)", "MODEL")
 
 
 @dataclass(frozen=True)
@@ -215,7 +232,7 @@ class RobotsRequest(Request):
 
     verb: ClassVar[str] = "robots"
 
-    names: Sequence[str] | str = option((), "only these (all known by name)", "NAME_OR_URDF", place="*")
+    names: Sequence[str] | str = option((), "robots to list (all known by name)", "NAME_OR_URDF", place="*")
 
 
 @dataclass(frozen=True)
@@ -224,7 +241,7 @@ class EffectsRequest(Request):
 
     verb: ClassVar[str] = "effects"
 
-    names: Sequence[str] | str = option((), "only these (all)", "NAME", place="*")
+    names: Sequence[str] | str = option((), "effects to list (all)", "NAME", place="*")
 
 
 @dataclass(frozen=True)

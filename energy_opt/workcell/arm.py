@@ -265,7 +265,7 @@ class Arm:
         return list(dict.fromkeys([*self.table.poses, *named]))
 
     def _pose(self, k: int) -> object:
-        """What the file calls the pose in which the arm stands after step k."""
+        """What the file calls the pose of the arm after step k."""
         steps = self.table.step
         return next((s.to for s in (*reversed(steps[: k + 1]), *reversed(steps)) if s.to is not None), None)
 

@@ -238,7 +238,7 @@ def test_rows_over_planes_have_exact_derivatives_and_are_bounds(name: str) -> No
     cell = Cell(robot, CellRequest(), read_scene(PROBLEMS / "scenes" / f"{name}.yaml"))
     q = along(through(waypoints(name, robot)), 2.0, 12).position
     u = np.linspace(0, 1, len(q))
-    rows = Near(cell.bodies).rows(u, q, np.full((len(u), len(cell.bodies.pairs)), 0.002), 0.1)
+    rows = Near(cell.bodies).constraints(u, q, np.full((len(u), len(cell.bodies.pairs)), 0.002), 0.1)
     multipliers = np.random.default_rng(0).uniform(-1, 1, len(rows.place))
     gradient, hessian = rows.gradient(q), rows.hessian(q, multipliers)
     for j in range(robot.n):
@@ -263,7 +263,7 @@ def test_bodies_of_many_pieces_have_rows_for_the_nearest_of_them() -> None:
     robot = load_robot("xarm7")
     cell = Cell(robot, CellRequest())
     q = np.linspace([1.2, 0.4, 2.0, 0.2, 0.2, 1.4, 0.5], [2.2, 1.6, -0.1, -0.1, 1.5, 2.0, 2.8], 5)
-    rows = Near(cell.bodies).rows(np.linspace(0, 1, 5), q, np.full((5, len(cell.bodies.pairs)), 0.002), 0.1)
+    rows = Near(cell.bodies).constraints(np.linspace(0, 1, 5), q, np.full((5, len(cell.bodies.pairs)), 0.002), 0.1)
     assert np.bincount(rows.place).max() <= 6 * len(cell.bodies.pairs)
     for k in range(5):
         least = min(distance for _, distance in cell.distances(q[k], 0.1))

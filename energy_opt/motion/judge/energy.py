@@ -18,7 +18,7 @@ from energy_opt.power import PowerModel, drive_function
 from energy_opt.power.law import body_of, idle_time, returned_power, rigid_inputs, rigid_torque, store_of
 from energy_opt.robot import Robot
 
-DENSER = 10  # places between two rows at which a trajectory is judged; even, for Simpson's rule
+DENSER = 10  # places between two samples at which a trajectory is judged; even, for Simpson's rule
 BLOCK = 300_000  # places looked at at once: some 200 MB for seven joints; laws with a memory begin anew in each
 
 
@@ -37,7 +37,7 @@ class Energy:
     by_effect: dict[str, float] = field(default_factory=dict)
 
     def document(self) -> dict[str, object]:
-        """As it stands in result.json."""
+        """As result.json has it."""
         return {
             "total": self.total,
             "standby": self.standby,
@@ -48,7 +48,7 @@ class Energy:
 
 
 def blocks(trajectory: Trajectory, factor: int) -> list[slice]:
-    """The rows of a trajectory in slices that share their ends, each of at most `BLOCK` places."""
+    """The samples of a trajectory in slices that share their ends, each of at most `BLOCK` places."""
     last = len(trajectory.time) - 1
     step = max(BLOCK // factor, 1)
     return [slice(first, min(first + step, last) + 1) for first in range(0, last, step)]
@@ -95,8 +95,8 @@ class Scorer:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Motor torque (N, n) [N m], power (N,) [W] and its parts (N, len(self.parts)) [W] by the exact laws.
 
-        Friction holds what stands still: that is in the power, not in the torque, which limits are held against.
-        Instants are in order of time; each stands for half the time to both neighbours.
+        Friction holds a joint at rest: the power includes that, the torque that limits bound does not.
+        Instants are in order of time; each counts for half the time to both neighbours.
         """
         return self._law(q, v, a, t, *self._past(q, v, a, t))[1:4]
 
@@ -159,9 +159,9 @@ class Scorer:
         return out
 
     def dense(self, trajectory: Trajectory, factor: int = DENSER, rows: slice | None = None) -> Dense:
-        """The trajectory on a grid `factor` times denser than its rows: what energy and limits are read from.
+        """The trajectory on a grid `factor` times denser than its samples: what energy and limits are read from.
 
-        `rows`: these alone; time goes on counting from the trajectory's first.
+        `rows`: the samples to take (None: all); time goes on counting from the trajectory's first.
         """
         begin = trajectory.time[0]
         trajectory = trajectory if rows is None else trajectory.part(rows)
@@ -192,7 +192,7 @@ class Scorer:
         return Dense(dense.trajectory, dense.body, 1, time, q, v, a, jerk, *driven)
 
     def energy(self, trajectory: Trajectory) -> Energy:
-        """Energy of the curve that the rows stand for."""
+        """Energy of the curve through the samples."""
         pieces = [self.spent(self.dense(trajectory, DENSER, rows)) for rows in blocks(trajectory, DENSER)]
         return self.together(trajectory, pieces)
 
@@ -223,7 +223,7 @@ class Scorer:
         return total, by_effect
 
     def filled(self, trajectory: Trajectory) -> Trajectory:
-        """The trajectory with effort and power at its rows."""
+        """The trajectory with effort and power at its samples."""
         return self.dense(trajectory, 1).filled
 
 

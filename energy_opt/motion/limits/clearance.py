@@ -33,5 +33,5 @@ class ClearanceConstraints(Limit):
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaneRows | None:
         """Constraints over planes between what is near along `curve`."""
-        constraints = self.near.rows(self.u, curve(self.u), self.margin, self.reach)
+        constraints = self.near.constraints(self.u, curve(self.u), self.margin, self.reach)
         return constraints if len(constraints.place) else None

@@ -3,7 +3,7 @@
 Fronts of energy against duration consist of such steps. At durations that are `ALONE` times apart a step does all
 that a single solve does, so that a front follows where the best optimum changes; between these it begins at the
 optimum of the neighbour alone. First paths, their timings and what the starts lead to are shared by all durations.
-Then a curve of a neighbour is gone on from where it may lead to less: the better one counts. A retimed path is
+Then the search continues a neighbour's curve where it may lead to less: the better one counts. A retimed path is
 retimed anew, which needs no start.
 """
 

@@ -59,7 +59,7 @@ class Planner:
 
     Args:
         batch: many moves are coming, so that compiling at once pays.
-        cell: the arm's body and what stands around it, to be kept clear of; None for nothing.
+        cell: the arm's body and the bodies around it, to be kept clear of; None for nothing.
         stopped: asked between solves; True ends the work with the best known so far.
     """
 
@@ -79,8 +79,8 @@ class Planner:
         self._workshop, self._stopped = Workshop(batch), stopped
         self._take_cell(cell)
         self._take_model(model)
-        self.limits()  # what cannot be is told now, not when a move needs it
-        if self.settings.dynamics != "auto":  # a source that is not there is told now, not when a move needs it
+        self.limits()  # faults are reported now, not when a move needs it
+        if self.settings.dynamics != "auto":  # a missing source is reported now, not when a move needs it
             torque_function(robot.body, self.settings.dynamics)
 
     def _take_model(self, model: PowerModel) -> None:

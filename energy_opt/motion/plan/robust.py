@@ -138,7 +138,7 @@ class RobustPlanner:
         return any(exceeds(s.energy(trajectory).total, s.energy(slowed).total) for s in self._scorers)
 
     def rows(self, trajectory: Trajectory, slowed: Trajectory | None) -> list[dict[str, object]]:
-        """What every model makes of a motion beside the evenly slowed one: rows as of `Result.models`."""
+        """What every model makes of a motion beside the evenly slowed one: records as of `Result.models`."""
         return [
             row_of(judge.name, scorer.energy(trajectory), None if slowed is None else scorer.energy(slowed))
             for judge, scorer in zip(self._judges, self._scorers, strict=True)
@@ -185,7 +185,7 @@ class RobustPlanner:
     def solve_by(self, find: Callable[[Planner], Result]) -> Result:
         """As `solve`, of what `find` makes with a planner of the models' mean; it has the last word.
 
-        Where all that it finds is dearer than the evenly slowed move under a model, the result says so in a warning.
+        If every motion that it finds costs more than the evenly slowed move under a model, a warning says so.
         """
         best = self._least(lambda planner, _: find(planner), self._stopped)
         result = self._stated(best)

@@ -1,8 +1,8 @@
 """Reshaping that keeps clear of the arm's own body and of its cell: SQP over planes that each linearisation renews.
 
-At places along the curve, rows over planes keep every two bodies apart that may come near in a step (see `sqp`). Where
-that has converged, the curve is looked at at many more places: those where bodies are too near join the others. Only
-what is clear at all of these is handed to the proof; where this fails, it is gone on with more distance.
+At places along the curve, planes keep every two bodies apart that may come near in a step (see `sqp`). After
+convergence, many more places of the curve are checked: those where bodies are too near join the others. Only what is
+clear at all of these is handed to the proof; where this fails, the search continues with more distance.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from energy_opt.motion.reshape.task import FEASIBLE, SLACK, Level, Task
 log = logging.getLogger(__name__)
 PLACES, DENSE = 60, 240  # along a curve, evenly in time, where pairs are looked at; and before a proof
 CLOSE = 0.05  # of their spacing: a corner that is passed fast needs places as near to each other as this
-REACH = 0.06  # [m] pairs that are nearer get rows
-MARGIN = 0.002  # [m] rows keep this much more than is to be proven
+REACH = 0.06  # [m] pairs that are nearer get constraints
+MARGIN = 0.002  # [m] constraints keep this much more than is to be proven
 BESIDE = 0.005  # [m] farther a curve is not looked at to find out whether it keeps clear
 HAIR = 2e-4  # [m] more than is to be proven is kept at the many places
 MORE, MOST = 0.0007, 0.003  # [m] added to it where a proof failed, and how much of that at most
@@ -43,7 +43,7 @@ RESOLVED, EXACT = 15, 1e-6  # iterations under limits that have changed a little
 
 @dataclass
 class Places:
-    """Where rows are wanted: places u, and what pairs keep beyond the usual [m]."""
+    """Where constraints are wanted: places u, and what pairs keep beyond the usual [m]."""
 
     u: np.ndarray
     more: np.ndarray
@@ -196,6 +196,6 @@ class ClearSearch:
         return found
 
     def _with(self, places: Places) -> Model:
-        """The model with rows at places."""
+        """The model with constraints at places."""
         rows = ClearanceConstraints(self.near, places.u, self.margins.at(places), REACH)
         return self._model.keeping(rows)

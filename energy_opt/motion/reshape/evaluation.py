@@ -20,7 +20,7 @@ from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.numerics.batch import Batch
 
-NEAREST, ARM = 0.01, 0.5  # [m] bodies that are nearer than this get rows, and more for each rad that joints will turn
+NEAREST, ARM = 0.01, 0.5  # [m] nearer bodies get constraints, and more for each rad that joints will turn
 DIFFERENCE = 1e-5  # [rad, m] of what ending somewhere costs
 
 
@@ -74,7 +74,7 @@ class Point:
     along: np.ndarray  # (directions, n) of the goal
     placed: list[tuple[int, PlaceConstraints, np.ndarray, np.ndarray]] = field(
         default_factory=list
-    )  # limit, rows, q, values
+    )  # limit, constraints, q, values
 
 
 class Evaluation:
@@ -186,7 +186,7 @@ class Evaluation:
         return self.at(curve.points, curve.duration, curve.via_u, far)
 
     def keeping(self, clearance: ClearanceConstraints | None) -> Self:
-        """The same problem with other rows between bodies."""
+        """The same problem with other constraints between bodies."""
         out = copy(self)
         out.clearance = clearance
         return out
@@ -220,7 +220,7 @@ class Evaluation:
         return points, duration, np.clip(point.via_u + border[len(border) - s.vias :], 0, 1)
 
     def broken(self, point: Point, give: float, slack: float) -> float:
-        """The sum of all excesses: of shares of bounds beyond `give`, of numeric rows beyond `slack`."""
+        """The sum of all excesses: of shares of bounds beyond `give`, of numeric constraints beyond `slack`."""
         out = float(np.maximum(np.abs(point.linear) - 1 - give, 0).sum())
         out += float(np.maximum(np.where(self._hot_one, point.hot, np.abs(point.hot)) - 1 - give, 0).sum())
         out += float(np.abs(point.via).sum())

@@ -1,4 +1,4 @@
-"""The quadratic model of a reshaping problem at a curve: banded Hessian and linearised rows.
+"""The quadratic model of a reshaping problem at a curve: banded Hessian and linearised constraints.
 
 Rows of velocity, acceleration and jerk are |A x| <= b T^k: linear at a fixed T, and else linearised in T on the side of
 the bound, where they stay inside of the limit.
@@ -209,7 +209,7 @@ class Model(Evaluation):
         )  # fmt: skip
 
     def multipliers(self, point: Point, keys: np.ndarray, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Multipliers of named rows in the form that `hessian` takes."""
+        """Multipliers of named constraints in the form that `hessian` takes."""
         order = np.argsort(keys, kind="stable")
         keys, values = keys[order], values[order]
         name, kind = np.divmod(keys, 4)

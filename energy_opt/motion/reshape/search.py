@@ -30,7 +30,7 @@ from energy_opt.numerics.bspline import Basis
 
 log = logging.getLogger(__name__)
 COARSE, COARSE_PACKING = 12, 0.5  # control points of starts: with 10, every tenth move's best optimum is lost
-ITERATIONS, FINE = 60, 1e-7  # of those that are gone on with, where IPOPT does not
+ITERATIONS, FINE = 60, 1e-7  # of the continued searches, where IPOPT does not polish
 TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance of the comparison of optima
 PER_VIA = 2  # control points more for every via point
 WIDE, MIDDLE = 10.0, 3.0  # times the width of kinks on the coarse problem, and where optima are compared
@@ -202,7 +202,7 @@ class Reshaper:
 
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:
-    """Rows as near as `row_step` says, one at every knot: between rows the curve is the quintic itself."""
+    """Samples as near as `row_step` says, one at every knot: between samples the curve is the quintic itself."""
     breaks = curve.shape.basis.breaks
     count = int(np.ceil(curve.duration / row_step(curve.duration)))
     parts = [max(1, int(np.ceil(width * count))) for width in np.diff(breaks)]

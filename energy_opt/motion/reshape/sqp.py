@@ -50,7 +50,7 @@ class Descent:
 
 
 def begin(point: Point) -> Descent:
-    """A search that has not begun."""
+    """A search before its first step."""
     return Descent(point, np.zeros(0, dtype=np.int64), np.zeros(0))
 
 
@@ -63,7 +63,7 @@ def descend(
     Args:
         trust: [rad, m] that control points go at most in the first step; most: in any.
         tolerance: relative; it ends where so little is to be won.
-        give: share of a bound by which limits may be exceeded free of charge; slack: the same of numeric rows.
+        give: share of a bound by which limits may be exceeded free of charge; slack: the same of numeric constraints.
         loose: the last barrier parameter of quadratic programs.
     """
     point = now.point
@@ -163,7 +163,7 @@ def _program(
     model: Model, point: Point, hessian: Banded, gradient: np.ndarray, others: Constraints, held: np.ndarray,
     box: tuple[np.ndarray, np.ndarray], damping: float, give: float, loose: float,
 ) -> tuple[Minimum, Constraints, np.ndarray]:  # fmt: skip
-    """The quadratic program of a linearisation; linear rows that its step breaks are added and it is solved again."""
+    """The quadratic program of a linearisation; constraints that a step breaks are added, then it is solved again."""
     while True:
         rows = model.linear_rows(point, held).joined(others)
         found = minimise(hessian, gradient, box, rows, PRICE, model.mass, damping, loose)

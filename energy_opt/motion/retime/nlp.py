@@ -174,7 +174,7 @@ class RetimeProgram:
         cost: of the points.
         ends: (2,) first and last control value.
         reference: T_ref, in the program's unit of time.
-        rows: limits in force.
+        rows: constraints of the limits in force.
     """
 
     def __init__(

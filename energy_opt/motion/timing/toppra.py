@@ -50,7 +50,7 @@ def fastest(
 ) -> Timing:
     """The fastest timing within limits (torque with every torque effect of `model`).
 
-    TOPP-RA knows limits that are linear in path acceleration and squared speed, or that a tangent stands for. Where the
+    TOPP-RA knows limits that are linear in path acceleration and squared speed, or that a tangent replaces. Where the
     result breaks others, such as jerk (left aside where `jerk` is False), coarser grids, which switch more gently, and
     an even slowing down are tried, and the fastest that holds them is returned.
 
@@ -287,7 +287,7 @@ class _Interval:
 
 
 def _constraint(rows: _Rows, unit: float) -> Any:
-    """The rows as the library's linear constraint, held at both ends of every grid interval."""
+    """The constraints as the library's linear constraint, held at both ends of every grid interval."""
     from toppra.constraint import DiscretizationType, LinearConstraint
     from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
 

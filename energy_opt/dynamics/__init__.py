@@ -1,7 +1,7 @@
-"""Symbolic inverse dynamics of a robot, whatever its source, proved against Pinocchio before it is used.
+"""Symbolic inverse dynamics of a robot, from one of several sources, compared with Pinocchio before use.
 
 A source is a function from a `RigidBody` to a CasADi function (q, v, a, gravity, mass, com) -> tau (see
-`compact.torque_function`), or to None where it cannot be had on this machine.
+`compact.torque_function`). It returns None if it is not available on this machine.
 """
 
 from __future__ import annotations
@@ -27,14 +27,20 @@ _BUILDERS: dict[str, Callable[[RigidBody], ca.Function | None]] = {
 
 
 def torque_function(body: RigidBody, source: str = "auto") -> ca.Function:
-    """Symbolic inverse dynamics (q, v, a, gravity, mass, com) -> tau, checked against `pin.rnea` at random states.
+    """Symbolic inverse dynamics (q, v, a, gravity, mass, com) -> tau, compared with `pin.rnea` at random states.
 
-    `source` is "pinocchio" (`pinocchio.casadi`), "templates" (the opt-in build of Pinocchio's templates), "compact"
-    (this package's own recursion, the shortest graph) or "auto", which is "compact".
+    Args:
+        body: the rigid body.
+        source: "compact" (this package's recursion, which has the shortest graph), "pinocchio" (`pinocchio.casadi`),
+            "templates" (the optional build of Pinocchio's templates), or "auto", which is "compact".
+
+    Returns:
+        A function of q, v, a (n, 1), gravity (3, 1) [m/s^2] in the base frame, a payload's mass [kg] and centre
+            (3, 1) [m] in the last joint's frame; tau is (n, 1) [N m].
 
     Raises:
         BadInput: an unknown source, or one that is not on this machine.
-        EnergyOptError: the torque differs from Pinocchio's beyond 1e-9 relative.
+        EnergyOptError: the torque differs from Pinocchio's by more than 1e-9 of the largest torque.
     """
     if source not in SOURCES:
         raise BadInput(f"--dynamics {source!r}; expected one of {', '.join(SOURCES)}")

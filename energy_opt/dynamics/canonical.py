@@ -1,13 +1,14 @@
-"""Numeric rewriting of a kinematic tree so that its symbolic dynamics become short. Torques do not change.
+"""Numeric rewriting of a kinematic tree, so that its symbolic dynamics become short. Torques do not change.
 
-1. Every link frame is turned so that its joint axis is +z, and its origin slid along that axis (for a prismatic
-   joint: anywhere) to leave few non-zero offsets.
-2. What the joint torques cannot tell from inertia of the parent is moved to the parent (base parameters). With the
-   4 x 4 pseudo-inertia J = [[S, h], [h', m]], S the second moment, h the first and m the mass: a revolute joint about
-   z cannot tell S_zz, h_z and m; a prismatic one cannot tell S.
+1. Each link frame is turned so that its joint axis is +z. Its origin slides along this axis (for a prismatic joint:
+anywhere) to a place that leaves few non-zero offsets.
+2. Inertia that the torque of a joint cannot distinguish from inertia of the parent is moved to the parent (base
+parameters; Khalil and Kleinfinger, IEEE J. Robotics and Automation 3(6), 1987). With the 4 x 4 pseudo-inertia J =
+[[S, h], [h', m]], S the second moment, h the first moment and m the mass, this is S_zz, h_z and m for a revolute joint
+about z, and S for a prismatic joint.
 
-Here is also what recursions over such a tree are written with: vectors of three scalars and the change of frame across
-a joint; and inverse dynamics of a tree in which joints follow others, from those of the tree in which none does.
+The file also contains the building blocks of recursions over such a tree: vectors of three scalars, the change of frame
+across a joint, and the inverse dynamics of a tree with followers (mimic joints) from that of the tree without.
 """
 
 from __future__ import annotations
@@ -25,9 +26,15 @@ ROUNDING = 1e-12  # what six-digit right angles in a URDF leave behind is smalle
 
 @dataclass(frozen=True)
 class CanonicalLink:
-    """A link whose joint axis is +z: parent index (-1 base), placement (4, 4) at q = 0, pseudo-inertia (4, 4).
+    """A link whose joint axis is +z.
 
-    `from_original` (4, 4) maps a point's homogeneous coordinates in the link's original frame to this one.
+    Attributes:
+        prismatic: whether the joint slides.
+        parent: index of the parent link; -1 for the base.
+        placement: (4, 4) pose in the parent's frame at q = 0.
+        pseudo_inertia: (4, 4), see the module.
+        from_original: (4, 4), from homogeneous coordinates in the link's original frame to this frame.
+        armature: reflected rotor inertia [kg m^2].
     """
 
     prismatic: bool
@@ -45,6 +52,7 @@ def snapped(matrix: np.ndarray, tolerance: float = ROUNDING) -> np.ndarray:
 
 
 def _pose(rotation: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
+    """The homogeneous matrix (4, 4) of a rotation (3, 3) and an offset (3,) [m]."""
     out = np.eye(4)
     out[:3, :3] = rotation
     if offset is not None:
@@ -53,7 +61,9 @@ def _pose(rotation: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
 
 
 def _turn_to_z(axis: np.ndarray) -> np.ndarray:
-    """A rotation Q with Q e_z = axis; a signed permutation where the axis is a coordinate axis."""
+    """A rotation Q (3, 3) with Q e_z = axis. If the axis is a coordinate axis, Q is a signed permutation, so it adds no
+    products.
+    """
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     x = np.cross(helper, axis)
     x /= np.linalg.norm(x)
@@ -61,7 +71,13 @@ def _turn_to_z(axis: np.ndarray) -> np.ndarray:
 
 
 class _Frames:
-    """Placements of turned frames whose origins may still slide."""
+    """Placements of the turned frames, while their origins may still slide.
+
+    Attributes:
+        turn: (3, 3) of each link, see `_turn_to_z`. base: (4, 4) placements at q = 0 before sliding. shift: (3,) [m]
+            how far each origin has moved, in its own turned frame. parent_turns: whether a revolute joint lies between
+            the base and the parent; only then does an offset cost products.
+    """
 
     def __init__(self, links: Sequence[Link]) -> None:
         self.links = links
@@ -90,7 +106,11 @@ class _Frames:
         return sum(int(np.count_nonzero(self.offset(k))) for k in range(len(self.links)) if self.parent_turns[k])
 
     def slide(self) -> None:
-        """Coordinate descent on `cost` over origins that lie on the joint axes."""
+        """Coordinate descent on `cost`, three rounds over all links.
+
+        For each link it tries places of the origin that make one coordinate of an offset zero: of its own offset, and
+        along its axis of its children's offsets. It keeps the cheapest.
+        """
         z = np.array([0.0, 0.0, 1.0])
         for _ in range(3):
             for k, link in enumerate(self.links):
@@ -119,6 +139,8 @@ def canonical(links: Sequence[Link]) -> tuple[CanonicalLink, ...]:
         maps.append(np.linalg.inv(_pose(frames.turn[k]) @ _pose(np.eye(3), frames.shift[k])))
         inertias.append(maps[k] @ pseudo_inertia(link.mass, link.lever, link.inertia) @ maps[k].T)
     for k in reversed(range(len(links))):
+        # Base parameters: the part of the pseudo-inertia that this joint's torque does not see moves to the parent. The
+        # pseudo-inertia of a link in another frame is T J T^T.
         hidden = np.zeros((4, 4))
         if links[k].prismatic:
             hidden[:3, :3] = inertias[k][:3, :3]
@@ -154,9 +176,10 @@ def times(matrix: Sequence[Sequence[float | ca.SX]], x: Sequence[ca.SX]) -> Vect
 
 
 def all_joints(coupling: Coupling, q: ca.SX, v: ca.SX, a: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Positions, velocities and accelerations of all joints of a tree, (L, 1) each, from those that move by themselves.
+    """Positions, velocities and accelerations of all L joints of a tree from those of the n independent ones.
 
-    Each is (n, 1) and comes back as it is where nothing follows.
+    With the coupling matrix G (L, n) and offset q0: q_all = G q + q0, v_all = G v, a_all = G a. Without followers, the
+    arguments are returned as they are.
     """
     if coupling.trivial:
         return q, v, a
@@ -195,9 +218,9 @@ NAMES = ["q", "v", "a", "gravity", "mass", "com"]
 
 
 def coupled(function: ca.Function, coupling: Coupling) -> ca.Function:
-    """(q, v, a, gravity, mass, com) -> tau of the n joints that move by themselves, from a function of all L.
+    """(q, v, a, gravity, mass, com) -> tau (n, 1) of the independent joints, from a function for all L joints.
 
-    By virtual work a joint's torque is its own and that of each follower times its ratio.
+    By virtual work tau = G^T tau_all: the torque of a joint is its own plus that of each follower times its ratio.
     """
     if coupling.trivial:
         return function

@@ -43,7 +43,20 @@ from energy_opt.robot.kinematics import Coupling, Link, outermost
 def _wrench(
     inertia: Sequence[Sequence[ca.SX]], w: Vector, dw: Vector, origin: Vector
 ) -> tuple[list[Vector], Vector, Vector]:
-    """U, force and torque about the origin of a link with pseudo-inertia `inertia` (4 x 4)."""
+    """Force and torque of a link by its motion, and U.
+
+    With U = [dw]x + [w]x [w]x, a point r of the link has the acceleration l + U r. The force is the integral of this
+    over the mass, m l + U h. The torque about the origin is the integral of r x (l + U r) dm = h x l + integral of r x
+    U r dm. With the second moment S, the integral of r (U r)^T dm is S U^T, so component x of the last term is (U S)_zy
+    - (U S)_yz.
+
+    Args:
+        inertia: (4, 4) pseudo-inertia. w, dw: angular velocity [rad/s] and acceleration [rad/s^2]. origin: acceleration
+            l of the origin [m/s^2], gravity included. All in the link's frame.
+
+    Returns:
+        U (3, 3), force (3,) [N], torque (3,) [N m].
+    """
     xx, yy, zz = w[0] * w[0], w[1] * w[1], w[2] * w[2]
     xy, xz, yz = w[0] * w[1], w[0] * w[2], w[1] * w[2]
     u = [
@@ -73,13 +86,14 @@ def torque_function(tree: Sequence[Link]) -> ca.Function:
 
 
 def _of_all(tree: Sequence[Link]) -> ca.Function:
-    """Inverse dynamics as if every joint moved by itself."""
+    """Inverse dynamics of the tree as if all of its L joints were independent; arguments as `torque_function`."""
     n, last = len(tree), outermost(tree)
     links = canonical(tree)
     q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
     gravity, mass, com = ca.SX.sym("gravity", 3), ca.SX.sym("mass"), ca.SX.sym("com", 3)
     zero: Vector = [ca.SX(0)] * 3
 
+    # A point mass m at x adds m [x; 1] [x; 1]^T to the pseudo-inertia.
     point = ca.mtimes(ca.DM(links[last].from_original), ca.vertcat(com, 1))
     inertias = [ca.SX(ca.DM(link.pseudo_inertia)) for link in links]
     inertias[last] = inertias[last] + mass * ca.mtimes(point, point.T)
@@ -112,6 +126,7 @@ def _of_all(tree: Sequence[Link]) -> ca.Function:
         forces.append(force)
         torques.append(torque)
 
+    # From the tips to the base: sum forces and torques, and take the component along each joint's axis z.
     tau = [ca.SX(0)] * n
     for k in reversed(range(n)):
         link = links[k]
@@ -139,7 +154,16 @@ class ToolState:
 
 
 def tool_state(tree: Sequence[Link], tool: Tool, q: ca.SX, v: ca.SX, a: ca.SX) -> ToolState:
-    """Where a tool is and how it moves, for joint positions, velocities and accelerations (n, 1)."""
+    """Position and motion of a tool as expressions.
+
+    Args:
+        tree: the links. tool: the joint that carries it, and its pose (4, 4) there. q, v, a: (n, 1) of the independent
+            joints.
+
+    Returns:
+        The `ToolState`. The recursions are those of the module's text, from the base to the tool's joint; the last step
+            is from that joint's origin to the tool's.
+    """
     links = canonical(tree)
     q, v, a = all_joints(Coupling.of(tree), q, v, a)
     chain = [tool.joint]

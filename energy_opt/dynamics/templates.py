@@ -1,7 +1,8 @@
-"""Symbolic inverse dynamics from Pinocchio, in two ways that a plain install does not have.
+"""Symbolic inverse dynamics from Pinocchio itself. Both sources need more than a plain install.
 
-Its own templates, where the extension `energy_opt_pinsx` is installed, which is built from extensions/pinocchio_sx; and
-`pinocchio.casadi`, where Pinocchio was built with it (its PyPI wheel was not).
+`from_templates` uses Pinocchio's C++ templates, compiled as the extension `energy_opt_pinsx` (see
+extensions/pinocchio_sx). `from_pinocchio` uses `pinocchio.casadi`, if Pinocchio was built with it; its PyPI wheel was
+not.
 """
 
 from __future__ import annotations

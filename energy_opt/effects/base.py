@@ -129,7 +129,12 @@ class Effect:
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def named(self, vector: ca.SX, joints: int) -> SimpleNamespace:
-        """What a law is given as `p`: `split` of a column laid out as `full`, options and lengths of dimensions."""
+        """The parameters as a law receives them: `split` of a column laid out as `full`, with options and lengths of
+        dimensions.
+
+        Args:
+            vector: (size, 1), symbols or numbers. joints: number of joints.
+        """
         out = self.split(vector, joints, self.extents)
         out.__dict__.update(self.choices)
         return out
@@ -170,6 +175,7 @@ class Effect:
 
     @classmethod
     def _extents(cls, given: Mapping[str, int] | None) -> dict[str, int]:
+        """Lengths of all free dimensions: those given, else the defaults of the class."""
         return {**cls.extents_by_default, **(given or {})}
 
     @classmethod
@@ -209,19 +215,21 @@ class Effect:
 
     @classmethod
     def idle(cls, joints: int, **words: str | int) -> Effect:
-        """The effect where it changes next to nothing but its derivatives say what it would do."""
+        """The effect at a value where it changes almost nothing, but where its derivatives by all parameters are
+        informative.
+        """
         return cls.neutral(joints, **words)
 
     @classmethod
     def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
-        """x from `full`."""
+        """x from `full`. A parameter of `products` is replaced by its product with its factor, such as mass * com."""
         x, (times, by) = np.array(full, dtype=float), cls._products(joints)
         x[times] *= full[by]
         return x
 
     @classmethod
     def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
-        """`full` from x."""
+        """`full` from x, the inverse of `to_chart`. A factor near 0 is replaced by SMALL before the division."""
         full, (times, by) = x.copy(), cls._products(joints)
         full[by] = _away(x[by])
         full[times] /= full[by]
@@ -229,7 +237,7 @@ class Effect:
 
     @classmethod
     def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
-        """d full / d x, square."""
+        """d full / d x (square), for y = x_t / f with f the factor: dy / dx_t = 1 / f and dy / df = -x_t / f^2."""
         out, (times, by) = np.eye(len(x)), cls._products(joints)
         factor = _away(x[by])
         out[times, times], out[times, by] = 1 / factor, -x[times] / factor**2
@@ -292,11 +300,12 @@ def described(p: Parameter) -> str:
 
 
 def _away(factor: np.ndarray) -> np.ndarray:
-    """A factor that is divided by, kept from 0."""
+    """A divisor with small values (below SMALL) replaced by SMALL."""
     return np.where(np.abs(factor) < SMALL, SMALL, factor)
 
 
 def _short(value: np.ndarray) -> str:
+    """A value in few characters, for `repr`."""
     if value.size == 1:
         return f"{value.item():.6g}"
     if value.ndim > 1:

@@ -29,10 +29,12 @@ class Standby(PowerEffect):
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """The parameter itself [W]."""
         return p.power
 
     @classmethod
     def constant(cls, p: SimpleNamespace) -> ca.SX | float:
+        """All of it is drawn at every instant [W]."""
         return p.power
 
 
@@ -50,6 +52,7 @@ class StandbyDrift(PowerEffect):
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """power (1 - exp(-t / time_constant)) [W]."""
         return p.power * (1 - ca.exp(-x.t / p.time_constant))
 
 
@@ -66,6 +69,7 @@ class MotionPower(PowerEffect):
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """`power` [W] if any joint moves, else 0."""
         return p.power * k.moving(x.v)
 
 
@@ -82,6 +86,7 @@ class InverterLoss(PowerEffect):
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """c sum_j |tau_m,j| [W]."""
         return p.c * ca.sum1(k.magnitude(tau_m, TORQUE_WIDTH))
 
 
@@ -94,6 +99,10 @@ class CopperLoss(HeatEffect):
 
     @classmethod
     def heat(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """r_over_kt2,j tau_m,j^2 (n, 1) [W].
+
+        The current is I = tau_m / Kt, and its Joule heat R I^2 = (R / Kt^2) tau_m^2.
+        """
         return p.r_over_kt2 * tau_m**2
 
 
@@ -111,6 +120,7 @@ class WindingTemperature(WindingEffect):
 
     @classmethod
     def factor(cls, x: Signals, p: SimpleNamespace) -> ca.SX:
+        """1 + rate (1 - exp(-t / time_constant)), a scalar."""
         return 1 + p.rate * (1 - ca.exp(-x.t / p.time_constant))
 
 
@@ -133,6 +143,7 @@ class Regeneration(DriveEffect):
 
     @classmethod
     def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+        """Stored mechanical power returns with the factor `efficiency`."""
         return p.efficiency
 
 
@@ -144,10 +155,12 @@ class SupplyEfficiency(SupplyEffect):
 
     @classmethod
     def at_meter(cls, power: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """P / eta [W]."""
         return power / p.eta
 
     @classmethod
     def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+        """Every watt behind the supply is 1 / eta W at the meter."""
         return 1 / p.eta
 
 
@@ -167,6 +180,7 @@ class PsuLoss(SupplyEffect):
 
     @classmethod
     def at_meter(cls, power: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """P + affine |P| + quadratic P^2 [W]."""
         return power + p.affine * k.magnitude(power, POWER_WIDTH) + p.quadratic * power**2
 
 
@@ -186,4 +200,5 @@ class IronLoss(PowerEffect):
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """sum_j hysteresis_j |v_j| + eddy_j v_j^2 [W]."""
         return ca.dot(p.hysteresis, k.magnitude(x.v, SIGN_WIDTH)) + ca.dot(p.eddy, x.v**2)

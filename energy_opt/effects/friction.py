@@ -31,6 +31,7 @@ class CoulombFriction(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """tau_c sign(v), (n, 1) [N m]."""
         return p.tau_c * k.sign(x.v, SIGN_WIDTH)
 
 
@@ -44,6 +45,7 @@ class ViscousFriction(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """b v, (n, 1) [N m]."""
         return p.b * x.v
 
 
@@ -60,6 +62,7 @@ class StribeckFriction(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """tau_s exp(-(v / v_s)^2) sign(v), (n, 1) [N m]."""
         return p.tau_s * ca.exp(-((x.v / p.v_s) ** 2)) * k.sign(x.v, SIGN_WIDTH)
 
 
@@ -73,6 +76,7 @@ class LoadFriction(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """mu |tau| sign(v), (n, 1) [N m], of the rigid body's torque tau."""
         return p.mu * k.magnitude(x.tau, TORQUE_WIDTH) * k.sign(x.v, SIGN_WIDTH)
 
 
@@ -90,6 +94,10 @@ class GearEfficiency(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """What the motor adds to tau, (n, 1) [N m]: tau (c - 1) + s |tau| sign(v), c and s as above.
+
+        This uses tau sign(tau v) = |tau| sign(v).
+        """
         mean, half = (1 / p.eta + p.eta) / 2, (1 / p.eta - p.eta) / 2
         return x.tau * (mean - 1) + half * k.magnitude(x.tau, TORQUE_WIDTH) * k.sign(x.v, SIGN_WIDTH)
 
@@ -110,6 +118,7 @@ class AsymmetricFriction(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """m s + d s^2, (n, 1) [N m]."""
         s = k.sign(x.v, SIGN_WIDTH)
         return (p.tau_plus + p.tau_minus) / 2 * s + (p.tau_plus - p.tau_minus) / 2 * s**2
 
@@ -127,6 +136,7 @@ class PowerLawFriction(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """c |v|^exponent sign(v), (n, 1) [N m]."""
         return p.c * k.power(x.v, p.exponent, SIGN_WIDTH)
 
 
@@ -149,6 +159,7 @@ class ThermalViscous(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """b v (1 - share warm), (n, 1) [N m]."""
         warm = 1 - ca.exp(-x.t / p.time_constant) if x.warmth is None else x.warmth
         return p.b * x.v * (1 - p.share * warm)
 
@@ -172,6 +183,9 @@ class SigmoidFriction(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """The law as a difference of tanh, (n, 1) [N m]: 1 / (1 + exp(-2 x)) = (1 + tanh(x)) / 2, which never
+        overflows.
+        """
         return p.a / 2 * (ca.tanh(p.k * (x.v + p.c) / 2) - ca.tanh(p.k * p.c / 2))
 
 
@@ -199,6 +213,7 @@ class TemperatureFriction(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """(tau_c sign(v) + b v) exp(-rate (T - reference)), (n, 1) [N m]; the exponential is 1 if T is unknown."""
         known = x.temperature is not None
         share = ca.exp(-p.rate * (x.temperature - p.reference)) if known else ca.SX(1)
         return (p.tau_c * k.sign(x.v, SIGN_WIDTH) + p.b * x.v) * share
@@ -224,11 +239,15 @@ class DailyFriction(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """(tau_c sign(v) + b v) (1 + share cos(2 pi (t - peak) / DAY)), (n, 1) [N m]; without a time of day, share is
+        0.
+        """
         share = 1 + p.share * ca.cos(2 * np.pi * (x.day - p.peak) / DAY) if x.day is not None else ca.SX(1)
         return (p.tau_c * k.sign(x.v, SIGN_WIDTH) + p.b * x.v) * share
 
     @classmethod
     def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """As of every effect, but with share and peak [s] at values that a day of data shows well."""
         return np.append(super().example(joints, rng)[:-2], [0.4, 2e4])
 
 
@@ -264,16 +283,19 @@ class FrictionCurve(TorqueEffect):
 
     @classmethod
     def neutral(cls, joints: int, **words: str | int) -> Effect:
+        """No torque at `points` speeds, which are denser near 0 (quadratic spacing up to FASTEST)."""
         count = int(words.get("points", cls.extents_by_default["points"]))
         return cls(speed=np.linspace(0, 1, count) ** 2 * FASTEST, torque=np.zeros((joints, count)))
 
     @classmethod
     def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """Random torques of 0.05 to 0.15 N m at the speeds of `neutral`."""
         count = cls.extents_by_default["points"]
         return np.concatenate([np.linspace(0, 1, count) ** 2 * FASTEST, rng.uniform(0.05, 0.15, joints * count)])
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """spline(|v_j|) sign(v_j), (n, 1) [N m]."""
         count = p.speed.numel()
         way = k.magnitude(x.v, SIGN_WIDTH)
         size = [spline(way[j], p.speed, p.torque[j * count : (j + 1) * count]) for j in range(x.v.numel())]
@@ -289,6 +311,8 @@ def spline(x: ca.SX, at: ca.SX, y: ca.SX) -> ca.SX:
     first = _end(h[0], h[1], s[0], s[1]) if count > 2 else s[0]
     last = _end(h[-1], h[-2], s[-1], s[-2]) if count > 2 else s[0]
     d = [first, *inner, last]
+    # Coefficients c of the cubic in x - start. Start with the straight line beyond the last point, then replace it by
+    # the piece that contains x, from the last piece to the first: no loop over pieces remains at run time.
     start, c = at[count - 1], [y[count - 1], ca.fmax(last, 0), 0 * x, 0 * x]
     for i in reversed(range(count - 1)):
         own = [y[i], d[i], (3 * s[i] - 2 * d[i] - d[i + 1]) / h[i], (d[i] + d[i + 1] - 2 * s[i]) / h[i] ** 2]

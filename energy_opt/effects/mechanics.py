@@ -27,6 +27,7 @@ class Armature(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """inertia a, (n, 1) [N m]."""
         return p.inertia * x.a
 
     @classmethod
@@ -49,6 +50,7 @@ class GravitySpring(TorqueEffect):
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """-stiffness (q - rest), (n, 1) [N m]."""
         return -p.stiffness * (x.q - p.rest)
 
     @classmethod
@@ -58,6 +60,7 @@ class GravitySpring(TorqueEffect):
 
     @classmethod
     def idle(cls, joints: int, **words: str | int) -> Effect:
+        """Almost no stiffness: at exactly 0 the derivative by `rest` would vanish."""
         return cls(stiffness=np.full(joints, SMALL), rest=np.zeros(joints))
 
 
@@ -78,10 +81,12 @@ class Payload(RigidEffect):
 
     @classmethod
     def point_mass(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX] | None:
+        """The mass [kg] and its place (3, 1) [m]."""
         return p.mass, p.com
 
     @classmethod
     def idle(cls, joints: int, **words: str | int) -> Effect:
+        """One gram at the joint's origin: at mass 0 the derivative by `com` would vanish."""
         return cls(mass=1e-3, com=np.zeros(3))
 
 
@@ -123,10 +128,14 @@ class PayloadChange(Payload):
 
     @classmethod
     def point_mass(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX] | None:
+        """None: the mass is not there all the time, see `held`."""
         return None
 
     @classmethod
     def held(cls, x: Signals, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX] | None:
+        """The mass [kg], its place (3, 1) [m], and 1 in dwells `first` to `first + lasts` (exclusive), else 0; None in
+        plans.
+        """
         if x.dwell is None:
             return None
         there = ca.logic_and(x.dwell >= p.first, x.dwell < p.first + p.lasts)
@@ -134,10 +143,12 @@ class PayloadChange(Payload):
 
     @classmethod
     def idle(cls, joints: int, **words: str | int) -> Effect:
+        """One gram from the first dwell on."""
         return cls(mass=1e-3, com=np.zeros(3), first=1.0, lasts=ALWAYS)
 
     @classmethod
     def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """A mass of 0.05 to 0.15 kg that is there during the dwells 2 and 3."""
         return np.array([*rng.uniform(0.05, 0.15, 4), 2.0, 2.0])
 
 
@@ -159,6 +170,7 @@ class LinkInertia(RigidEffect):
 
     @classmethod
     def links(cls, nominal: Sequence[Link], p: SimpleNamespace) -> list[Link] | None:
+        """Nominal links plus the deviations: mass [kg], centre (3, 1) [m], inertia (3, 3) [kg m^2] about the centre."""
         out = []
         for j, (mass, com, inertia) in enumerate(nominal):
             xx, xy, yy, xz, yz, zz = (p.inertia[6 * j + i] for i in range(6))

@@ -1,7 +1,8 @@
-"""A named number, list or table of an effect: its unit, its bounds, and what a fit of it needs to know.
+"""Parameters of effects, and the two forms of their kinks.
 
-Laws are written with kinks (sign, abs, clamp): one expression serves the exact law (`EXACT`) and the smooth one that a
-solver needs.
+A parameter is a named number, list or table with a unit, bounds, and hints for a fit. Laws contain kinks (sign,
+absolute value, clamp). They are written with a `Kinks` object, so that one expression gives the exact law (`EXACT`) for
+the judge and a twice differentiable one (`Smooth`) for solvers.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ Size = str | int | tuple[str | int, ...]
 
 
 def _words(value: Any) -> bool:
-    """Are there words or truth values among the numbers? NumPy would take them for numbers."""
+    """Whether a value contains text or truth values, at any depth. NumPy would convert these to numbers."""
     if isinstance(value, (list, tuple)):
         return any(map(_words, value))
     return isinstance(value, (str, bytes, bool, np.bool_)) or getattr(value, "dtype", np.dtype(float)).kind in "bSU"
@@ -88,10 +89,15 @@ class Parameter:
         return int(np.prod(self.shape(joints, extents), dtype=int))
 
     def checked(self, effect: str, value: Any, extents: dict[str, int]) -> np.ndarray:
-        """`value` as an array of at least one dimension; lengths of free dimensions are entered into `extents`.
+        """The value as an array of at least one dimension.
+
+        Args:
+            effect: name of the effect, for messages.
+            value: a number or nested lists, in SI units.
+            extents: lengths of free dimensions by name. A length that this value decides is entered.
 
         Raises:
-            BadInput: not finite numbers, outside the bounds, of another shape; says what would be right.
+            BadInput: not finite numbers, outside the bounds, or of another shape; the message says what would be right.
         """
         try:
             number = np.atleast_1d(np.asarray(value, dtype=float))
@@ -118,7 +124,17 @@ class Parameter:
         return number
 
     def full(self, effect: str, value: np.ndarray, joints: int, extents: Mapping[str, int]) -> np.ndarray:
-        """`value` with one entry (or row) per joint, as one vector, row by row."""
+        """The value as one vector with one entry (or row) for each joint, row by row.
+
+        Args:
+            effect: name of the effect, for messages.
+            value: as `checked` returns it; one number is repeated for all joints.
+            joints: number n of joints.
+            extents: lengths of the free dimensions.
+
+        Raises:
+            BadInput: neither one value nor n values for a per-joint parameter.
+        """
         shape = self.shape(joints, extents)
         if self.per_joint:
             at = value.ndim - (len(shape) - self.dimensions.index("joint"))
@@ -138,87 +154,128 @@ LOAD_WIDTH = 0.05  # [N m] smoothing width of what friction bears at rest
 
 
 def bearing(load: ca.SX, level: ca.SX) -> ca.SX:
-    """Direction and share (-1 to 1) in which friction of up to `level` [N m] bears `load` [N m] at rest.
+    """Direction and share (-1 to 1) with which friction of up to `level` [N m] holds a `load` [N m] at rest.
 
-    -load / max(|load|, level): what is left to the motor, load + level * share, is 0 up to the level, |load| - level
-    beyond it: the least that any friction of that size leaves, so that no creeping is cheaper than standing still.
+    The share is -load / max(|load|, level). The motor bears the rest, load + level * share. The rest is 0 up to the
+    level and |load| - level beyond it. This is the least that friction of this size can leave, so creeping is never
+    cheaper than resting.
     """
     return -load / ca.fmax(ca.fmax(ca.fabs(load), level), TINY)
 
 
 class Kinks:
-    """How sign, abs, clamp, sign(x) |x|^exponent and steps are written: here as they are, exactly.
+    """Sign, absolute value, clamp, power and step as exact functions.
 
-    `width` is the half-width of the rounding, in the unit of x, where they are rounded (`Smooth`). `direction` is that
-    of dry friction where it holds at rest: sign(v) of a joint that moves; `bearing` of one that rests;
-    s^3 + (1 - s^2) bearing between, with s from -1 to 1, so that friction nowhere exceeds its level.
+    In the methods, x, v, load and level are CasADi columns (or scalars). `width` is the half-width of the rounding in
+    the unit of x; the exact functions ignore it, `Smooth` uses it.
     """
 
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
+        """Direction of dry friction that holds at rest, (n, 1) from -1 to 1.
+
+            s = v / MOVING_SPEED, clamped to [-1, 1]
+            direction = s + (1 - s^2) (share - s share^2)      with share = bearing(load, level)
+
+        It is sign(v) if the joint moves (|s| = 1) and `bearing` if it rests (s = 0). In between it equals s (1 -
+        share^2 (1 - s^2)) + (1 - s^2) share, which stays within [-1, 1]: friction never exceeds its level.
+
+        Args:
+            v: velocity (n, 1) [rad/s]. load: torque that the joint bears at rest (n, 1) [N m]. level: largest friction
+                (n, 1) [N m].
+        """
         s = ca.fmax(ca.fmin(v / MOVING_SPEED, 1), -1)
         share = bearing(load, level)
         return s + (1 - s * s) * (share - s * share**2)
 
     def sign(self, x: ca.SX, width: float) -> ca.SX:
+        """sign(x): -1, 0 or 1."""
         return ca.sign(x)
 
     def magnitude(self, x: ca.SX, width: float) -> ca.SX:
+        """|x|."""
         return ca.fabs(x)
 
     def positive(self, x: ca.SX, width: float) -> ca.SX:
+        """max(x, 0)."""
         return ca.fmax(x, 0)
 
     def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
+        """sign(x) |x|^exponent; the logarithm is kept finite at 0."""
         return ca.sign(x) * ca.exp(exponent * ca.log(ca.fmax(ca.fabs(x), TINY)))
 
     def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX:
+        """1 where x < bound, else 0."""
         return ca.if_else(x < bound, 1, 0)
 
     def moving(self, v: ca.SX) -> ca.SX:
+        """1 if any joint of v (n, 1) [rad/s] is faster than MOVING_SPEED, else 0."""
         return ca.if_else(ca.mmax(ca.fabs(v)) > MOVING_SPEED, 1, 0)
 
 
 @dataclass(frozen=True)
 class Smooth(Kinks):
-    """Twice differentiable stand-ins; `scale` multiplies every width (1 = as stated at each law, smaller = sharper).
+    """Twice differentiable replacements of the kinks, with w = width * scale:
 
-    sign(x) = x / sqrt(x^2 + w^2), |x| = sqrt(x^2 + w^2) - w, max(x, 0) = (x + sqrt(x^2 + w^2)) / 2 - w / 2.
-    All three vanish at 0, and differ from the exact law by at most w (sign: by less than (w/x)^2 / 2).
+        sign(x)   = x / sqrt(x^2 + w^2)
+        |x|       = sqrt(x^2 + w^2) - w
+        max(x, 0) = (x + |x|) / 2, with |x| as above
+
+    All three are 0 at x = 0. |x| and max(x, 0) differ from the exact values by at most w, sign(x) by less than (w/x)^2
+    / 2.
+
+    Attributes:
+        scale: factor on every width. 1: as each law states it; below 1: sharper.
     """
 
     scale: float | ca.SX = 1.0
 
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
+        """As `Kinks.direction`, with rounded sign and share.
+
+        The exact share is -load / max(|load|, level) = -2 load / (|load + level| + |load - level|). Both absolute
+        values are rounded by LOAD_WIDTH * scale.
+        """
         w = LOAD_WIDTH * self.scale
         around = (ca.sqrt((load + x) ** 2 + w * w) for x in (level, -level))
         s, share = self.sign(v, SLIDING_SPEED), -2 * load / sum(around)
         return s + (1 - s * s) * (share - s * share**2)
 
     def sign(self, x: ca.SX, width: float) -> ca.SX:
+        """x / sqrt(x^2 + w^2)."""
         w = width * self.scale
         return x / ca.sqrt(x * x + w * w)
 
     def magnitude(self, x: ca.SX, width: float) -> ca.SX:
+        """sqrt(x^2 + w^2) - w."""
         w = width * self.scale
         return ca.sqrt(x * x + w * w) - w
 
     def positive(self, x: ca.SX, width: float) -> ca.SX:
+        """(x + magnitude(x)) / 2."""
         return (x + self.magnitude(x, width)) / 2
 
     def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
+        """x (x^2 + w^2)^((exponent - 1) / 2): x |x|^(exponent - 1), rounded at 0."""
         w = width * self.scale
         return x * ca.exp((exponent - 1) / 2 * ca.log(x * x + w * w))
 
     def below(self, x: ca.SX, bound: ca.SX, width: float) -> ca.SX:
+        """(1 - sign(x - bound)) / 2: a step of width w."""
         return (1 - self.sign(x - bound, width)) / 2
 
     def moving(self, v: ca.SX) -> ca.SX:
+        """1 - exp(-|v|^2 / w^2) with w = 10 MOVING_SPEED * scale."""
         w = 10 * MOVING_SPEED * self.scale
         return 1 - ca.exp(-ca.dot(v, v) / (w * w))
 
 
 def along(kinks: Kinks, v: ca.SX, way: ca.SX) -> Kinks:
-    """Kinks with `way` (n, 1) as the sign of the joints' velocity v (n, 1)."""
+    """The same kinks, but sign(v) of this expression v is replaced by `way`.
+
+    Args:
+        kinks: what the law is written with. v: the velocity (n, 1) that the law takes the sign of. way: replacement
+            (n, 1).
+    """
     out = copy(kinks)
     object.__setattr__(out, "sign", lambda x, width: way if x is v else kinks.sign(x, width))
     return out

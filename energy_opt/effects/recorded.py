@@ -43,18 +43,24 @@ class DcLink(StoreEffect):
 
     @classmethod
     def drawn(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """max(sum of drive powers, 0) [W]: without known past, nothing comes back."""
         return k.positive(ca.sum1(drive), POWER_WIDTH)
 
     @classmethod
     def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+        """Stored mechanical power does not reach the meter by itself: the factor is 0."""
         return 0.0
 
     @classmethod
     def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:
+        """A capacity of 0.8 J."""
         return np.array([0.8])
 
     @classmethod
     def supplied(cls, step: np.ndarray, bus: np.ndarray, value: float) -> np.ndarray:
+        """The store, step by step: e grows by -x dt while x < 0 (at most to the capacity), and is used first while x >
+        0.
+        """
         if value >= ENDLESS:
             return bus
         out, held = np.maximum(bus, 0.0), 0.0
@@ -81,6 +87,7 @@ class IdleHold(PowerEffect):
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """`power` [W] while 0 <= idle < duration, else 0. The end is rounded; an unknown idle time is none."""
         if x.idle is None:
             return ca.SX(0) * p.power
         return p.power * k.below(x.idle, p.duration, EDGE) * ca.if_else(x.idle >= 0, 1, 0)
@@ -96,6 +103,7 @@ class RunOffset(PowerEffect):
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """power[run] [W]; 0 in plans, where there is no run."""
         if x.run is None:
             return ca.SX(0)
         return sum((ca.if_else(x.run == r, p.power[r], 0) for r in range(p.power.numel())), ca.SX(0))
@@ -130,12 +138,14 @@ class SignalPower(PowerEffect):
 
     @classmethod
     def offered(cls, recorded: Collection[str]) -> list[dict[str, str]]:
+        """Every set of up to TOGETHER recorded signals."""
         names = sorted(name.removeprefix(LOGGED) for name in recorded if name.startswith(LOGGED))
         several = [s for k in range(1, TOGETHER + 1) for s in combinations(names, k)]
         return [{"signal": ",".join(s), "signals": str(len(s))} for s in several]
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
+        """sum of power_i s_i [W] over the signals that are known."""
         if x.logged is None:
             return ca.SX(0)
         parts = [p.power[i] * x.logged[name] for i, name in enumerate(p.signal.split(",")) if name in x.logged]
@@ -165,11 +175,21 @@ class WindingSelfHeating(SoakingEffect):
 
     @classmethod
     def factor(cls, x: Signals, p: SimpleNamespace) -> ca.SX:
+        """1 + rate * heated, (n, 1); 1 in plans."""
         return 1 + p.rate * x.heated if x.heated is not None else 1 + 0 * p.rate
 
     @classmethod
     def soaked(cls, time: np.ndarray, heat: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """theta by the response to heat that stays until the next instant; within a run instants are evenly apart."""
+        """theta (N, n) [W] at every instant, with the heat constant between instants (zero-order hold):
+
+            theta[k+1] = keep theta[k] + (1 - keep) heat[k],     keep = exp(-dt / time_constant)
+
+        Within a run the instants are evenly spaced, so `lfilter` computes this. In a gap between runs (longer than GAP
+        times the usual step), the arm holds its last pose: theta tends to the last heat.
+
+        Args:
+            time: (N,) [s]. heat: (N, n) [W]. values: as `full`; the last one is the time constant [s].
+        """
         from scipy.signal import lfilter
 
         out, step = np.zeros_like(heat), np.diff(time)

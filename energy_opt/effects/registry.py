@@ -1,9 +1,8 @@
-"""The effects known by name, and what their classes say of themselves.
+"""The effects that are known by name, and the description of an effect by its class.
 
-They are the package's own, those of installed packages, and those that a user registers.
-
-An installed package names its effects under the entry point group `energy_opt.effects`; each entry is an effect's class
-or a module that holds some. `load_file` does the same for one file.
+Known are the effects of the package, those of installed packages, and those that a user registers. An installed package
+names its effects under the entry point group `energy_opt.effects`; each entry is an effect's class, or a module with
+effects. `load_file` registers the effects of one Python file.
 """
 
 from __future__ import annotations
@@ -167,7 +166,7 @@ def load_file(path: str | Path) -> list[type[Effect]]:
 
 
 def load_source(text: str, where: str) -> list[type[Effect]]:
-    """The same for a file's text, as another process was sent it; `where` names it in messages."""
+    """As `load_file`, from the text of a file, as another process receives it; `where` names the file in messages."""
     mark = hashlib.sha256(text.encode()).hexdigest()[:16]
     name = _module(mark)
     if mark in _sources:
@@ -193,7 +192,7 @@ def load_source(text: str, where: str) -> list[type[Effect]]:
 
 
 def loaded_sources() -> tuple[tuple[str, str], ...]:
-    """Text and place of every file whose effects are registered: what another process needs to read the same models."""
+    """Text and place of every file whose effects are registered. Another process needs these for the same models."""
     kinds = {mark: _in(sys.modules[_module(mark)]) for mark in _sources}
     return tuple(_sources[mark] for mark, own in kinds.items() if any(_added.get(kind.name) is kind for kind in own))
 
@@ -224,6 +223,11 @@ def _installed() -> None:
 
 
 def _check(kind: Any) -> None:
+    """Refuse a class that cannot be an effect: base class, name, parameters and laws must be there.
+
+    Raises:
+        BadInput: states what is missing.
+    """
     if not isinstance(kind, type) or not issubclass(kind, Effect):
         raise BadInput(f"{kind!r} is not an effect: a class derived from one of energy_opt.effects'")
     where = f"effect {kind.__qualname__}"

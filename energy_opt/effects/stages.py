@@ -1,9 +1,10 @@
-"""The base classes of the effects, one for each stage of the power law (see `base`).
+"""The base classes of the effects, one for each stage of the power law (see `base`), and the effects of the meter.
 
-Those of the stage "meter", what the meter makes of the true power, are here too. They never belong to an energy: they
-explain a log, not an arm. Each is linear in the power, so one law serves the reading and, column by column, its
-derivatives with respect to all that the power depends on. `sensitivity` is the exact derivative of the same discrete
-law by the effect's own number. Before a run's first sample the power is taken to have been what it was at that sample.
+Effects of the stage "meter" describe how the meter distorts the true power. They explain a log, not an arm, and never
+belong to an energy. Each is linear in the power. So the same law gives the reading and, column by column, the
+derivatives of the reading by all that the power depends on. `sensitivity` is the exact derivative of the same discrete
+law by the effect's own parameter. Before the first sample of a run, the power is assumed to be that of the first
+sample.
 """
 
 from __future__ import annotations
@@ -178,7 +179,10 @@ class MeterEffect(Effect):
 
 
 class MeterDelay(MeterEffect):
-    """The meter shows at time t the power of time t - delay."""
+    """The meter shows at time t the power of time t - delay.
+
+    Between samples the power is its cubic spline; before the first and after the last sample it is constant.
+    """
 
     name = "meter_delay"
     parameters = (Parameter("delay", "s", 0.0, -5.0, 5.0, fit=(-0.5, 1.0), trials=DELAYS),)
@@ -186,12 +190,14 @@ class MeterDelay(MeterEffect):
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """P(t - delay) (N, ...) [W]."""
         if value == 0:
             return power
         return _spline(time, power)(np.clip(time - value, time[0], time[-1]))
 
     @classmethod
     def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """d reading / d delay = -P'(t - delay); 0 where the power is held constant."""
         shifted = time - value
         slope = _spline(time, power)(np.clip(shifted, time[0], time[-1]), 1)
         slope[(shifted < time[0]) | (shifted > time[-1])] = 0.0
@@ -211,6 +217,10 @@ class MeterFilter(MeterEffect):
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """y (N, ...) [W] by the recursion of the class text, started in equilibrium: y[0] = p[0].
+
+        The recursion runs on p - p[0], so that it starts from zero.
+        """
         if value < SHORTEST_LAG:
             return power
         e, c1, c2 = _weights(_step(time) / value)
@@ -218,6 +228,16 @@ class MeterFilter(MeterEffect):
 
     @classmethod
     def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """dy / d time_constant of the same recursion, by the chain rule over s = h / time_constant.
+
+        With x = p - p[0] and y the filtered x, differentiate y[k+1] = e y[k] + c1 x[k] + c2 x[k+1] by s:
+
+            y_s[k+1] = e y_s[k] + (e_s y[k] + c1_s x[k] + c2_s x[k+1])
+            e_s = -e,   c2_s = (1 - e) / s^2 - e / s,   c1_s = -c2_s - e_s
+
+        The bracket drives the same recursion (weights e, 0, 1). Finally ds / d time_constant = -h / time_constant^2.
+        For a lag below SHORTEST_LAG the limit is -P'.
+        """
         if value < SHORTEST_LAG:
             return -_spline(time, power)(time, 1)
         h = _step(time)
@@ -243,10 +263,12 @@ class MeterGain(MeterEffect):
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """gain * P."""
         return value * power
 
     @classmethod
     def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """d reading / d gain = P."""
         return power.copy()
 
 
@@ -263,12 +285,14 @@ class MeterWindow(MeterEffect):
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """(F(t) - F(t - d)) / d with F the integral of the piecewise linear power."""
         if value < SHORTEST_LAG:
             return power
         return (_integral(time, power, time) - _integral(time, power, time - value)) / value
 
     @classmethod
     def sensitivity(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
+        """(P(t - d) - y(t)) / d; the limit for d to 0 is -P' / 2."""
         if value < SHORTEST_LAG:
             return -_spline(time, power)(time, 1) / 2
         before = np.maximum(time - value, time[0])
@@ -296,23 +320,29 @@ def _spline(time: np.ndarray, power: np.ndarray) -> CubicSpline:
 
 @lru_cache(maxsize=64)
 def _kept(time: bytes, power: bytes, shape: tuple[int, ...]) -> CubicSpline:
+    """The spline of `_spline` from bytes, which can be keys of a cache."""
     from scipy.interpolate import CubicSpline
 
     return CubicSpline(np.frombuffer(time), np.frombuffer(power).reshape(shape))
 
 
 def _step(time: np.ndarray) -> float:
+    """Mean step [s] of evenly spaced times."""
     return float(time[-1] - time[0]) / (len(time) - 1)
 
 
 def _weights(s: float) -> tuple[float, float, float]:
+    """e = exp(-s), c1 and c2 of `MeterFilter`. (1 - e) / s is computed with expm1, so that small s loses no digits."""
     e = float(np.exp(-s))
     rest = -float(np.expm1(-s)) / s
     return e, rest - e, 1 - rest
 
 
 def _recursion(e: float, c1: float, c2: float, x: np.ndarray) -> np.ndarray:
-    """y[0] = 0, y[k+1] = e y[k] + c1 x[k] + c2 x[k+1], along the first axis."""
+    """y[0] = 0, y[k+1] = e y[k] + c1 x[k] + c2 x[k+1], along the first axis of x (N, ...).
+
+    `lfilter` starts with y[0] = c2 x[0]. Its contribution decays as e^k and is subtracted.
+    """
     from scipy.signal import lfilter
 
     y = lfilter([c2, c1], [1.0, -e], x, axis=0)

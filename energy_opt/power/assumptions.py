@@ -1,4 +1,6 @@
-"""What a plan rests on that nobody gave: bounds, friction and electrical values, each with its source."""
+"""Values that a plan rests on and that the user did not give: bounds, friction and electrical values, with their
+sources.
+"""
 
 from __future__ import annotations
 
@@ -39,9 +41,12 @@ class Assumption:
 
 
 def assumptions(robot: Robot, models: Sequence[PowerModel]) -> tuple[Assumption, ...]:
-    """What a plan of `robot` under `models` rests on: bounds, and of the models what is not the user's own.
+    """Values that a plan rests on: bounds of the robot, and those values of the models that the user did not give.
 
-    Acceleration, jerk and effort of every joint stand there with their source; velocities where they are assumed.
+    Acceleration, jerk and effort of every joint are listed with their source; velocities only if they are assumed.
+
+    Args:
+        robot: the arm. models: those that the plan is made under.
     """
     out = []
     for kind in BOUNDS:

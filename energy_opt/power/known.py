@@ -1,12 +1,15 @@
-"""Electrical values and friction of an arm that nobody has measured: published ones, else values scaled with the arm.
+"""Electrical values and friction of an arm without a calibrated model: published values, else values scaled from its
+limits.
 
-Nothing published: copper loss at the effort limit is 10 % of effort times full speed, r_j = 0.1 v_j / effort_j (a Panda
-gets 0.0025 to 0.022 W/(N m)^2 beside 0.0036 measured, a UR5e 0.0021 and 0.0112 beside 0.0018 and 0.0155); standby is
-3 sqrt(sum of effort v [W]) W (a Panda 87, measured 88); dry friction is 4 % of the effort limit, viscous friction 8 %
-of it at full speed. Friction is measured at 1 % (a Panda) to 5 % (UR arms) of the effort limit when creeping, and at 2
-to 15 % at full speed. Effort and speed are what the drives are rated for (`Robot.rated`).
+Scaled values, with effort and speed that the drives are rated for (`Robot.rated`):
 
-Of these the power models that are known by name are made.
+- copper loss at the effort limit is 10 % of effort times full speed: r_j = 0.1 v_j / effort_j. A Panda gets 0.0025 to
+0.022 W/(N m)^2, where 0.0036 was measured; a UR5e gets 0.0021 and 0.0112, where 0.0018 and 0.0155 were.
+- standby is 3 sqrt(sum of effort v [W]) W. A Panda gets 87 W, where 88 W were measured.
+- dry friction is 4 % of the effort limit, viscous friction at full speed 8 % of it. Measured friction is 1 % (a Panda)
+to 5 % (UR arms) of the effort limit when creeping, and 2 to 15 % at full speed.
+
+The power models that are known by name (`NAMED`) use these values.
 """
 
 from __future__ import annotations
@@ -184,6 +187,7 @@ def careful(robot: Robot | str) -> PowerModel:
 
 
 def _arm(robot: Robot | str) -> Robot:
+    """The robot itself, or the one of a name in the catalogue."""
     return by_name(robot) if isinstance(robot, str) else robot
 
 

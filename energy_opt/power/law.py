@@ -1,16 +1,16 @@
-"""The law of the drives: from motion and rigid-body torque to electrical power, split by effect.
+"""The law of the drives: electrical power from motion and rigid-body torque, split by effect.
 
-tau_m = tau + sum of torque effects
-d_j   = tau_m,j v_j + c_j               drive power of joint j, c_j its heat (copper loss, warmer windings)
-p     = drawn(d) + sum of power effects
-P     = supply(p)                       at the meter, meter effects aside
+    tau_m = tau + sum of torque effects
+    d_j   = tau_m,j v_j + c_j               drive power of joint j, c_j its heat (copper loss, warmer windings)
+    p     = drawn(d) + sum of power effects
+    P     = supply(p)                       at the meter, meter effects aside
 
-Where friction `holds`, a joint at rest is held by it as far as it goes, and only the rest of its load is the motor's:
-plans are made and judged so, as friction that is nothing at v = 0 makes creeping cheaper than standing still. That help
-is in the heat alone: friction never does work, and what limits hold is tau_m without it.
+If friction `holds`, it bears the load of a joint at rest as far as it can, and the motor bears only the rest. Plans are
+made and judged this way: if friction were zero at v = 0, creeping would be cheaper than resting. This help changes the
+heat alone. Friction never does work, and limits on effort bound tau_m without it.
 
-Here is also what the past adds to a motion that is known in order (time since motion ended, what a store gives back),
-and numeric values of the effects that change the rigid body, in the form that Pinocchio's numbers need.
+The file also computes what the past adds to a motion that is known in order (time since motion ended, what a store
+gives back), and the numeric values of the effects that change the rigid body.
 """
 
 from __future__ import annotations
@@ -42,12 +42,16 @@ from energy_opt.robot import PointMass, RigidBody
 
 @dataclass(frozen=True)
 class DriveTerms:
-    """Motor torque tau_m (n, 1) [N m], power [W] and its parts by effect [W]; the parts add up to the power.
+    """The law at one instant.
 
-    `parts` has an entry "mechanical" (tau^T v of the rigid body) and one for every effect of the stages torque,
-    heat, winding, drive, power and supply. `conservative` is the part [W] whose integral only the ends decide: the work
-    of the rigid body's torque, of rotors and of springs, times what drives and supply let pass of it. `bus` is the
-    joints' drive power [W].
+    Attributes:
+        tau_m: motor torque (n, 1) [N m].
+        power: at the meter [W].
+        parts: power [W] by effect, with an entry "mechanical" (tau^T v of the rigid body) and one for every effect of
+            the stages torque, heat, winding, drive, power and supply. They add up to `power`.
+        conservative: the part [W] whose integral depends on the ends only: the power of the rigid body's torque, of
+            rotors and of springs, times the share that drives and supply let pass.
+        bus: sum of the joints' drive powers [W].
     """
 
     tau_m: ca.SX
@@ -58,9 +62,13 @@ class DriveTerms:
 
 
 def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT, holds: bool = False) -> DriveTerms:
-    """The law as expressions; `p` is laid out as `PowerModel.values`; `holds`: does friction hold joints at rest?
+    """The law as expressions.
 
-    Of a mixture (see `mixture`): the weighted sums of its members', and the first one's motor torque.
+    Args:
+        model: the effects. Of a mixture, all results are weighted sums over its members, except the motor torque and
+            bus power, which are the first member's.
+        x: the state at the instant. p: parameters, laid out as `PowerModel.values`.
+        kinks: exact or rounded kinks. holds: whether friction holds joints at rest.
     """
     members = [(w, _terms_of_one(model, x, part, kinks, holds)) for w, model, part in model.shares(x.q.numel(), p)]
     if len(members) == 1:
@@ -76,7 +84,15 @@ def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT, h
 
 
 def _held(x: Signals, torques: Callable[[Kinks], list[ca.SX]], kinks: Kinks) -> list[ca.SX]:
-    """Added torques where friction holds: the sign of v in them is the direction that friction has."""
+    """Torques (n, 1) [N m] of all torque effects, if friction holds joints at rest.
+
+    Each law is evaluated with a free sign of the velocity, `way`. The sum at way = +1 and at -1 gives the load without
+    friction (their mean, plus the rigid body's torque) and the level of friction (half their difference).
+    `Kinks.direction` then decides the sign.
+
+    Args:
+        x: the state. torques: the torques of all effects under given kinks. kinks: exact or rounded.
+    """
     way = ca.SX.sym("way", x.v.numel())
     added = torques(along(kinks, x.v, way))
     total = sum(added, ca.SX.zeros(x.v.numel()))
@@ -88,6 +104,7 @@ def _held(x: Signals, torques: Callable[[Kinks], list[ca.SX]], kinks: Kinks) -> 
 
 
 def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks, holds: bool) -> DriveTerms:
+    """`drive_terms` of a single model, stage by stage as in the module's text."""
     n = x.q.numel()
     named = [(e, e.named(p[s], n)) for e, s in zip(model.effects, model.slices(n), strict=True)]
     parts: dict[str, ca.SX] = {"mechanical": ca.dot(x.tau, x.v)}
@@ -147,7 +164,10 @@ def drive_function(
 ) -> tuple[ca.Function, tuple[str, ...]]:
     """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order.
 
-    With `past` it also takes idle and returned (see `Signals`), before p, and gives the power of the bus.
+    Args:
+        model, joints: the effects, and the number of joints. kinks, holds: as `drive_terms`.
+        past: whether the function also takes `idle` [s] and `returned` [W] (see `Signals`) before p, and also returns
+            the power of the bus [W].
     """
     q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
     known = {name: ca.SX.sym(name) for name in ("idle", "returned")} if past else {}
@@ -225,7 +245,13 @@ def store_of(model: PowerModel) -> StoreEffect | None:
 
 
 def returned_power(model: PowerModel, step: np.ndarray, bus: np.ndarray) -> np.ndarray:
-    """Power (N,) [W] that the model's store gives back at each of N instants that stand for `step` (N,) s."""
+    """Power (N,) [W] that the model's store gives back.
+
+    It is the difference of what the supply gives with an empty store that holds nothing and with the model's store.
+
+    Args:
+        model: the effects. step: (N,) [s] duration of each instant. bus: (N,) [W] sum of the drive powers.
+    """
     store = store_of(model)
     if store is None:
         return np.zeros_like(bus)

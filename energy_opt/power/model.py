@@ -79,10 +79,8 @@ class PowerModel:
         uncertainty = self.uncertainty
         if uncertainty is not None:
             kept = [k for k, name in enumerate(uncertainty.names) if name.partition(".")[0] != effect.name]
-            names, rivals = (
-                tuple(uncertainty.names[k] for k in kept),
-                tuple(r.replaced(effect) for r in uncertainty.rivals),
-            )
+            names = tuple(uncertainty.names[k] for k in kept)
+            rivals = tuple(r.replaced(effect) for r in uncertainty.rivals)
             uncertainty = Uncertainty(names, uncertainty.matrix[np.ix_(kept, kept)], rivals)
         return replace(self.replaced(effect), uncertainty=uncertainty)
 
@@ -251,12 +249,9 @@ def uncertainty_from_document(document: dict[str, Any], model: PowerModel, where
         return None
     if not isinstance(records, list) or not all(isinstance(row, dict) for row in records):
         raise BadInput(f"{where}: rival is not a list of [[rival]] tables, each with [[rival.effect]] tables")
-    known = {**document, "covariance": None, "rival": []}
+    head = {key: document[key] for key in ("format", "robot") if key in document}
     rivals = tuple(
-        model_from_document(
-            {**{k: v for k, v in known.items() if k in ("format", "robot")}, **row}, f"{where}: [[rival]] {k}"
-        )
-        for k, row in enumerate(records, start=1)
+        model_from_document({**head, **row}, f"{where}: [[rival]] {k}") for k, row in enumerate(records, start=1)
     )
     if table is None:
         return Uncertainty((), np.zeros((0, 0)), rivals)
@@ -266,12 +261,10 @@ def uncertainty_from_document(document: dict[str, Any], model: PowerModel, where
     try:
         matrix = np.array(table["matrix"], dtype=float).reshape(len(names), len(names))
     except (TypeError, ValueError):
-        raise BadInput(
-            f"{where}: [covariance] matrix is not {len(names)} x {len(names)} numbers, as names says"
-        ) from None
-    if not np.isfinite(matrix).all() or np.abs(matrix - matrix.T).max(initial=0.0) > 1e-6 * np.abs(matrix).max(
-        initial=1.0
-    ):
+        size = f"{len(names)} x {len(names)}"
+        raise BadInput(f"{where}: [covariance] matrix is not {size} numbers, as names says") from None
+    skew, largest = np.abs(matrix - matrix.T).max(initial=0.0), np.abs(matrix).max(initial=1.0)
+    if not np.isfinite(matrix).all() or skew > 1e-6 * largest:
         raise BadInput(f"{where}: [covariance] matrix is not finite and symmetric")
     places = set(names_of(model))
     for name in names:

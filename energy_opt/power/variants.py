@@ -1,9 +1,9 @@
-"""Models made of models: drawn from a model's own uncertainty, of an arm with joints locked, and the mean of several.
+"""Models derived from other models: draws from a model's covariance, models of an arm with locked joints, and mixtures.
 
-A draw has values that might as well be true by the data. A mixture is the mean of several models' powers, for plans
-that hold under more than one. Its members differ in values (draws from a model's covariance) or in effects (rivals);
-payload and tilt are the first one's, so that the inverse dynamics are evaluated once. Weights are parameters of what is
-built, like all values.
+A draw has values that fit the data about as well as the model's own. A mixture is the weighted mean of several models'
+powers, for plans that hold under more than one model. Its members differ in values (draws from a covariance) or in
+effects (rivals). Payload and tilt are the first member's, so that the inverse dynamics are evaluated once. Weights are
+parameters, like all values.
 """
 
 from __future__ import annotations
@@ -21,7 +21,14 @@ from energy_opt.robot import Robot
 
 
 def draws_of(model: PowerModel, count: int, seed: int = 0) -> list[PowerModel]:
-    """Models with values drawn from the model's covariance; none where it has none."""
+    """Models with values drawn from the model's covariance C; none if it has no covariance.
+
+    With the eigenvalues l and eigenvectors V of C, a draw is values + V sqrt(l) z with z standard normal, clipped to
+    the physical bounds. Values with zero variance, such as the speeds of a curve, do not change at all.
+
+    Args:
+        model: with its covariance. count: number of draws.
+    """
     uncertainty = model.uncertainty
     if uncertainty is None or not len(uncertainty.names):
         return []
@@ -46,10 +53,10 @@ def draws_of(model: PowerModel, count: int, seed: int = 0) -> list[PowerModel]:
 
 
 def of_joints(model: PowerModel, robot: Robot) -> PowerModel:
-    """The model with one entry per joint that moves, where its lists have one for each joint that --lock left out too.
+    """The model for the joints that move, from one that also has values for joints that --lock holds.
 
     Raises:
-        BadInput: an effect changes the links themselves, which are others where joints are locked.
+        BadInput: an effect changes the links themselves; with locked joints these are other bodies.
     """
     whole = len(robot.unlocked)
     if whole == robot.n or not any(_long(effect, whole) for effect in model.effects):
@@ -73,6 +80,7 @@ def _axis(effect: Effect, name: str, whole: int) -> int | None:
 
 
 def _of(effect: Effect, kept: list[int], whole: int) -> Effect:
+    """The effect with the values of the joints `kept` only."""
     long = _long(effect, whole)
     if long and effect.bakes:
         raise BadInput(f"effect {effect.name}: links differ where joints are locked; leave --lock or the effect out")
@@ -161,6 +169,7 @@ class Mixture(PowerModel):
         return np.concatenate([*(member.values(joints) for member in self.members), self.weights])
 
     def symbols(self, joints: int) -> ca.SX:
+        """A symbolic column for `values`."""
         return ca.SX.sym("p", len(self.values(joints)))
 
     def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:

@@ -21,11 +21,13 @@ CLOSE = 1e-5  # of the effort limits: how closely
 def break_even(saved: Callable[[PowerModel], float], model: PowerModel, robot: Robot) -> float | None:
     """The share of the effort limits at which dry friction, added to `model`, ends a saving.
 
+    The first of TRIALS shares without a saving is bracketed, then bisected to CLOSE.
+
     Args:
-        saved: what is saved under a model [J].
+        saved: the saving [J] under a model. model: the model without the added friction. robot: for its effort limits.
 
     Returns:
-        None where no share below 0.2 does, or where nothing is saved under `model` itself.
+        The share; None if the saving lasts up to MOST_FRICTION, or if there is none under `model` itself.
     """
     own = model.get("coulomb_friction")
     held = np.zeros(robot.n) if own is None else np.broadcast_to(own.values["tau_c"], robot.n)

@@ -1,9 +1,9 @@
-"""Everything that can touch: the links' collision geometry, what they carry, and what is in the cell.
+"""Everything that can touch: the collision geometry of the links, what they carry, and the bodies of the cell.
 
-Here is also which pairs of bodies are kept apart, and why the others are not. Links: what an SRDF disables may touch.
-Without one, links that one moving joint connects may, and links that touch in every one of many seeded poses: these
-overlap by construction, and a warning names them. A pair that merely was never seen near is kept: it costs little, and
-samples are no proof.
+The file also decides which pairs of bodies are kept apart. Pairs of links that an SRDF disables may touch. Without an
+SRDF, two kinds of pairs may touch: links that one moving joint connects, and links that touch in every one of many
+seeded poses. The latter overlap by construction, and a warning names them. A pair that was never seen near is kept:
+this costs little, and samples are no proof.
 """
 
 from __future__ import annotations
@@ -31,7 +31,12 @@ from energy_opt.robot.tool import Srdf
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A solid on joint `joint` (-1: the base, which does not move), at `pose` (4, 4) in that joint's frame."""
+    """A solid on a joint.
+
+    Attributes:
+        name: of the link or object. joint: index of the joint; -1 for the fixed base. pose: (4, 4) in that joint's
+            frame. solid: its shape.
+    """
 
     name: str
     joint: int
@@ -43,7 +48,15 @@ class Bodies:
     """All bodies of a cell, and the pairs of them that must not touch.
 
     Args:
-        pairs: (P, 2) indices of bodies; they are put in order so that the first is moved by more joints.
+        kinematics: of the arm. bodies: in any order.
+        pairs: (P, 2) indices of bodies. In each pair the body that more joints move comes first.
+
+    Attributes:
+        joint: (B,) joint of each body. still: (B,) whether it never moves. flat: (B,) whether it is a half-space.
+        corners: (B, 8, 3) [m] corners of the bodies' boxes in their joints' frames.
+        moves: (2, P, L) whether joint l moves the first (second) body of a pair and not the other one.
+        planar: (P,) whether a plane fixed in the second body can bound the distance: both are convex, and no joint
+            moves the second body alone.
     """
 
     def __init__(self, kinematics: Kinematics, bodies: Sequence[Body], pairs: np.ndarray) -> None:
@@ -108,7 +121,7 @@ class Bodies:
 
 
 class Scenery:
-    """The bodies at N configurations; boxes and placements of those that are asked for."""
+    """The bodies at N configurations q (N, n) [rad, m]. Boxes and placements are computed on demand."""
 
     def __init__(self, bodies: Bodies, q: np.ndarray) -> None:
         self.bodies, self.q = bodies, q
@@ -135,7 +148,18 @@ class Scenery:
         self._placed |= self.bodies.placements(self.poses, np.where(self.bodies.still[body], 0, k), body)
 
     def apart(self, k: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lower bounds (M,) [m] of pairs' distances from boxes around them (0: none), and both boxes' corners."""
+        """Lower bounds (M,) [m] of pairs' distances from boxes along the axes of the base (0: none), and both boxes'
+        corners.
+
+        The distance of two boxes is the norm of their gaps along the axes. To a half-space it is the least height of
+        the other body's corners.
+
+        Args:
+            k: (M,) configurations. pair: (M,) numbers of pairs.
+
+        Returns:
+            Bounds (M,), corners of the first and of the second bodies, (M, 8, 3) [m] each.
+        """
         b = self.bodies
         bodies = b.pairs[pair]
         boxes, low, high = [], [], []
@@ -159,10 +183,16 @@ class Scenery:
     def travel(
         self, k: np.ndarray, pair: np.ndarray, boxes: tuple[np.ndarray, np.ndarray], far: np.ndarray
     ) -> np.ndarray:
-        """How far (M,) [m] a pair's bodies can come towards each other when joints turn by up to `far` (M, L).
+        """Upper bounds (M,) [m] of how far the bodies of a pair come towards each other when joints turn by up to
+        `far`.
 
-        Joints are moved one after the other, the outermost first: a joint that turns by d moves a point by at most d
-        times its distance from the axis, which is that in the middle plus what the joints before have moved it.
+        Joints are moved one after the other, the outermost first. A joint that turns by d moves a point by at most d
+        times its distance from the axis. This distance is that in the middle of the interval plus how far the joints
+        before have moved the point. A joint that slides by d moves every point by d.
+
+        Args:
+            k: (M,) configurations. pair: (M,) numbers of pairs. boxes: corners as `apart` returns them. far:
+                (M, L) [rad, m] largest change of each joint from configuration k.
         """
         b, out = self.bodies, np.zeros(len(k))
         for side in (0, 1):
@@ -248,7 +278,12 @@ POSES = 100  # poses in all of which links touch that cannot help it
 
 @dataclass(frozen=True)
 class OwnPairs:
-    """Pairs of links that may touch, with the reason, where this comes from, and those that samples alone excuse."""
+    """Pairs of an arm's links that may touch.
+
+    Attributes:
+        disabled: the pairs, each with the reason. source: file or method that they come from. sampled: those of them
+            that touch in all seeded poses.
+    """
 
     disabled: dict[tuple[str, str], str]
     source: str
@@ -280,6 +315,7 @@ def own_pairs(
 
 
 def _ordered(a: str, b: str) -> tuple[str, str]:
+    """Two names in alphabetical order, as keys of pairs have them."""
     return (a, b) if a <= b else (b, a)
 
 
@@ -316,7 +352,11 @@ def _touch(bodies: Bodies, scene: Scenery, k: int, pair: int) -> bool:
 
 @dataclass(frozen=True)
 class Kept:
-    """A body, and which others it may touch: `links` of the arm, whether it is one of the arm's own links."""
+    """A body, and what it may touch.
+
+    Attributes:
+        body: the body. own: whether it is a link of the arm. may_touch: names of links that it may touch.
+    """
 
     body: Body
     own: bool

@@ -1,4 +1,4 @@
-"""The arm's body and its cell, built once and asked many times: does this motion touch anything?"""
+"""The arm's body and its cell. It is built once and then asked many times whether a motion touches anything."""
 
 from __future__ import annotations
 
@@ -38,14 +38,15 @@ REMEMBERED = 8  # proofs of a cell
 
 @dataclass(frozen=True)
 class Clearance:
-    """What is known of a motion's distance from all that it must not touch.
+    """The distance of a motion from all that it must not touch.
 
     Attributes:
         verdict: "proven", "colliding" or "undecided".
-        lower_bound: every pair keeps more than this at every instant, m; None unless proven.
-        min_distance: the smallest distance that was measured, m (negative: overlap), of `pair` at `time` [s].
-        depth: how deep they overlap, m; None unless colliding.
-        pairs: how many pairs were kept apart; `disabled_pairs` of links may touch, by what `source` says.
+        lower_bound: [m] every pair keeps more than this at every instant; None unless proven.
+        min_distance: [m] the smallest measured distance (negative: overlap), of `pair` at `time` [s].
+        depth: [m] how deep they overlap; None unless colliding.
+        pairs: number of pairs that were kept apart.
+        disabled_pairs: pairs of links that may touch; source: where these come from.
         touches: where the clearance is broken, the deepest first; coarse.
     """
 
@@ -89,9 +90,11 @@ class Clearance:
 
 @dataclass(frozen=True)
 class Contact:
-    """Two bodies that are too near at one pose: names, distance [m] (0 or less: they touch) and depth [m].
+    """Two bodies that are too near at one pose.
 
-    `own`: both are the arm's.
+    Attributes:
+        pair: their names. distance: [m], 0 or less if they touch. depth: [m] how deep they overlap. own: whether both
+            are the arm's.
     """
 
     pair: tuple[str, str]
@@ -113,11 +116,13 @@ class Contact:
 
 
 class Cell:
-    """A robot's body among what is around it.
+    """A robot's body among the bodies around it.
 
     Args:
-        request: what was asked for.
-        scene: what is around; None for nothing but the request's floor.
+        robot: the arm. request: what was asked for. scene: what is around the arm; None: only the request's floor.
+
+    Raises:
+        BadInput: a mesh cannot be read, or the tool or an object is attached to a link that does not exist.
     """
 
     def __init__(self, robot: Robot, request: CellRequest, scene: Scene | None = None) -> None:
@@ -206,10 +211,10 @@ class Cell:
         return not self.distances(q, self.asked)
 
     def beside(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cell:
-        """The cell for a motion that is given, by its samples (N,) and (N, n).
+        """The cell for a given motion, by its samples: time (N,) [s], position, velocity and acceleration (N, n).
 
-        Where no clearance was asked for and the given motion comes nearer than the default without touching anything,
-        each such pair keeps half of the motion's own distance. Else it is this cell.
+        If no clearance was asked for and the given motion comes nearer than the default without touching, each such
+        pair keeps half of the motion's own distance. Otherwise the result is this cell.
         """
         if self.request.clearance is not None or not self.checks:
             return self
@@ -227,16 +232,20 @@ class Cell:
         return out
 
     def _contact(self, q: np.ndarray, pair: int, distance: float) -> Contact:
+        """What `touching` reports of a pair at q (n,), with the depth of the overlap."""
         scene = Scenery(self.bodies, q[None])
         a, b = self.bodies.pairs[pair].tolist()
         depth = self.bodies.ruler(pair).depth(scene.placed(0, a), scene.placed(0, b))
         return Contact(self.bodies.names(pair), distance, depth, max(a, b) < self.links)
 
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
-        """The clearance (P,) [m] that each pair keeps between the poses `ends` (2, n): half of that there if less.
+        """The clearance (P,) [m] that each pair keeps on a move between the poses `ends` (2, n).
+
+        It is the asked one. A pair whose distance at an end is below twice the asked clearance keeps half of this
+        distance.
 
         Args:
-            clearance: where another is meant than was asked for.
+            ends: (2, n) [rad, m]. clearance: [m] instead of the asked one.
         """
         asked = self.asked if clearance is None else clearance
         out = np.minimum(asked, self._allowed)
@@ -253,7 +262,15 @@ class Cell:
         acceleration: np.ndarray,
         wanted: np.ndarray | None = None,
     ) -> Clearance:
-        """Does the motion of these samples, (N,) and (N, n), touch anything, between samples too?"""
+        """Whether a motion touches anything, also between its samples; see `proof`.
+
+        Args:
+            time: (N,) [s]. position, velocity, acceleration: (N, n). wanted: (P,) [m] clearance of each pair (None: as
+                `wanted` says for the motion's ends).
+
+        Returns:
+            The verdict with bounds. Proofs of the last motions are remembered.
+        """
         curve = MotionCurve(time, position, velocity, acceleration)
         if wanted is None:
             wanted = self.wanted(position[[0, -1]])
@@ -265,6 +282,7 @@ class Cell:
         return self._proofs[key]
 
     def _clearance(self, proof: Proof, curve: MotionCurve, begin: float) -> Clearance:
+        """The result of a proof in the terms of a user; times count from `begin` [s]."""
         worst = proof.touches[0] if proof.touches else proof.least
         depth = None
         if proof.verdict == "colliding" and worst is not None:

@@ -1,8 +1,9 @@
-"""The curve that a trajectory's samples describe, and bounds of how far it goes within any interval of time.
+"""The curve through a trajectory's samples, and bounds of how far it moves within any interval of time.
 
-Between samples it is the quintic through positions, velocities and accelerations. A polynomial lies within the hull
-of its Bernstein coefficients; their least and greatest over any range of samples come from tables of powers of two, so
-that an interval costs the same whether it spans one sample or thousands. Only below one sample a piece is cut itself.
+Between two samples the curve is the quintic through their positions, velocities and accelerations. A polynomial lies
+within the hull of its Bernstein coefficients. The least and greatest coefficients over a range of samples come from
+tables of powers of two (a sparse table). So an interval costs the same whether it spans one sample or thousands. Only
+intervals shorter than one sample are cut by de Casteljau's algorithm.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 ROUNDING = 1e-12  # [rad, m] that arithmetic may have taken from a bound
 
+# With p(x) = sum_i b_i B_i(x): p(0) = b_0, p'(0) = 5 (b_1 - b_0), p''(0) = 20 (b_2 - 2 b_1 + b_0); the same at x = 1.
 # Bernstein coefficients of a quintic on [0, 1] from (q0, h v0, h^2 a0, q1, h v1, h^2 a1).
 _ENDS = np.array(
     [
@@ -29,7 +31,12 @@ _ENDS = np.array(
 
 @dataclass(frozen=True)
 class Spans:
-    """M intervals of a curve: from row `first` to row `last`, or the part [low, high] of the one piece between them."""
+    """M intervals of a curve.
+
+    Attributes:
+        first, last: (M,) samples at which an interval begins and ends.
+        low, high: (M,) if `last` is `first` + 1, the part [low, high] of this one piece, as shares; else 0 and 1.
+    """
 
     first: np.ndarray
     last: np.ndarray
@@ -56,7 +63,7 @@ class Spans:
 
 
 class MotionCurve:
-    """Time (N,) [s], position, velocity, acceleration (N, n) of a motion's samples."""
+    """The curve through the samples of a motion: time (N,) [s]; position, velocity, acceleration (N, n)."""
 
     def __init__(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> None:
         h = np.diff(time)[:, None]
@@ -74,6 +81,9 @@ class MotionCurve:
         return out
 
     def _hold(self, time: np.ndarray, position: np.ndarray, bernstein: np.ndarray) -> None:
+        """Keep times, positions and coefficients (6, N - 1, n), and build the tables of their least and greatest
+        values.
+        """
         self.time, self.samples = time, len(time)
         self._position, self._bernstein = position, bernstein  # (6, pieces, n)
         self._low = _tables(self._bernstein.min(axis=0), np.minimum)
@@ -85,7 +95,12 @@ class MotionCurve:
         return Spans(cuts[:-1], cuts[1:], np.zeros(len(cuts) - 1), np.ones(len(cuts) - 1))
 
     def middles(self, spans: Spans) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Time (M,) and position (M, n) in the middle of each interval, and how far the curve goes from it (M, n)."""
+        """The middles of intervals, and how far the curve moves from there.
+
+        Returns:
+            Time (M,) [s] and position (M, n) in the middle of each interval, and an upper bound (M, n) of |q(t) -
+                middle| for all t of the interval.
+        """
         many = spans.last - spans.first > 1
         row = np.where(many, (spans.first + spans.last) // 2, 0)
         q = self._position[row]
@@ -124,7 +139,7 @@ class MotionCurve:
 
 
 def _tables(values: np.ndarray, better: np.ufunc) -> list[np.ndarray]:
-    """Least (or greatest) of 1, 2, 4, ... neighbours from every place on."""
+    """Sparse table: entry k has the least (or greatest) of 2^k neighbouring values from each place on."""
     out = [values]
     while 2 ** len(out) <= len(values):
         step = 2 ** (len(out) - 1)
@@ -143,7 +158,14 @@ def _range(tables: list[np.ndarray], first: np.ndarray, last: np.ndarray, better
 
 
 def _part(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Bernstein coefficients (6, M, n) of the part [a, b] of quintics, by de Casteljau."""
+    """Bernstein coefficients (6, M, n) of the part [a, b] of quintics.
+
+    De Casteljau at a gives the coefficients of [a, 1]. Then de Casteljau at (b - a) / (1 - a) of these gives those of
+    [a, b].
+
+    Args:
+        points: (6, M, n) coefficients on [0, 1]. a, b: (M, 1) shares, 0 <= a < b <= 1.
+    """
     right = list(points)  # [a, 1] first: the last of every row of the scheme
     for k in range(5):
         for i in range(5 - k):

@@ -1,6 +1,6 @@
-"""From what was asked for to the cell itself; and whether a robot's description is usable.
+"""Loading of a cell from what was asked for, and the inspection of a robot's description.
 
-For that it is loaded as a plan loads it, and held still under gravity.
+`check` uses the inspection: it loads the robot as a plan does, and holds it still under gravity.
 """
 
 from __future__ import annotations
@@ -61,12 +61,12 @@ def load_cell(robot: Robot, request: CellRequest) -> Cell | None:
 
 @dataclass(frozen=True)
 class RobotInspection:
-    """What to inspect: fields as of `load_robot`, and what it is kept clear of.
+    """What to inspect.
 
     Attributes:
-        limits: a MoveIt joint_limits.yaml in place of what the URDF states.
-        lock: joints that take no part, with their positions [rad or m].
-        prefix: what is before joints' names in the limits file.
+        robot: a name or the path of a URDF. limits: a MoveIt joint_limits.yaml instead of the URDF's limits. lock:
+            joints that do not move, with their positions [rad or m]. prefix: prefix of joint names in the limits file.
+            cell: what the robot is kept clear of.
     """
 
     robot: str
@@ -129,6 +129,7 @@ def inspect_robot(request: RobotInspection) -> Inspected:
 
 
 def _bodies(robot: Robot, cell: Cell | None) -> str:
+    """One line on joints, mass and collision bodies."""
     mass = sum(link.mass for link in robot.body.tree())
     kept = (
         "its body is not looked at (--self-collision off)"
@@ -140,6 +141,7 @@ def _bodies(robot: Robot, cell: Cell | None) -> str:
 
 
 def _held(robot: Robot, posture: np.ndarray, torque: np.ndarray) -> str:
+    """One line on the torque that holds the posture."""
     share = np.abs(torque) / robot.limits.effort
     j = int(np.argmax(share)) if share.any() else int(np.argmax(np.abs(torque)))
     unit, limit = robot.unit("effort", robot.joints[j]), robot.limits.effort[j]

@@ -1,8 +1,8 @@
-"""A cell in which other arms move while this one does: at every place along a move their bodies are elsewhere.
+"""A cell in which other arms move while this arm does one move.
 
-A move of fixed duration begins at a time, so that a place u in [0, 1] along it is an instant. The bodies of other arms
-are there where they are at that instant, and where they would be as early and as late as they may be. Planes between
-them and this arm's bodies are those of `planes`, with a frame of the other side that depends on u alone.
+The move has a fixed duration and begins at a known time, so a place u in [0, 1] along it is an instant. The bodies of
+the other arms are where they are at this instant, and also where they are if they are as early or as late as allowed.
+Planes between them and this arm's bodies are those of `planes`; the frame of the other body depends on u only.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Others:
 
 
 class _Kinematics(Kinematics):
-    """An arm's kinematics with frames beside its links' that no joint of its own moves."""
+    """An arm's kinematics with further frames that none of its joints moves."""
 
     def __init__(self, own: Kinematics, frames: int) -> None:
         vars(self).update(vars(own))
@@ -52,7 +52,11 @@ class _Kinematics(Kinematics):
 
 
 class MovingBodies(Bodies):
-    """The bodies of an arm and of others, at places along a move."""
+    """The bodies of an arm and of other arms, at places along a move.
+
+    Args:
+        own: bodies and pairs of the arm. others: bodies of the other arms, with the pairs between them and the arm.
+    """
 
     def __init__(self, own: Bodies, others: Others) -> None:
         first, count = len(own.all), own.kinematics.count
@@ -74,7 +78,7 @@ class MovingBodies(Bodies):
 
 
 class MovingCell(Cell):
-    """A cell among others' moving bodies, for one move from `start` to `goal` (n,) [rad]."""
+    """The cell of an arm among moving bodies of other arms, for one move from `start` to `goal` (n,) [rad]."""
 
     def __init__(self, own: Cell, others: Others, start: np.ndarray, goal: np.ndarray) -> None:
         vars(self).update(vars(own))
@@ -94,13 +98,16 @@ class MovingCell(Cell):
         return [*self._own.distances(q, reach), *((p, d) for p, d in least.items() if p >= first)]
 
     def gap(self, u: np.ndarray, q: np.ndarray, reach: float) -> float:
-        """The least distance [m] that any pair has beyond its clearance at places u (K,), positions q (K, n); `reach`
-        where none has less."""
+        """The least distance [m] beyond the wanted clearance over all pairs, at places u (K,) and positions q (K, n).
+
+        At most `reach` [m]: larger distances are not measured.
+        """
         wanted = self.wanted(np.stack(self._ends))
         _, number, distance, _, _ = self._near.measured(u, q, float(wanted.max(initial=0.0)) + reach)
         return float((distance - wanted[self._near.pair[number]]).min(initial=reach))
 
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
+        """As of a cell, and after that the clearance of the pairs with other arms."""
         count, wanted = len(self._others.pairs), self._others.wanted
         others = wanted if clearance is None else np.full(count, clearance)
         return np.concatenate([self._own.wanted(ends, clearance), others])
@@ -113,6 +120,7 @@ class MovingCell(Cell):
         acceleration: np.ndarray,
         wanted: np.ndarray | None = None,
     ) -> Clearance:
+        """As of a cell; in addition the pairs with other arms must be proven apart."""
         first = len(self._own.bodies.pairs)
         own = self._own.prove(time, position, velocity, acceleration, None if wanted is None else wanted[:first])
         proof = self._others.prove(time - time[0], position, velocity, acceleration)

@@ -1,18 +1,18 @@
-"""Constraints that keep bodies apart: at places along a curve, frozen planes between convex pieces that are near there.
+"""Constraints that keep bodies apart: fixed planes between convex pieces that are near each other at places of a curve.
 
-A plane is held by the body that fewer joints move (`b`), touches it, and has the other one (`a`) beyond it:
+The body `b` that fewer joints move holds the plane and touches it. The other body `a` must stay beyond it:
 
     f = n·(p - o) - h,    n, o: normal and origin in b's frame,    p: the vertex of a that lies lowest over the plane
 
-As long as f >= 0 for every vertex, the bodies are apart by at least f; a few of the lowest vertices that lie apart from
-each other are frozen with the plane, so that it cannot be turned around one. Only joints
-between a and b move p against the plane; with z_j a joint's axis, o_j a point of it and w_j = z_j × (p - o_j) the
-velocity that it gives p,
+If f >= 0 for every vertex, the bodies are apart by at least f. A few of the lowest vertices, not close to each other,
+are fixed with the plane, so that the body cannot turn around one vertex through the plane. Only joints between a and b
+move p relative to the plane. With z_j the axis of a joint, o_j a point on it and w_j = z_j × (p - o_j) the velocity of
+p per turn,
 
     df/dq_j = n·w_j        d²f/dq_i dq_j = n·(z_i × w_j) = (n × z_i)·w_j    for i above or at j
 
-which needs nothing but the axes: closed forms, for all at once. Joints that slide have w_j = z_j and turn nothing.
-Derivatives by joints that follow others go to those that lead (see `robot.kinematics.Coupling`).
+These closed forms need only the axes and are computed for all constraints at once. A joint that slides has w_j = z_j
+and turns nothing. Derivatives by followers are added to those of their leaders (see `robot.kinematics.Coupling`).
 """
 
 from __future__ import annotations
@@ -35,13 +35,16 @@ KEYS, POINTS = 100_000, 100_000  # names of places within a pair of pieces, and 
 
 
 class Near:
-    """What is near along a curve: pairs of convex pieces, their distances and planes between them.
+    """Pairs of convex pieces that are near each other along a curve, with their distances and planes between them.
 
-    The last planes are kept by place: where one still shows a pair to be farther apart than constraints are
-    wanted, nothing is measured anew. Distances are therefore lower bounds.
+    The last plane of each pair is kept by place. If it still shows that the pair is farther apart than KEPT, the pair
+    is not measured again. Distances are therefore lower bounds.
 
-    Pairs of pieces that are nearer than `wanted` (P,) [m] at poses `free` (K, n), which are known to be free, are
-    passed over: a body that is not convex lies within its pieces, and no plane shows that it is apart. The proof does.
+    Args:
+        bodies: the bodies and pairs.
+        free: (K, n) poses that are known to be free, and wanted: (P,) [m] the clearance there. Pairs of pieces that are
+            nearer at these poses are left out: a body that is not convex lies within its pieces, and no plane separates
+            it there. The proof of clearance still covers them.
     """
 
     def __init__(self, bodies: Bodies, free: np.ndarray | None = None, wanted: np.ndarray | None = None) -> None:
@@ -71,6 +74,7 @@ class Near:
             self._pass_over(free, wanted)
 
     def _pass_over(self, free: np.ndarray, wanted: np.ndarray) -> None:
+        """Leave out pairs of pieces that are nearer than wanted (P,) [m] at poses free (K, n); see the class."""
         at, reach = np.linspace(0, 1, len(free)), float(wanted.max(initial=0.0))
         while True:  # of each pair of bodies, `MOST` pairs of pieces are measured
             _, number, distance, _, _ = self.measured(at, free, reach)
@@ -82,10 +86,12 @@ class Near:
     def measured(
         self, u: np.ndarray, q: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Poses]:
-        """Pairs of pieces that are nearer than `reach` [m] at places u (K,), positions q (K, n), the nearest of bodies.
+        """Pairs of pieces that are nearer than `reach` at places u (K,) and positions q (K, n); of two bodies the MOST
+        nearest pieces.
 
-        Returns place, number of the pair of pieces, distance [m] (negative: overlap) and unit normal in the base frame
-        from the second towards the first, (M,) each; and the poses.
+        Returns:
+            Place, number of the pair of pieces, distance [m] (negative: overlap) and unit normal (from the second
+                towards the first, in the base frame), (M,) or (M, 3) each; and the poses of the links.
         """
         poses = self.bodies.poses(q, u)
         k, number = np.nonzero((self._apart(poses) < reach) & self._seen)
@@ -106,6 +112,8 @@ class Near:
             distance[i], normal[i] = measure(placed[place, a], placed[place, b])
         known[k, number] = normal
         near = np.flatnonzero(distance < reach)
+        # Sort by place, pair of bodies and distance; then rank counts the pairs of pieces within a pair of bodies at a
+        # place.
         order = near[np.lexsort((distance[near], self.pair[number[near]], k[near]))]
         name = k[order] * len(self.bodies.pairs) + self.pair[number[order]]
         first = np.flatnonzero(np.diff(name, prepend=-1))
@@ -129,7 +137,10 @@ class Near:
         return out
 
     def _heights(self, poses: Poses, k: np.ndarray, number: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """Lower bounds (M,) [m] of distances: how far planes with these normals can be pushed apart."""
+        """Lower bounds (M,) [m] of distances: the height of piece a over piece b along the given normals.
+
+        It is min over vertices of a of n·p minus max over vertices of b of n·p, less both radii.
+        """
         a, b = self.a[number], self.b[number]
         ja, jb = self._joint[a], self._joint[b]
         out = np.sum(normal * (poses.origin[k, ja] - poses.origin[k, jb]), axis=1) - self.radius[a] - self.radius[b]
@@ -145,14 +156,14 @@ class Near:
             height[some] = all_[np.arange(len(some)), vertex[some]]
         return vertex, height
 
-    def constraints(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneRows:
+    def constraints(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneConstraints:
         """Constraints at places u (K,), positions q (K, n), for what is nearer than `reach` [m] there.
 
         Args:
             margin: (K, P) what each pair keeps at each place [m].
         """
         k, number, distance, normal, poses = self.measured(u, q, reach)
-        return PlaneRows(self, u, poses, (k, number, distance, normal), margin)
+        return PlaneConstraints(self, u, poses, (k, number, distance, normal), margin)
 
     def spread(self, piece: np.ndarray, direction: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Constraints and vertices: of each of pieces (M,) the lowest, and others apart that are hardly higher."""
@@ -184,13 +195,15 @@ class Near:
         return np.concatenate(constraints), np.concatenate(vertices)
 
 
-class PlaneRows:
-    """One linearisation (see `motion.limits.base.PlaceConstraints`): heights over planes, in units of `LENGTH`.
+class PlaneConstraints:
+    """Constraints at places: heights of vertices over fixed planes, in units of LENGTH.
+
+    It has the interface of `motion.limits.base.PlaceConstraints`.
 
     Args:
-        poses: at the places u (K,), where the planes were found.
-        found: place, number, distance and normal of each, as `Near.measured` gives them.
-        margin: (K, P) what each pair keeps at each place [m].
+        near: the pieces. u: (K,) places. poses: of the links there, when the planes were found.
+        found: place, number, distance and normal of each plane, as `Near.measured` returns them.
+        margin: (K, P) [m] the clearance of each pair at each place.
     """
 
     def __init__(
@@ -220,6 +233,7 @@ class PlaneRows:
         self._at: np.ndarray | None = None
 
     def _move(self, q: np.ndarray) -> None:
+        """Compute heights, normals, axes and vertex velocities at q (K, n), unless q is the last argument."""
         if self._at is q:
             return
         self._at = q
@@ -239,12 +253,19 @@ class PlaneRows:
         return self._f / LENGTH
 
     def gradient(self, q: np.ndarray) -> np.ndarray:
-        """(R, n)."""
+        """df/dq (R, n) in units of LENGTH per rad (or m)."""
         self._move(q)
         return self._bodies.kinematics.coupling.joined(np.matmul(self._w, self._n[:, :, None])[..., 0]) / LENGTH
 
     def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """(K, n, n)."""
+        """Sum of multipliers times Hessians at each place, (K, n, n).
+
+        `above` selects pairs (i, j) with i above or at j, for which the formula of the module holds; the rest follows
+        by symmetry.
+
+        Args:
+            q: (K, n). multipliers: (R,) of the constraints.
+        """
         self._move(q)
         kinematics = self._bodies.kinematics
         above = kinematics.moves[: kinematics.count].T  # (L, L): joint i moves joint j, or is it

@@ -1,31 +1,29 @@
-"""The proof that a motion touches nothing, for every instant of it and not for samples.
+"""The proof that a motion touches nothing, at every instant and not only at samples.
 
 Take an interval of time, and the arm in its middle. If two bodies are d apart there, and their points come towards each
-other by no more than s within the interval, they are at least d - s apart during all of it. Where this is not above the
-clearance that is asked for, the interval is halved, and only the pairs that are still open are carried on. All open
-intervals of one size are looked at together: what is arithmetic on arrays is done once for all of them.
+other by no more than s within the interval, then they are at least d - s apart during all of it. If d - s is not above
+the clearance that is asked for, the interval is halved, for the pairs that are still open. All open intervals of one
+size are processed together, so that array arithmetic is done once for all.
 
-A pair is closed by the cheapest of: boxes around the bodies, convex hulls, planes between these (`least_heights`),
-convex pieces, meshes. A pair that a mesh holds apart cannot be inside of another (`inside_at`): surfaces that never
-meet do not pass each other.
+The cheapest of these tests closes a pair: boxes around the bodies, convex hulls, planes between hulls
+(`least_heights`), convex pieces, meshes. A body that a mesh keeps apart cannot be inside the other one unless it was
+inside at the start (`inside_at`): surfaces that never meet do not pass each other.
 
-`least_heights`: how low a convex body can come over a plane within an interval: a bound of second order in the joints'
-turns.
-
-Bodies that pass each other closely move along each other, not towards each other: their points travel far, their
-distance hardly changes. For a unit vector n fixed in body b, the bodies are apart by at least
+`least_heights` is a bound of second order in the joints' turns. Bodies that pass each other closely move along each
+other and not towards each other: their points travel far while their distance hardly changes. For a unit vector n fixed
+in body b, the bodies are apart by at least
 
     s(q) = min over vertices v of a: n·p_v(q)  -  max over vertices of b: n·p
 
-whichever n is; the normal between their nearest points is a good one. With w_vj the velocity that joint j gives vertex
-v, n·p_v changes by n·w_vj per turn of j, and by Taylor's theorem, for turns of at most far_j about the middle,
+This holds for any n; the normal between the nearest points is a good choice. With w_vj the velocity that joint j gives
+vertex v, n·p_v changes by n·w_vj per turn of j. By Taylor's theorem, for turns of at most far_j from the middle,
 
     s(q) >= min_v (n·p_v - sum_j |n·w_vj| far_j) - max_b - T F
 
-where T bounds how far points of a travel and F is the sum of far_j over joints that turn: second derivatives are n·(z_i
-x w_vj), at most |w_vj| in size, and the sum of far_j |w_vj| is at most T everywhere in the interval. Joints that follow
-others count in T and F as if each moved by itself, as far as its leader takes it; in the sum over j they are part of
-their leader's velocity w_vj.
+where T bounds how far points of a travel, and F is the sum of far_j over joints that turn. The reason: the second
+derivatives are n·(z_i x w_vj), at most |w_vj| in size, and the sum of far_j |w_vj| is at most T in the whole interval.
+In T and F, followers count as if they moved independently, as far as their leader moves them. In the sum over j they
+are part of their leader's velocity w_vj.
 """
 
 from __future__ import annotations
@@ -161,12 +159,12 @@ class Touch:
 
 @dataclass
 class Proof:
-    """What became of it.
+    """The result of a proof.
 
     Attributes:
         verdict: "proven", "colliding" or "undecided".
-        lower_bound: what every pair keeps over all of the motion, m; -inf where nothing is proven.
-        least: the smallest distance that was measured, with its pair and time.
+        lower_bound: [m] what every pair keeps during the whole motion; -inf if nothing is proven.
+        least: the smallest measured distance, with its pair and time.
         touches: where the clearance is broken, coarse; the deepest first.
     """
 
@@ -177,7 +175,12 @@ class Proof:
 
 
 def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
-    """Is every pair of `bodies` apart by more than `wanted` (P,) [m] during all of `curve`?"""
+    """Prove that every pair of `bodies` is apart by more than `wanted` (P,) [m] during all of `curve`.
+
+    Returns:
+        The `Proof`. "undecided" means that a pair comes nearer than wanted without touching, or that intervals became
+            shorter than SHORTEST, or that more than MOST intervals were open.
+    """
     out = Proof()
     spans = curve.whole(FIRST)
     pairs = len(bodies.pairs)
@@ -231,9 +234,15 @@ def _measured(
     entered: set[int],
     planes: _Planes,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Measure what boxes left open; proofs and touches go into `out`.
+    """Measure the distances that boxes left open. Proofs and touches are entered into `out`.
 
-    Returns what is still open, and what may touch within its interval.
+    Args:
+        out: the proof so far. scene: bodies in the middles of the intervals. span, pair, travel: (M,) interval, pair,
+            and bound of the travel [m] of all open cases. wanted: (P,) [m]. which: cases to measure. time: of the
+            middles [s]. entered: pairs with one body inside the other. planes: collects cases for `least_heights`.
+
+    Returns:
+        Cases that are still open, and those that may touch within their interval.
     """
     bodies, again, unsure = scene.bodies, [], []
     least = np.inf if out.least is None else out.least.distance

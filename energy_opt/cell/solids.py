@@ -1,8 +1,9 @@
-"""Solids and the distances between them: the only module that imports coal.
+"""Solids and the distances between them. This is the only module that imports coal.
 
-A solid is held in up to three ways, each inside the one before: its convex hull, convex pieces (slabs of a long part
-whose hull is much fatter than the part), and the mesh of its surface. So the distance between hulls is a lower bound of
-that between pieces, and this one of that between meshes; it costs the least by far, and mostly it is enough.
+A solid is represented in up to three ways, each contained in the one before: its convex hull, convex pieces (slabs of a
+long part whose hull is much larger than the part), and the mesh of its surface. So the distance between hulls is a
+lower bound of that between pieces, and this is a lower bound of that between meshes. The first costs least, and often
+suffices.
 """
 
 from __future__ import annotations
@@ -135,17 +136,20 @@ def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
 
 
 def _alone(geometry: Any, points: np.ndarray, radius: float = 0.0) -> Solid:
+    """A convex solid that is its own hull and its only piece."""
     piece = Piece(geometry, points, radius)
     return Solid(piece, (piece,), None, _box(geometry))
 
 
 def _box(geometry: Any) -> np.ndarray:
+    """Corners (8, 3) [m] of coal's box around a geometry."""
     geometry.computeLocalAABB()
     low, high = np.asarray(geometry.aabb_local.min_), np.asarray(geometry.aabb_local.max_)
     return (low + high) / 2 + SIGNS * (high - low) / 2
 
 
 def _of_mesh(model: Any) -> Solid:
+    """A solid from coal's mesh: convex if its hull has the same volume, cut into slabs if the hull is much larger."""
     points = vertices_of(model)
     hull = _hull(points)
     if hull is None:  # a sheet: what is just around it has a hull
@@ -221,6 +225,7 @@ class Ruler:
 
     @cached_property
     def _pieces(self) -> list[Any]:
+        """One distance computation for each pair of pieces."""
         return [coal.ComputeDistance(p.geometry, q.geometry) for p in self.a.pieces for q in self.b.pieces]
 
     def near(self, at: Any, bt: Any) -> float:
@@ -251,6 +256,7 @@ class Ruler:
 
     @property
     def _exact(self) -> tuple[Any, Any]:
+        """The geometries between which the exact distance is computed: hulls of convex solids, else meshes."""
         return (
             self.a.hull.geometry if self.a.convex else self.a.mesh,
             self.b.hull.geometry if self.b.convex else self.b.mesh,

@@ -1,4 +1,4 @@
-"""Judges what a file holds, as its controller runs it; of a cycle, every stretch under its own payload and scene."""
+"""Judging of files as their controllers run them. In a cycle, each stretch is judged with its own payload and scene."""
 
 from __future__ import annotations
 
@@ -17,7 +17,12 @@ from energy_opt.motion.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Judging:
-    """Judges what a file holds, as its controller runs it."""
+    """Judges the content of a file as its controller runs it.
+
+    Attributes:
+        scorer: gives torque and power under the model. limits: those to keep. cell: bodies to keep clear of; None:
+            none. samples: number of places of the certificate; None: the usual density.
+    """
 
     scorer: Scorer
     limits: tuple[Limit, ...]
@@ -25,11 +30,17 @@ class Judging:
     samples: int | None = None
 
     def __call__(self, trajectory: Trajectory) -> Certificate:
-        """Of quintics between samples."""
+        """The certificate of a trajectory whose samples are joined by quintics."""
         return self._clear(certify(trajectory, self.scorer, self.limits, self.samples), trajectory)
 
     def at_steps(self, trajectory: Trajectory, rate: float | None) -> Certificate:
-        """Of positions alone, from step to step; with a rate of None, without what steps differ by."""
+        """The certificate of positions that a controller takes one by one.
+
+        Limits on velocity, acceleration and jerk are compared with differences from step to step.
+
+        Args:
+            trajectory: the positions. rate: [Hz] of the steps; None: differences are not compared.
+        """
         whole = certify(trajectory, self.scorer, self.limits, samples_only=True)
         others = tuple(found for found in whole.found if found.limit not in KINDS)
         steps = () if rate is None else (worst_step(trajectory, rate, self.scorer.robot.limits),)
@@ -40,12 +51,17 @@ class Judging:
         return self.scorer.energy(trajectory).total
 
     def _clear(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
+        """The certificate with the clearance of the trajectory."""
         return certificate if self.cell is None else replace(certificate, clearance=clearance_of(self.cell, trajectory))
 
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of a cycle in which payload and scene stay, from `start` to `end` s, and what judges it."""
+    """A stretch of a cycle with constant payload and scene.
+
+    Attributes:
+        start, end: [s] in the cycle. judge: of this stretch.
+    """
 
     start: float
     end: float
@@ -73,9 +89,11 @@ class CycleJudging(Judging):
         return cls(first.scorer, first.limits, windows=tuple(windows))
 
     def __call__(self, trajectory: Trajectory) -> Certificate:
+        """The worst of the certificates of all stretches."""
         return self._over(trajectory, lambda judge, part: judge(part))
 
     def at_steps(self, trajectory: Trajectory, rate: float | None) -> Certificate:
+        """The worst of all stretches; differences from step to step are compared over the whole cycle."""
         found = self._over(trajectory, lambda judge, part: judge.at_steps(part, None))
         steps = () if rate is None else (worst_step(trajectory, rate, self.scorer.robot.limits),)
         return replace(found, found=(*found.found, *steps))  # steps know nothing of windows
@@ -91,9 +109,11 @@ class CycleJudging(Judging):
         return _worst(looks)
 
     def joules(self, trajectory: Trajectory) -> float:
+        """Energy of the whole cycle under the models of its stretches [J]."""
         return sum(window.judge.joules(_part(trajectory, window)) for window in self.windows)
 
     def _over(self, trajectory: Trajectory, look: Callable[[Judging, Trajectory], Certificate]) -> Certificate:
+        """The worst of what `look` finds in each stretch."""
         looks = []
         for window in self.windows:
             part = _part(trajectory, window)

@@ -1,4 +1,6 @@
-"""The files of a planned trajectory for others: formats, rates, room for samples; read back and judged."""
+"""Files of a planned trajectory for controllers: formats, rates, and plans that leave room for samples. Every file is
+read back and judged.
+"""
 
 from __future__ import annotations
 
@@ -172,6 +174,7 @@ def worst_of(certificate: Certificate) -> dict[str, object]:
 
 
 def _text(form: Format, got: Sampled, judge: Judging, trajectory: Trajectory) -> str:
+    """One line on a written file: format, rate, slowing, and why."""
     how = "as judged" if got.rate is None else f"{got.rate:g} Hz"
     if got.rate is not None:
         how += ", positions from step to step" if got.rate == STEPS.get(form.name) else ", quintic between points"
@@ -216,14 +219,19 @@ class Files:
 def with_room(
     answer: Answer, certificates: Callable[[Answer], list[Certificate]], again: Callable[[Shares], Answer]
 ) -> tuple[Answer, Shares]:
-    """The answer, or one that is planned again so that the samples of its motion stay within all limits.
+    """The answer, or one that is planned again so that the samples of its motion keep all limits.
+
+    Between samples, a controller's quintics may exceed a bound that the plan uses fully. So the bound is tightened by
+    STEP times the excess, and the motion is planned again, ROUNDS times at most.
 
     Args:
+        answer: the plan.
         certificates: of the samples of an answer.
-        again: plans with these shares of the limits' bounds; raises Infeasible where that is not possible.
+        again: plans with these shares of the limits' bounds; raises Infeasible if that is not possible.
 
     Returns:
-        The answer whose samples break limits least, and the shares that it was planned with: none for the given one.
+        The answer whose samples break limits least, and its shares; the given answer and no shares if none is good
+            enough.
     """
     shares: Shares = {}
     found = certificates(answer)
@@ -256,4 +264,5 @@ def said(shares: Mapping[str, float], joules: float) -> str:
 
 
 def _broken(certificates: Sequence[Certificate]) -> float:
+    """The largest violation of all certificates."""
     return max((certificate.violation for certificate in certificates), default=0.0)

@@ -1,8 +1,8 @@
-"""Trajectories at a rate, and what a controller makes of the samples.
+"""Trajectories at a given rate, and the motion that a controller makes from the samples.
 
-A controller that is given positions, velocities and accelerations runs the quintic between two points, as ROS 2's
-joint_trajectory_controller does; given positions and velocities, the cubic. The files here give all three, so a
-resampled trajectory is the samples that it writes and the quintics between them, and is judged as such.
+A controller that receives positions, velocities and accelerations runs the quintic between two points, as ROS 2's
+joint_trajectory_controller does. From positions and velocities it runs the cubic. The files of this package contain all
+three. So a resampled trajectory consists of the written samples with quintics between them, and is judged as such.
 """
 
 from __future__ import annotations
@@ -30,9 +30,11 @@ Judge = Callable[[Trajectory], Certificate]
 
 @dataclass(frozen=True)
 class Sampled:
-    """A trajectory as it is written: at `rate` Hz (None: the judged samples), slowed where that was needed.
+    """A trajectory as it is written.
 
-    `why`: what the rate that was asked for would have broken; empty where it holds as it is.
+    Attributes:
+        trajectory: slowed if that was needed. rate: [Hz]; None: the judged samples. why: the limit that the requested
+            rate would have broken; empty if it breaks none.
     """
 
     trajectory: Trajectory
@@ -62,10 +64,13 @@ def resampled(trajectory: Trajectory, rate: float) -> Trajectory:
 
 
 def fitted(trajectory: Trajectory, rate: float, judge: Judge) -> Sampled:
-    """The trajectory at a rate at which what a controller makes of it stays within all limits.
+    """The trajectory at a rate at which the controller's motion keeps all limits.
 
-    Where the samples break a limit, the motion is slowed evenly, by 5 % at most; where that does not help, the lowest
-    of the usual rates that does is taken, else the judged samples themselves.
+    If the samples at `rate` break a limit, the motion is slowed evenly, by 5 % at most. If this does not suffice, the
+    lowest usual rate above it without a violation is taken, or else the judged samples.
+
+    Args:
+        trajectory: the motion. rate: [Hz] requested. judge: gives the certificate of a trajectory.
     """
     certificate = judge(resampled(trajectory, rate))
     if certificate.valid:
@@ -81,9 +86,16 @@ def fitted(trajectory: Trajectory, rate: float, judge: Judge) -> Sampled:
 def slowed_until(
     trajectory: Trajectory, judge: Judge, prepared: Callable[[Trajectory], Trajectory]
 ) -> Trajectory | None:
-    """What is `prepared` from the trajectory slowed evenly, by as little as holds all limits.
+    """The prepared trajectory, slowed as little as possible so that it keeps all limits.
 
-    None where 5 % is not enough, and of motions that begin or end in motion, whose speed there is given.
+    Slowing by a factor f divides velocities by f and accelerations by f^2, so the next factor follows from the
+    violation.
+
+    Args:
+        trajectory: the motion. judge: gives a certificate. prepared: turns a motion into what is written.
+
+    Returns:
+        None if 5 % does not suffice, if only the clearance is broken, or if the motion begins or ends in motion.
     """
     if np.abs(trajectory.velocity[[0, -1]]).max() > 1e-9:
         return None
@@ -125,13 +137,14 @@ KINDS = ("velocity", "acceleration", "jerk")
 
 
 def on_steps(trajectory: Trajectory, rate: float, limits: Limits | None = None) -> Trajectory:
-    """The trajectory at a controller's steps, slowed by less than a step so that it ends on one.
+    """The trajectory at a controller's steps, slowed by less than one step so that it ends on a step.
+
+    A controller that differentiates positions sees a jump if the motion begins with an acceleration. With `limits`,
+    positions are averaged over as many steps as the jerk limit needs. A mean of positions raises no velocity,
+    acceleration or jerk; the motion takes these steps longer.
 
     Args:
-        rate: Hz.
-        limits: with them, an acceleration at an end is spread over as many steps as the jerk limit asks for, by the
-            mean of so many positions: no velocity, acceleration or jerk grows by that, and the motion takes these steps
-            longer.
+        trajectory: the motion. rate: [Hz]. limits: of the arm; None: nothing is averaged.
     """
     steps = max(1, math.ceil(trajectory.duration * rate - 1e-6))
     slowed = trajectory.slowed(steps / rate)
@@ -165,7 +178,14 @@ def of_steps(joints: tuple[str, ...], q: np.ndarray, rate: float) -> Trajectory:
 
 
 def worst_step(trajectory: Trajectory, rate: float, limits: Limits) -> Violation:
-    """The difference from step to step that uses its limit most, as a controller looks at them."""
+    """The difference from step to step that uses its limit most.
+
+    The first, second and third differences of the positions, times rate, rate^2 and rate^3, are velocity, acceleration
+    and jerk as a controller computes them. The arm is at rest before and after.
+
+    Args:
+        trajectory: positions at steps. rate: [Hz]. limits: of the arm.
+    """
     q = trajectory.position
     padded = np.concatenate([np.repeat(q[:1], REST, axis=0), q, np.repeat(q[-1:], REST, axis=0)])
     found = []

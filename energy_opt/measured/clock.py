@@ -1,10 +1,14 @@
-"""The meter's clock against the joints': offset and drift from what the power has to do with the motion.
+"""The meter's clock relative to the joints' clock: offset and drift, from the dependence of the power on the motion.
 
-Power follows the motion: with f(t) = (1, tau.v, positive part of tau.v, sum tau^2, sum |v|, sum v^2) of the rigid
-body, readings P_i at stamps s_i of the meter are regressed on the means of f over their windows, moved to the joints'
-clock by t = s + offset + drift * (s - middle). The clock under which the regression leaves least is the one; how much
-better it is than another counts in M/2 log of the ratio of squares, M the readings, one per `APART` at most: what the
-features miss has a memory.
+Power follows the motion. The features are f(t) = (1, tau.v, positive part of tau.v, sum tau^2, sum |v|, sum v^2), with
+the rigid body's torque tau. Readings P_i with time stamps s_i of the meter are regressed on the means of f over their
+windows, which are moved to the joints' clock by
+
+    t = s + offset + drift * (s - middle)
+
+The clock with the least residual is the answer. With M readings and squares R_1, R_2 under two clocks, the log
+likelihood ratio is M/2 log(R_1 / R_2). M counts at most one reading in every APART seconds, because the residual has a
+memory.
 """
 
 from __future__ import annotations
@@ -31,14 +35,26 @@ DRIFT = 2e-3  # [s/s] no clock drifts more
 
 @dataclass(frozen=True)
 class Activity:
-    """Features of a motion and their integrals on an even grid: t (K,) s, values and integrals (K, F)."""
+    """Features of a motion, and their integrals, on an even grid.
+
+    Attributes:
+        t: (K,) [s]. values: (K, F), each feature scaled to a standard deviation of 1. integrals: (K, F) from the first
+            time on.
+    """
 
     t: np.ndarray
     values: np.ndarray
     integrals: np.ndarray
 
     def at(self, stamps: np.ndarray, window: np.ndarray) -> np.ndarray:
-        """Means over the windows that end at the stamps, (M, F)."""
+        """Means of the features over the windows that end at the stamps, (M, F).
+
+        A mean is the difference of the integral at both ends over the length. A window shorter than two steps of the
+        grid is widened symmetrically to this length.
+
+        Args:
+            stamps: (M,) [s]. window: (M,) [s] length of each.
+        """
         short = np.maximum(window, 2 * (self.t[1] - self.t[0]))
         end, begin = np.clip(stamps, self.t[0], self.t[-1]), np.clip(stamps - short, self.t[0], self.t[-1])
         shift = np.where(window < short, (short - window) / 2, 0.0)
@@ -52,7 +68,12 @@ class Activity:
 
 @dataclass(frozen=True)
 class Clock:
-    """Joints' time = stamp + offset + drift * (stamp - middle); what of the readings' variance the motion explains."""
+    """A meter's clock: joints' time = stamp + offset + drift * (stamp - middle).
+
+    Attributes:
+        offset: [s]. drift: [s/s]. middle: [s] on the meter's clock. explained: share of the readings' variance that the
+            motion explains.
+    """
 
     offset: float
     drift: float
@@ -65,7 +86,11 @@ class Clock:
 
 
 def activity(robot: Robot, time: np.ndarray, position: np.ndarray) -> Activity:
-    """What of a motion a power may follow; positions (N, n) are smoothed over a tenth of a second."""
+    """The features of a motion that a power may follow.
+
+    Args:
+        robot: for the rigid body's torque. time: (N,) [s]. position: (N, n) [rad]; smoothed over a tenth of a second.
+    """
     span = float(time[-1] - time[0])
     count = int(np.clip(np.ceil(span / GRID), 8, MOST)) + 1
     t = np.linspace(time[0], time[-1], count)
@@ -86,13 +111,22 @@ def activity(robot: Robot, time: np.ndarray, position: np.ndarray) -> Activity:
 
 
 def _smooth(x: np.ndarray, width: int) -> np.ndarray:
+    """Moving mean over `width` samples along the first axis."""
     from scipy.ndimage import uniform_filter1d
 
     return uniform_filter1d(x, width, axis=0, mode="nearest")
 
 
 def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    """Log likelihood over that of a constant, and the share of variance explained, of readings on the joints' clock."""
+    """How well the motion explains readings.
+
+    Args:
+        motion: the features. stamps: (M,) [s] on the joints' clock. window: (M,) [s]. power: (M,) [W].
+
+    Returns:
+        The log likelihood relative to that of a constant power, less the number of features; and the explained share of
+            variance. -inf and 0 if fewer than FEWEST independent readings lie within the motion.
+    """
     inside = (stamps >= motion.t[0] - 1e-9) & (stamps <= motion.t[-1] + 1e-9)
     if inside.sum() < FEWEST:
         return -np.inf, 0.0
@@ -114,17 +148,17 @@ def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np
 def align(
     motion: Activity, stamps: np.ndarray, windows: Sequence[np.ndarray], power: np.ndarray, given: bool, seek: bool
 ) -> tuple[Clock | None, int, np.ndarray]:
-    """The meter's clock, which of the windows it has, and what tells that.
+    """The meter's clock, and which of several windows its readings have.
 
     Args:
-        motion: of the run. stamps, power: (M,) of the readings, on a clock that may be another.
-        windows: one or two (M,) that the readings may be means over.
-        given: the stamps claim to be on the joints' clock; otherwise any offset is as likely.
-        seek: another clock is looked for; otherwise the windows are compared only.
+        motion: of the run. stamps, power: (M,) [s], [W] of the readings, perhaps on another clock.
+        windows: one or two (M,) [s]; the readings may be means over them.
+        given: whether the stamps claim to be on the joints' clock; otherwise every offset is equally likely.
+        seek: whether to search for another clock; otherwise only the windows are compared.
 
     Returns:
-        The clock (None: the one given is as good, or nothing can be told), the index of the window, and log likelihoods
-        (windows, `DELAYS`) for `shows_means`.
+        The clock (None: the given one is as good, or the data do not decide), the index of the window, and log
+            likelihoods (windows, DELAYS) for `shows_means`.
     """
     fewer = [_fewer(stamps, window, power) for window in windows]
     scores = np.array([[evidence(motion, s - d, w, p)[0] for d in DELAYS] for s, w, p in fewer])
@@ -143,14 +177,14 @@ def align(
 
 
 def shows_means(scores: np.ndarray, interval: float) -> tuple[bool, bool]:
-    """Whether a slow meter shows means since its reading before, or the power at its stamps; and whether that is sure.
+    """Whether a slow meter shows means since its last reading (else the power at its stamps), and whether this is sure.
 
-    The meter may be late besides, so each takes the delay under which it fits best: the shape decides. Where that is
-    not enough, a delay of half an interval speaks for the mean, which needs none.
+    The meter may also be late, so each hypothesis uses its best delay. If the fits are equally good, a delay of half an
+    interval speaks for the mean, which needs no delay.
 
     Args:
-        scores: (2, `DELAYS`) log likelihoods of the power at the stamps and of the mean, summed over the runs.
-        interval: between readings, s.
+        scores: (2, DELAYS) log likelihoods of the power at the stamps and of the mean, summed over the runs.
+        interval: [s] between readings.
     """
     if not np.isfinite(scores).any():
         return True, False
@@ -162,13 +196,18 @@ def shows_means(scores: np.ndarray, interval: float) -> tuple[bool, bool]:
 
 
 def _score(found: tuple[Clock, float] | None) -> float:
+    """Log likelihood of a found clock; -inf if there is none."""
     return -np.inf if found is None else found[1]
 
 
 def _search(
     motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray, given: bool
 ) -> tuple[Clock, float] | None:
-    """The clock under which the readings fit the motion best, and its log likelihood; offsets from far to fine."""
+    """The clock with the best fit, and its log likelihood. None if no offset leaves enough readings within the motion.
+
+    Offsets are first scanned on a grid. Then Nelder-Mead refines offset and drift. The drift is kept if it improves the
+    log likelihood by more than 5 + log(M) / 2 (the Bayesian information criterion with a margin).
+    """
     from scipy.optimize import minimize
 
     stamps, window, power = _fewer(stamps, window, power)

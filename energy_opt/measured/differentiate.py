@@ -1,7 +1,9 @@
-"""Positions to velocities and accelerations without phase shift, with cut-offs that the data choose, run by run.
+"""Velocities and accelerations from positions, without phase shift; the data of each run choose the cut-offs.
 
-The smoother minimises sum (y - x)^2 + lambda * sum (third difference of x)^2. Its response at frequency f is
-1 / (1 + (sin(pi f dt) / sin(pi f_c dt))^6), one half at the cut-off f_c, with no phase and natural ends.
+The smoother minimises sum (y - x)^2 + lambda sum (third difference of x)^2 (Whittaker's smoother). Its response at
+frequency f is 1 / (1 + (sin(pi f dt) / sin(pi f_c dt))^6). It is one half at the cut-off f_c, has no phase, and has
+natural ends. This follows from |1 - exp(-i w)|^6 = (2 sin(w / 2))^6 with w = 2 pi f dt, and lambda = 1 / (2
+sin(pi f_c dt))^6.
 """
 
 from __future__ import annotations
@@ -21,7 +23,11 @@ EXCESS = 1.15  # residual variance over that of noise alone, above which a cut-o
 
 @dataclass(frozen=True)
 class Smoothing:
-    """Noise of the readings that every cut-off is judged against: positions [rad], logged velocities [rad/s]."""
+    """Noise of the readings, against which cut-offs are judged.
+
+    Attributes:
+        position_noise: [rad] of positions. velocity_noise: [rad/s] of logged velocities.
+    """
 
     position_noise: float
     velocity_noise: float
@@ -29,7 +35,11 @@ class Smoothing:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Position, velocity and acceleration (N, n) at the times asked for, and the cut-offs used (n,) Hz."""
+    """A smoothed motion at the requested times.
+
+    Attributes:
+        q, v, a: (N, n) [rad, rad/s, rad/s^2]. cutoffs: (n,) [Hz] that were used.
+    """
 
     q: np.ndarray
     v: np.ndarray
@@ -49,7 +59,12 @@ def _uniform(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def smooth(values: np.ndarray, step: float, cutoff: float) -> np.ndarray:
-    """The smoother on evenly spaced samples; values (N, n), step [s], cutoff [Hz]."""
+    """The smoother on evenly spaced samples: solves (1 + lambda D^T D) x = y, D the third differences (banded
+    Cholesky).
+
+    Args:
+        values: y (N, n). step: [s] between samples. cutoff: [Hz]; at 0.45 / step or above nothing is smoothed.
+    """
     from scipy.linalg import solveh_banded
 
     if cutoff >= 0.45 / step or len(values) < 8:
@@ -93,6 +108,7 @@ def _noise(signals: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
 
 
 def _usable(step: float) -> list[float]:
+    """The cut-offs below 0.3 of the sampling rate; at least one."""
     return [c for c in CUTOFFS if c < 0.3 / step] or [0.3 / step]
 
 

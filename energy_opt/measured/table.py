@@ -118,10 +118,12 @@ class Table:
         return name in self.header and self._form(self.header.index(name)) is not None
 
     def _form(self, k: int) -> re.Pattern[str] | None:
+        """The form of dates in column k by its first cell with content; None if these are no dates."""
         cell = next((row[k] for row in self.layout.sample if k < len(row) and row[k].strip()), "")
         return date_form(cell)
 
     def _lines(self) -> list[bytes]:
+        """The lines of the file from its first data row on, as bytes."""
         return re.split(rb"\r\n|\r|\n", bytes(self.layout.content[self.layout.first :]))
 
     def _parse(self, kinds: dict[str, Any]) -> Any:
@@ -159,6 +161,7 @@ class Table:
         return table
 
     def _ragged_faults(self, ragged: Sequence[tuple[int, int]]) -> None:
+        """A fault for each row of another width, MAX_FAULTS at most."""
         if not ragged:
             return
         filled = [k + self.layout.first_row for k, row in enumerate(self._lines()) if row]
@@ -180,6 +183,7 @@ class Table:
             self.faults.append(f"{self.path}: row {bad + self.layout.first_row}: a quotation mark that does not close")
 
     def _damaged(self, reason: str) -> BadInput:
+        """The error for a file that cannot be parsed; it names a cell of extreme length, which is the usual cause."""
         lines = self._lines()
         longest = max(range(len(lines)), key=lambda k: len(lines[k]))
         if len(lines[longest]) >= BLOCK // 4:

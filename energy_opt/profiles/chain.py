@@ -1,21 +1,21 @@
-"""A chain of standard moves: joint-space lines from corner to corner, with ramps of velocity at both ends and between.
+"""A chain of standard moves: straight lines in joint space from corner to corner, with ramps of velocity between them.
 
-Corners P_0 ... P_{K+1} (n,), of which the inner ones are via points. On the line to P_i all joints run together at the
+The corners are P_0 ... P_{K+1} (n,); the inner ones are via points. On the line to P_i all joints move together at the
 constant velocity
 
     w_i = (P_i - P_{i-1}) / L_i
 
-where L_i is the time from the middle of one ramp to the middle of the next. Ramp i turns w_i into w_{i+1} (w_0 and
-w_{K+2} are rest) within tau_i seconds: the acceleration rises for u_i seconds, holds, and falls for u_i seconds,
+L_i is the time from the middle of one ramp to the middle of the next. Ramp i changes w_i into w_{i+1} (w_0 and w_{K+2}
+are rest) within tau_i seconds. The acceleration rises for u_i seconds, holds, and falls for u_i seconds:
 
     peak acceleration  |w_{i+1} - w_i| / (tau_i - u_i)        jerk  peak / u_i
 
-so that a move without via points is the seven-segment S-curve, and with u -> 0 the trapezoid. At a via point the ramp
-is the blend: it leaves the line at P_i - w_i tau_i / 2, joins the next at P_i + w_{i+1} tau_i / 2, and stays inside the
-triangle between; P_i itself is not touched. Everything is closed form and smooth in P, L, tau and u.
+So a move without via points is the seven-segment S-curve; for u -> 0 it is the trapezoid. At a via point the ramp is
+the blend. It leaves the line at P_i - w_i tau_i / 2, joins the next line at P_i + w_{i+1} tau_i / 2, and stays inside
+the triangle between; it does not touch P_i. All of this is closed form and smooth in P, L, tau and u.
 
-Pieces in order: rise, hold and fall of ramp 0, line 0, rise, hold and fall of ramp 1, line 1, ... One set of formulas
-serves numbers and the CasADi expressions of a program.
+The pieces are, in order: rise, hold and fall of ramp 0, line 0, rise, hold and fall of ramp 1, line 1, and so on. The
+same formulas serve numbers and the CasADi expressions of a program.
 """
 
 from __future__ import annotations
@@ -35,9 +35,11 @@ RISE, HOLD, FALL, LINE = range(4)
 
 @dataclass(frozen=True)
 class Chain:
-    """Corners (K + 2, n) [rad], spans L (K + 1,), ramps tau (K + 2,) and their rises u (K + 2,), all in s.
+    """Corners and times of a chain.
 
-    As expressions, corners are a list of columns (n, 1), and the others are columns.
+    Attributes:
+        corners: P (K + 2, n) [rad, m]. spans: L (K + 1,) [s]. ramps: tau (K + 2,) [s]. rises: u (K + 2,) [s]. As
+            expressions, corners are a list of columns (n, 1), and the others are columns.
     """
 
     corners: Any
@@ -116,9 +118,18 @@ class Chain:
         return self.ramps[i] - 2 * self.rises[i] if kind == HOLD else self.rises[i]
 
     def at(self, piece: int, share: Any) -> tuple[Any, Any, Any, Any]:
-        """Position, velocity, acceleration (n,) and time [s] at a share in [0, 1] of a piece.
+        """Position, velocity, acceleration (n,) and time [s] at a share of a piece.
 
-        Of numbers, several shares (M, 1) give (M, n), but for what is the same at all of them.
+        In a ramp that changes the velocity by c, with peak = 1 / (tau - u) and t from the ramp's start, acceleration a
+        c, velocity w + v c and displacement w t + r c follow from integration:
+
+            rise (t <= u):         a = peak t / u,    v = peak t^2 / (2 u),       r = peak t^3 / (6 u)
+            hold (y = t - u):      a = peak,          v = peak (u / 2 + y),       r = peak (u^2 / 6 + u y / 2 + y^2 / 2)
+            fall (y = tau - t):    a = peak y / u,    v = 1 - peak y^2 / (2 u),   r = tau / 2 - y + peak y^3 / (6 u)
+
+        Args:
+            piece: its number. share: in [0, 1]; of numbers, shares (M, 1) give (M, n), or (n,) for values that do not
+                depend on the share.
         """
         i, kind = divmod(piece, 4)
         tau, u, change = self.ramps[i], self.rises[i], self.changes[i]

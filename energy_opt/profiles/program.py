@@ -38,7 +38,12 @@ APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter p
 
 
 class Placed:
-    """One limit's constraints on the chain that they were asked for."""
+    """The constraints of one limit at places of a chain (see the module's text).
+
+    Args:
+        constraints: values and derivatives by positions q (K, n). x: symbols of the unknowns. symbols: the chain in
+            terms of x. chain: numbers, which fix the share of its piece at which each place lies.
+    """
 
     def __init__(self, constraints: PlaceConstraints, x: ca.SX, symbols: Chain, chain: Chain) -> None:
         self.constraints = constraints
@@ -51,7 +56,7 @@ class Placed:
         self._bent = ca.Function("bent", [x, pull], [bent])
 
     def move(self, x: np.ndarray) -> None:
-        """Go to other unknowns."""
+        """Compute positions, values and gradients at unknowns x."""
         q, slope = self._position(x)
         self._x, self._q = x, np.asarray(q.full()).T.copy()
         self._slope = np.asarray(slope.full()).reshape(*self._q.shape, -1)  # (K, n, unknowns)
@@ -59,11 +64,15 @@ class Placed:
         self._gradient = self.constraints.gradient(self._q)
 
     def slopes(self) -> np.ndarray:
-        """Derivatives with respect to all unknowns, (R, unknowns)."""
+        """Derivatives (R, unknowns) of all constraints: the gradient by q times dq/dx of the place."""
         return np.asarray(np.matmul(self._gradient[:, None, :], self._slope[self.constraints.place])[:, 0])
 
     def hessian(self, multipliers: np.ndarray) -> np.ndarray:
-        """The constraints' share of the Lagrangian's Hessian, (unknowns, unknowns)."""
+        """The constraints' part of the Hessian of the Lagrangian, (unknowns, unknowns).
+
+        With multipliers l, gradients g_r by q, and the Hessian H_k of place k: sum_k J_k^T H_k J_k + sum_r l_r g_r ·
+        d2q/dx2.
+        """
         h = self.constraints.hessian(self._q, multipliers)
         pull = np.zeros_like(self._q)
         np.add.at(pull, self.constraints.place, multipliers[:, None] * self._gradient)

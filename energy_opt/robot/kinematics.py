@@ -1,12 +1,11 @@
-"""An arm as plain numbers: its links, how joints follow others, and where links are for many configurations at once.
+"""An arm as plain numbers: its links, how joints follow others, and the frames of links at many configurations at once.
 
-With q the n joints that move by themselves, the positions of all L joints of an arm are G q + g, with a row of G for
-each: a unit for a joint of its own, its ratio in the leader's column for one that follows. Velocities and accelerations
-are G v and G a. By virtual work, torques (and gradients, and the columns of Jacobians) of all joints act on the n as
-G^T tau: that of a leader is its own plus its followers', each times its ratio.
+With q the positions of the n independent joints, the positions of all L joints are G q + g. G has a row for each joint:
+a unit row for an independent joint, and the ratio in the leader's column for a follower. Velocities and accelerations
+are G v and G a. By virtual work, torques of all joints act on the n independent ones as G^T tau: a leader's torque is
+its own plus each follower's times its ratio. The same holds for gradients and for columns of Jacobians.
 
-L links have a joint each, of which n move by themselves and take the others along. Arrays over links have one entry
-more than there are: the last, which index -1 reaches, is the base.
+Arrays over links have L + 1 entries: the last one, which index -1 reaches, is the base.
 """
 
 from __future__ import annotations
@@ -19,7 +18,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class PointMass:
-    """A mass [kg] at `com` (3,) [m] in the last joint's frame."""
+    """A point mass.
+
+    Attributes:
+        mass: [kg]. com: (3,) [m] its place in the last joint's frame.
+    """
 
     mass: float
     com: np.ndarray
@@ -27,7 +30,11 @@ class PointMass:
 
 @dataclass(frozen=True)
 class Follows:
-    """How a joint follows another: its position is `ratio` times that of joint `leader`, an index, plus `offset`."""
+    """The law of a follower (mimic joint): its position is `ratio` times that of the leader plus `offset`.
+
+    Attributes:
+        leader: index of an independent joint. ratio: [rad/rad, m/rad or rad/m]. offset: [rad or m].
+    """
 
     leader: int
     ratio: float
@@ -77,9 +84,14 @@ def pose_of(position: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -
 
 
 def pseudo_inertia(mass: float, lever: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """(4, 4) second moments from mass, centre of mass (3,) and inertia (3, 3) about it.
+    """The pseudo-inertia (4, 4) [[S, h], [h^T, m]] from mass, centre of mass and inertia.
 
-    They add up over bodies and move to another frame as T J T^T (Wensing, Kim, Slotine 2018).
+    With the inertia I_o about the origin, S = trace(I_o) / 2 - I_o is the second moment, and h = m c the first one.
+    Pseudo-inertias of bodies add up, and become T J T^T in another frame (Wensing, Kim and Slotine, IEEE Robotics and
+    Automation Letters 3(1), 2018).
+
+    Args:
+        mass: [kg]. lever: (3,) [m] centre of mass. inertia: (3, 3) [kg m^2] about the centre of mass.
     """
     centre = np.append(lever, 1.0)
     out = mass * np.outer(centre, centre)
@@ -110,12 +122,12 @@ class UrdfLimits:
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """How all joints of an arm hang on those that move by themselves.
+    """How the positions of all joints follow from those of the independent joints (see the module).
 
     Attributes:
         matrix: G (L, n).
         offset: g (L,) [rad, m].
-        own: (n,) indices, among all L, of the joints that move by themselves.
+        own: (n,) indices, among all L, of the independent joints.
     """
 
     matrix: np.ndarray
@@ -124,7 +136,7 @@ class Coupling:
 
     @classmethod
     def of(cls, links: Sequence[Link]) -> Coupling:
-        """That of an arm's links."""
+        """The coupling of an arm's links."""
         own = np.array([k for k, link in enumerate(links) if link.follows is None], dtype=int)
         matrix, offset = np.zeros((len(links), len(own))), np.zeros(len(links))
         matrix[own, np.arange(len(own))] = 1.0
@@ -136,23 +148,23 @@ class Coupling:
 
     @property
     def trivial(self) -> bool:
-        """Whether every joint moves by itself."""
+        """Whether every joint is independent."""
         return len(self.matrix) == len(self.own)
 
     def positions(self, q: np.ndarray) -> np.ndarray:
-        """All joints' (..., L), from those of the joints that move by themselves (..., n)."""
+        """Positions (..., L) of all joints from those (..., n) of the independent ones: G q + g."""
         return q if self.trivial else q @ self.matrix.T + self.offset
 
     def rates(self, v: np.ndarray) -> np.ndarray:
-        """All joints' velocities or accelerations (..., L) from (..., n)."""
+        """Velocities or accelerations (..., L) of all joints from (..., n): G v."""
         return v if self.trivial else v @ self.matrix.T
 
     def reach(self, far: np.ndarray) -> np.ndarray:
-        """How far each joint can go (..., L) while those that move by themselves go at most `far` (..., n)."""
+        """Largest change (..., L) of each joint, |G| far, if the independent ones change by at most `far` (..., n)."""
         return far if self.trivial else far @ np.abs(self.matrix).T
 
     def reach_back(self, x: np.ndarray) -> np.ndarray:
-        """How large torques by the n joints can be (..., n) where those of all joints are at most x (..., L)."""
+        """Largest torque (..., n) at the independent joints, |G|^T x, if those of all joints are at most x (..., L)."""
         return x if self.trivial else x @ np.abs(self.matrix)
 
     def joined(self, x: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -176,7 +188,12 @@ class Poses:
 
 
 class Kinematics:
-    """Forward kinematics of a fixed-base tree of one-degree-of-freedom joints."""
+    """Forward kinematics of a fixed-base tree of joints with one degree of freedom each.
+
+    Attributes:
+        count: L. parent: (L,). prismatic: (L,). moves: (L + 1, L) whether joint j moves link i; the last row is the
+            base.
+    """
 
     def __init__(self, links: Sequence[Link]) -> None:
         self.count = len(links)
@@ -200,7 +217,11 @@ class Kinematics:
             self.moves[i, i] = True
 
     def __call__(self, q: np.ndarray) -> Poses:
-        """Frames at q (N, n) [rad, m]."""
+        """Frames of all links at q (N, n) [rad, m].
+
+        The frame of a joint turns by Rodrigues' formula R(q) = 1 + sin q K + (1 - cos q) K^2 with K the cross-product
+        matrix of the axis. Products with the placement are precomputed.
+        """
         count, q = len(q), self.coupling.positions(q)
         angle = np.where(self.prismatic, 0.0, q)
         local = (
@@ -219,7 +240,7 @@ class Kinematics:
 
 
 def into(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (M, 3) in the frames that rotations (M, 3, 3) stand for."""
+    """Vectors (M, 3) in the frames with rotations (M, 3, 3): R^T x."""
     return np.matmul(vectors[:, None], rotation)[:, 0]
 
 

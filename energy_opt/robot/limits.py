@@ -67,10 +67,12 @@ TURNS = 50.0  # [rad] further no joint without limits is turned; eight turns
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds per joint, (n,) each, inf where there is none.
+    """Bounds of each joint, (n,) each; inf if there is none.
 
-    lower, upper [rad]; velocity [rad/s], acceleration [rad/s^2], jerk [rad/s^3] and effort [N m] hold both ways; of
-    joints that slide m in place of rad, and N.
+    Attributes:
+        lower, upper: position [rad], or [m] of joints that slide.
+        velocity: [rad/s, m/s]. acceleration: [rad/s^2, m/s^2]. jerk: [rad/s^3, m/s^3]. effort: [N m, N]. These four
+            hold in both directions.
     """
 
     lower: np.ndarray
@@ -112,10 +114,16 @@ def look_like_degrees(
 
 
 def with_assumptions(limits: Limits, joints: Sequence[str], slides: Sequence[bool]) -> tuple[Limits, list[str]]:
-    """Replace zero, missing and placeholder limits of position and velocity by assumptions, and name them in warnings.
+    """Limits with assumed values instead of zero, missing and placeholder limits of position and velocity.
 
-    Acceleration and jerk always have a bound; that these are assumed is said with the robot's `sources`.
-    Efforts are those that `believed_efforts` leaves. `slides` (n,) are the joints with m in place of rad.
+    Missing limits on acceleration are RAMP times the velocity limit, at most FASTEST; missing limits on jerk are
+    SHARPNESS times the acceleration limit. The robot's `sources` state that these are assumed. Efforts are not changed.
+
+    Args:
+        limits: as the files state them. joints: names. slides: (n,) which joints slide.
+
+    Returns:
+        The limits, and a warning for each assumed limit of position or velocity.
     """
     warnings: list[str] = []
     lower, upper = limits.lower.copy(), limits.upper.copy()
@@ -166,15 +174,16 @@ OTHERS = ("cartesian_limits",)  # of other planners' files, in the same place
 def overlay(
     limits: Limits, joints: Sequence[str], path: Path, prefix: str = "", others: Collection[str] = ()
 ) -> tuple[Limits, list[str]]:
-    """`limits` with those of a joint_limits.yaml in their place, and a warning for each factor that scales them.
+    """`limits` with those of a joint_limits.yaml instead, and a warning for each factor that scales them.
 
     Args:
-        prefix: what is before the robot's joint names in the file.
-        others: joints of the robot that do not move; limits for them are passed over.
+        limits: to start from. joints: names in the order of the limits. path: the file.
+        prefix: prefix of the robot's joint names in the file.
+        others: joints of the robot that do not move; limits for them are ignored.
 
     Raises:
-        BadInput: the file is malformed, or none of the joints it names is the robot's; an unknown key, or a joint's
-            name that comes near to one of the robot's, is refused with what was probably meant.
+        BadInput: the file is malformed, has an unknown key, or names none of the robot's joints. A name that is close
+            to one of the robot's joints is refused, and the message names that joint.
     """
     factors, table = _document(path)
     names = [prefix + joint for joint in joints]

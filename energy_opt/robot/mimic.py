@@ -1,4 +1,6 @@
-"""Joints that a URDF's mimic elements make follow others: which they are, and what they ask of leaders' limits."""
+"""Joints that follow others by a URDF's mimic elements: which they are, and how their limits tighten their leaders'
+limits.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,17 @@ Law = tuple[str, float, float]  # the joint that leads, ratio and offset
 
 
 def followers(description: Description, locked: Mapping[str, float]) -> tuple[dict[str, float], dict[str, Law]]:
-    """The joints that stand still, and those that follow one that moves by itself.
+    """Joints that do not move, and joints that follow an independent joint.
 
-    A joint that follows one that never moves never moves either, as does one with multiplier 0; one that is locked by
-    its own name does not follow. Where a joint follows one that follows another, the last one leads both.
+    A joint that follows a joint at rest never moves, nor does one with multiplier 0. A joint that is locked by its own
+    name does not follow. If a joint follows a follower, their laws are combined: the last joint of the chain leads
+    both.
 
-    Returns: `locked` with what never moves beside; laws of the others by name.
+    Args:
+        description: the URDF. locked: positions [rad or m] of locked joints by name.
+
+    Returns:
+        `locked` with all further joints that never move; and the laws of the others by name.
 
     Raises:
         BadInput: joints follow each other in a circle.
@@ -51,13 +58,17 @@ def followers(description: Description, locked: Mapping[str, float]) -> tuple[di
 
 
 def leaders_limits(limits: Limits, links: Sequence[Link]) -> tuple[Limits, list[str]]:
-    """Limits of all joints (L,) as limits of those that move by themselves (n,), and a line for each that follows so.
+    """Limits of the n independent joints from those of all L joints, and a line for each limit that changes.
 
-    What follows keeps its bounds on position, velocity, acceleration and jerk by tighter ones of its leader. Its effort
-    is its leader's to bring, whose own limit holds for the sum.
+    A follower keeps its bounds on position, velocity, acceleration and jerk by tighter bounds of its leader: a bound of
+    the follower divided by |ratio|. The leader drives the follower, so the leader's effort limit holds for the sum of
+    both.
+
+    Args:
+        limits: of all joints (L,). links: in the same order.
 
     Raises:
-        BadInput: no position is left to a leader.
+        BadInput: no position is left for a leader.
     """
     coupling = Coupling.of(links)
     out = {field.name: getattr(limits, field.name)[coupling.own] for field in dataclasses.fields(limits)}
@@ -97,4 +108,5 @@ def leaders_limits(limits: Limits, links: Sequence[Link]) -> tuple[Limits, list[
 
 
 def _unit(link: Link, kind: str) -> str:
+    """Unit of a quantity of a link's joint."""
     return unit_of(kind, link.prismatic)

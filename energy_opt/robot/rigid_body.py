@@ -1,8 +1,8 @@
-"""The rigid body of an arm: Pinocchio's numbers behind plain arrays. The only module that imports pinocchio.
+"""The rigid body of an arm: Pinocchio behind plain arrays. This is the only module that imports pinocchio.
 
-Joint positions are angles (rad) for every revolute joint, continuous ones included, and lengths (m) for prismatic ones.
-Pinocchio's model holds all joints of the tree as if each moved by itself; vectors here are of those that do (see
-`kinematics.Coupling`), and indices of joints are those of the tree.
+Positions are angles [rad] for every revolute joint, continuous ones included, and lengths [m] for prismatic ones.
+Pinocchio's model contains all joints of the tree as independent ones. Vectors here contain the independent joints only
+(see `kinematics.Coupling`); indices of joints are those of the tree.
 """
 
 from __future__ import annotations
@@ -54,10 +54,15 @@ def _reduced(model: pin.Model, description: Description, lock: Mapping[str, floa
 
 
 class RigidBody:
-    """A fixed-base tree of one-degree-of-freedom joints.
+    """A fixed-base tree of joints with one degree of freedom each.
 
     Args:
-        follows: laws by which joints follow others: leader, ratio and offset by name.
+        model: Pinocchio's model of all joints of the tree.
+        follows: the laws of followers by name: leader, ratio and offset.
+
+    Attributes:
+        joints: names of the n independent joints. slides: which of them slide. last: index of the joint that carries a
+            payload. gravity: (3,) [m/s^2] in the base frame. plain: the body with the URDF's links.
     """
 
     def __init__(self, model: pin.Model, follows: Mapping[str, tuple[str, float, float]] | None = None) -> None:
@@ -165,9 +170,15 @@ class RigidBody:
     def frame_motion(
         self, joint: int, pose: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """How a frame fixed to a joint's link moves, in the base frame, at q, v, a (N, n).
+        """Motion of a frame that is fixed to a joint's link, in the base frame.
 
-        Returns: its poses (N, 4, 4), and velocity [m/s] and acceleration [m/s^2] of its origin, (N, 3) each.
+        Pinocchio's acceleration of a frame is spatial: the acceleration of the origin is its linear part plus w x v.
+
+        Args:
+            joint: index in the tree. pose: (4, 4) in the joint's frame. q, v, a: (N, n).
+
+        Returns:
+            Poses (N, 4, 4); velocity [m/s] and acceleration [m/s^2] of the frame's origin, (N, 3) each.
         """
         data, placement = self._model.createData(), pin.SE3(np.asarray(pose, dtype=float))
         poses, velocity, acceleration = np.empty((len(q), 4, 4)), np.empty((len(q), 3)), np.empty((len(q), 3))
@@ -211,7 +222,9 @@ class RigidBody:
         return symbolic, symbolic.Model(self._model)
 
     def configuration(self, q: np.ndarray) -> np.ndarray:
-        """Pinocchio's configurations (..., nq) of joint positions (..., n); of a continuous joint, cosine and sine."""
+        """Pinocchio's configurations (..., nq) of positions (..., n). A continuous joint has two entries, cosine and
+        sine.
+        """
         q = self.coupling.positions(np.asarray(q, dtype=float))
         if not self.continuous.any():
             return q
@@ -240,7 +253,12 @@ class RigidBody:
         payload: PointMass | None = None,
         gravity: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Inverse dynamics: torque (N, n) [N m] from q, v, a (N, n); `gravity` (3,) [m/s^2] in the base frame."""
+        """Inverse dynamics (recursive Newton-Euler): torque (N, n) [N m].
+
+        Args:
+            q, v, a: (N, n) or (n,). payload: a point mass on the last joint. gravity: (3,) [m/s^2] in the base frame,
+                instead of the model's own.
+        """
         q, v, a = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (q, v, a))
         v, a = self.coupling.rates(v), self.coupling.rates(a)
         if len(q) < FEW:
@@ -255,7 +273,11 @@ class RigidBody:
     def energy(
         self, q: np.ndarray, v: np.ndarray, payload: PointMass | None = None, gravity: np.ndarray | None = None
     ) -> np.ndarray:
-        """Kinetic plus potential energy (N,) [J] at q, v (N, n), of the rigid body (its potential up to a constant)."""
+        """Kinetic plus potential energy (N,) [J] of the rigid body; the potential has an arbitrary constant.
+
+        Args:
+            q, v: (N, n) or (n,). payload, gravity: as `torque`.
+        """
         model, data = self._variant(payload, gravity)
         q, v = np.atleast_2d(q), self.coupling.rates(np.atleast_2d(v))
         return np.array(
@@ -268,9 +290,14 @@ class RigidBody:
     def link_regressor(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, gravity: np.ndarray | None = None
     ) -> np.ndarray:
-        """How torque grows with the inertial parameters of all L links, (N, n, 10 L).
+        """Derivatives of torque by the inertial parameters of all L links, (N, n, 10 L). Torque is linear in these
+        parameters.
 
-        Each link's in Pinocchio's order, about its joint's origin: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+        The parameters of a link, about its joint's origin, are in Pinocchio's order: m, m c (3), Ixx, Ixy, Iyy, Ixz,
+        Iyz, Izz.
+
+        Args:
+            q, v, a: (N, n). gravity: as `torque`.
         """
         model, data = self._variant(None, gravity)
         v, a = self.coupling.rates(v), self.coupling.rates(a)

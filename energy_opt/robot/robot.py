@@ -1,7 +1,7 @@
-"""A robot: its joints, limits and rigid body, and what had to be assumed about them.
+"""A robot: its joints, limits and rigid body, and which of their values are assumed.
 
-Some are known by name. What an arm's drives are rated for is a measure of size, for friction and electrical values that
-nobody has published.
+Some robots are known by name. The rating of an arm's drives measures its size; friction and electrical values that
+nobody has published are scaled by it.
 """
 
 from __future__ import annotations
@@ -104,10 +104,13 @@ WEAKEST = 0.1  # no joint's rating is below this share of the strongest one's; a
 
 @dataclass(frozen=True)
 class Rating:
-    """Speed (n,) [rad/s, m/s] and effort (n,) [N m, N] that the drives are rated for; always finite.
+    """Speed and effort that the drives are rated for; always finite.
 
-    User's limits that are lower do not change them: a slowed arm has the same motors. `estimated` (n,) tells efforts
-    that no file states and that are estimated from the arm's own weight.
+    Lower limits of a user do not change them: a slowed arm has the same motors.
+
+    Attributes:
+        velocity: (n,) [rad/s, m/s]. effort: (n,) [N m, N]. estimated: (n,) efforts that no file states and that are
+            estimated from the arm's own weight.
     """
 
     velocity: np.ndarray
@@ -143,7 +146,11 @@ def rating_of(own: Limits, known: np.ndarray, held: Limits, body: RigidBody) -> 
 
 
 def _estimated(body: RigidBody, limits: Limits) -> np.ndarray:
-    """(n,) N m: `ROOM` times the largest torque that holds each joint, plus what accelerates it as fast as it may."""
+    """Effort ratings (n,) [N m, N] for joints without an effort limit.
+
+    ROOM times the largest torque in POSES seeded postures: what holds the joint, plus what accelerates it alone at its
+    limit.
+    """
     rng = np.random.default_rng(0)
     low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, np.pi)

@@ -1,12 +1,12 @@
-"""The forward simulation: MuJoCo moves the arm of a URDF, a tracking controller drives it.
+"""The forward simulation: MuJoCo moves the arm of a URDF, and a tracking controller drives it.
 
     (M + armature) dv/dt + bias(q, v) + D v + spring + specials = u
 
-The controller is a stiff PD in every joint, u = kp e + kd de/dt, with the gravity and Coriolis torque of MuJoCo's own
-arm and a feed-forward of friction and springs. Inverse dynamics of the library takes no part in it.
+The controller is a stiff PD in every joint, u = kp e + kd de/dt, plus the gravity and Coriolis torque of MuJoCo's own
+arm and a feed-forward of friction and springs. It uses no inverse dynamics of this package.
 
-Friction and the PD's share in v enter through `dof_damping`, set anew at each step, which MuJoCo's Euler step treats
-implicitly: the arm is stable at any gain and any friction, and comes to rest without chatter.
+Friction and the PD's dependence on v enter through `dof_damping`, which is set at each step. MuJoCo's Euler step treats
+damping implicitly. So the arm is stable at any gain and any friction, and comes to rest without chatter.
 """
 
 from __future__ import annotations
@@ -63,7 +63,14 @@ class Played:
 
 
 class MujocoArm:
-    """A robot with a plant's rigid changes, armature and joint torques, ready to be driven."""
+    """A robot with the plant's payload, tilt, rotor inertia and joint torques, ready to be driven.
+
+    Args:
+        robot: the arm. plant: its true drives.
+
+    Raises:
+        BadInput: the arm has followers, or the plant does not fit it, or MuJoCo is not installed.
+    """
 
     def __init__(self, robot: Robot, plant: Plant) -> None:
         plant.check(robot.n)
@@ -86,6 +93,7 @@ class MujocoArm:
         self.data = self.mujoco.MjData(self.model)
 
     def _compile(self, bodies: Sequence[Body]) -> Any:
+        """MuJoCo's model of the bodies. True masses and inertias are written into the compiled model."""
         mujoco = self.mujoco
         text = [_opening(body, inertia) for body, inertia in zip(bodies, self.armature, strict=True)]
         children: dict[int, list[int]] = {}
@@ -212,6 +220,7 @@ def _opening(body: Body, armature: float) -> str:
 
 
 def _words(values: np.ndarray) -> str:
+    """Numbers as MJCF text, with all digits."""
     return " ".join(repr(float(value)) for value in values)
 
 

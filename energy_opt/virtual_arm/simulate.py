@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reference:
-    """Samples of a motion; the arm is before the first and after the last.
+    """Samples of a motion. The arm rests before the first and after the last one.
 
     Attributes:
-        name: what it is called in the set.
-        time: (N,) s.
-        position, velocity: (N, n) rad, rad/s.
+        name: of the run in the set.
+        time: (N,) [s].
+        position, velocity: (N, n) [rad, rad/s].
     """
 
     name: str
@@ -166,21 +166,23 @@ def simulate(
     starts: Sequence[float] | np.ndarray | None = None,
     truth: Mapping[str, Any] | None = None,
 ) -> list[Run]:
-    """Play motions on a virtual arm and write the measured set that comes of it.
+    """Play motions on a virtual arm, and write the readings of its instruments as a measured set.
 
     Args:
         references: the motions, in order.
-        plant: what the arm truly is.
-        folder: where log.toml, the runs' CSV files and truth.toml go.
+        plant: the true drives of the arm.
+        robot: the arm.
+        folder: for log.toml, the runs' CSV files and truth.toml.
         seed: of the noise and the clocks.
-        starts: set time of each run's time 0, s; default: one after the other, 2 s apart.
-        truth: what truth.toml says besides the plant.
+        instruments: rates, noise and resolutions (None: the defaults).
+        starts: [s] set time of each run's time 0; by default one after the other, 2 s apart.
+        truth: further content of truth.toml.
 
     Returns:
         The runs as they truly were.
 
     Raises:
-        BadInput: MuJoCo is absent, the plant does not fit the robot, a motion cannot be followed.
+        BadInput: MuJoCo is not installed, the plant does not fit the robot, or the arm cannot follow a motion.
     """
     seen = instruments or Instruments()
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.cell.planes import Near, PlaneRows
+from energy_opt.cell.planes import Near, PlaneConstraints
 from energy_opt.motion.limits.base import Limit
 
 
@@ -31,7 +31,7 @@ class ClearanceConstraints(Limit):
     margin: np.ndarray
     reach: float
 
-    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaneRows | None:
+    def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaneConstraints | None:
         """Constraints over planes between what is near along `curve`."""
         constraints = self.near.constraints(self.u, curve(self.u), self.margin, self.reach)
         return constraints if len(constraints.place) else None

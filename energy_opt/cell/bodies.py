@@ -291,11 +291,7 @@ class OwnPairs:
 
 
 def own_pairs(
-    bodies: Sequence[Body],
-    kinematics: Kinematics,
-    adjacent: Sequence[tuple[str, str]],
-    limits: Limits,
-    srdf: Srdf,
+    bodies: Sequence[Body], kinematics: Kinematics, adjacent: Sequence[tuple[str, str]], limits: Limits, srdf: Srdf
 ) -> OwnPairs:
     """Which links of an arm may touch each other.
 

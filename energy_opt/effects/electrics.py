@@ -9,13 +9,7 @@ import casadi as ca
 from energy_opt.effects.base import Signals
 from energy_opt.effects.friction import SIGN_WIDTH, SOAKING, SOAKING_TRIALS, TORQUE_WIDTH
 from energy_opt.effects.parameter import Kinks, Parameter
-from energy_opt.effects.stages import (
-    DriveEffect,
-    HeatEffect,
-    PowerEffect,
-    SupplyEffect,
-    WindingEffect,
-)
+from energy_opt.effects.stages import DriveEffect, HeatEffect, PowerEffect, SupplyEffect, WindingEffect
 
 POWER_WIDTH = 0.5  # [W]
 
@@ -171,10 +165,7 @@ class PsuLoss(SupplyEffect):
     """
 
     name = "psu_loss"
-    parameters = (
-        Parameter("affine", "1", 0.0, 0.0, 10.0),
-        Parameter("quadratic", "1/W", 0.0, 0.0, 1.0),
-    )
+    parameters = (Parameter("affine", "1", 0.0, 0.0, 10.0), Parameter("quadratic", "1/W", 0.0, 0.0, 1.0))
     convex_in_retiming = False
     dissipates = True
 

@@ -14,11 +14,7 @@ from energy_opt.effects.base import Signals
 from energy_opt.effects.electrics import POWER_WIDTH
 from energy_opt.effects.friction import SOAKING
 from energy_opt.effects.parameter import Kinks, Parameter
-from energy_opt.effects.stages import (
-    PowerEffect,
-    SoakingEffect,
-    StoreEffect,
-)
+from energy_opt.effects.stages import PowerEffect, SoakingEffect, StoreEffect
 from energy_opt.errors import BadInput
 
 ENDLESS = 1e9  # [J] a store of this size takes back all there is, as if negative power counted in full

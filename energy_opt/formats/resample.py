@@ -126,10 +126,7 @@ def broken(certificate: Certificate, rate: float) -> str:
 
 def lowest(trajectory: Trajectory, judge: Judge, above: float = 0.0) -> float | None:
     """The lowest of the usual rates at which the samples stay within all limits; None where none of them does."""
-    return next(
-        (rate for rate in RATES if rate > above and judge(resampled(trajectory, rate)).valid),
-        None,
-    )
+    return next((rate for rate in RATES if rate > above and judge(resampled(trajectory, rate)).valid), None)
 
 
 REST = 3  # steps of rest that the differences see before and after

@@ -60,7 +60,7 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Comparison:
         Path(request.suite), overrides=overrides_of(request), seed=request.seed, compile=request.compile,
         allow_outside=request.allow_outside, allow_large=request.allow_large,
     )  # fmt: skip
-    out = out_of(request, suite.name)
+    out = Path(request.out or f"bench_{suite.name}")
     with desk.showing() as show:
         batch = run_batch(
             suite, out, jobs=jobs, resume=request.resume, force=request.force, scheduler=request.scheduler,
@@ -74,11 +74,6 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Comparison:
 
 
 bench = verb(BenchRequest, run)
-
-
-def out_of(request: BenchRequest, suite: str) -> Path:
-    """The folder of a batch's results."""
-    return Path(request.out or f"bench_{suite}")
 
 
 def overrides_of(request: BenchRequest) -> dict[str, Any]:

@@ -121,21 +121,14 @@ def _declared(request: DiagnoseRequest, measured: MeasuredSet) -> tuple[PowerMod
     own = measured.path / "declared.toml"
     if own.is_file():
         return of_joints(load_model(own), measured.robot), (), f"No --model: starting from the set's own {own.name}."
-    if not _has_meter(measured):
+    if not any(len(run.power) for run in measured.runs):
         return source_method_2(measured.robot), (), "No --model: standby and copper loss are source-method-2's."
     level = float(np.quantile(np.concatenate([run.power for run in measured.runs]), 0.2))
-    start = PowerModel(measured.robot.name, (Standby(power=max(level, 0.0)), CopperLoss(r_over_kt2=_heat(measured))))
+    # to start from, a usual copper loss [W/(N m)^2]: two watts at three tenths of the effort limit
+    heat = CopperLoss(r_over_kt2=[2.0 / (0.3 * effort) ** 2 for effort in measured.robot.limits.effort])
+    start = PowerModel(measured.robot.name, (Standby(power=max(level, 0.0)), heat))
     said = "No --model: starting from mechanical power; standby and copper loss are fitted and not called causes."
     return start, ("standby", "copper_loss"), said
-
-
-def _has_meter(measured: MeasuredSet) -> bool:
-    return any(len(run.power) for run in measured.runs)
-
-
-def _heat(measured: MeasuredSet) -> list[float]:
-    """A usual copper loss of each joint, W/(N m)^2: two watts at three tenths of its effort limit, to start from."""
-    return [2.0 / (0.3 * effort) ** 2 for effort in measured.robot.limits.effort]
 
 
 def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Trajectory | None:

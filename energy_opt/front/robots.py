@@ -121,20 +121,15 @@ def _paragraph(row: dict[str, Any]) -> str:
 ANSWER_OF_PASSPORT = "passport.json"
 
 
-def model_list(given: Any) -> list[Any]:
-    """Models one by one; documents of models as models."""
-    return [
-        model_from_document(dict(model), "model") if isinstance(model, Mapping) else model for model in several(given)
-    ]
-
-
 def run_passport(request: PassportRequest, desk: Desk) -> Passport:
     """The electrical passport of one model of an arm, or of several side by side.
 
     Raises:
         BadInput: a file is at fault, a name or a robot is not known, or lists do not fit the robot.
     """
-    found = passport_of(model_list(request.models), request.robot, request.limits)
+    given = several(request.models)
+    models = [model_from_document(dict(one), "model") if isinstance(one, Mapping) else one for one in given]
+    found = passport_of(models, request.robot, request.limits)
     states = [arm.model.to_document() for arm in found.arms]
     robot = request.robot if request.robot is None else str(getattr(request.robot, "name", request.robot))
     document = desk.take(ANSWER_OF_PASSPORT, replace(request, robot=robot), contents=plain(states))

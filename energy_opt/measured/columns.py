@@ -110,10 +110,7 @@ AUTO = float("nan")  # a time's factor that the stamps themselves tell
 
 def ur_rtde(joints: Sequence[str], table: Table) -> dict[str, Rule]:
     """Universal Robots' RTDE recorder: joints by number, arm power as supply voltage times current."""
-    rules = {
-        "time": Rule(("timestamp",)),
-        "power": Rule(("actual_robot_voltage", "actual_robot_current")),
-    }
+    rules = {"time": Rule(("timestamp",)), "power": Rule(("actual_robot_voltage", "actual_robot_current"))}
     for k, joint in enumerate(joints):
         rules[f"{joint}.position"] = Rule((f"actual_q_{k}",))
         rules[f"{joint}.velocity"] = Rule((f"actual_qd_{k}",))

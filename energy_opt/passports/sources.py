@@ -175,10 +175,7 @@ class Arm:
             k = known.names.index(place)
             width = 1.96 * float(np.sqrt(known.matrix[k, k]))
             if width > 0:
-                low_high = (
-                    max(float(values[index]) - width, p.lower),
-                    min(float(values[index]) + width, p.upper),
-                )
+                low_high = (max(float(values[index]) - width, p.lower), min(float(values[index]) + width, p.upper))
         status = self.status(effect)
         if status == "measured" and low_high is None:
             status = "declared"

@@ -128,10 +128,7 @@ class Program:
         ramps, rises = symbols.ramps, symbols.rises
         z, h, t = _nodes(symbols)
         self._count = z.shape[1]
-        linear = [
-            *(rest - APART for rest in symbols.rests),
-            *(ramps[i] - 2 * rises[i] - APART for i in range(k + 2)),
-        ]
+        linear = [*(rest - APART for rest in symbols.rests), *(ramps[i] - 2 * rises[i] - APART for i in range(k + 2))]
         peaks = [change / (ramps[i] - rises[i]) for i, change in enumerate(symbols.changes)]
         largest = {
             1: symbols.lines,

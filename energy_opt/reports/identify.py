@@ -36,8 +36,7 @@ def page(document: Mapping[str, Any], load: Sequence[float], power: Sequence[flo
         report.headline(f"Method 1: {first['standby']:.2f} W of overhead; for Method 2 the poses do not suffice.")
     report.charts(Chart("Static power", "squared gravity torque [(N m)^2]", "power [W]", lines))
     report.table(
-        ["", "overhead [W]", "95 % [W]", "R/Kt^2 [W/(N m)^2]", "95 % [W/(N m)^2]", "R^2 of the line [1]"],
-        records,
+        ["", "overhead [W]", "95 % [W]", "R/Kt^2 [W/(N m)^2]", "95 % [W/(N m)^2]", "R^2 of the line [1]"], records
     )
     expected = [None if second is None else p0 + r * x for x in load]
     report.section("Poses").table(

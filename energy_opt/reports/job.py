@@ -47,7 +47,9 @@ def page(
     phases = [(row["start"], name) for name, row in zip(names, steps, strict=True)]
     report.player(player(robot, [Played("result", cycle)], bodies, scene, phases=phases))
     report.section("Timeline").drawing(timeline(steps, document["cycle_time"], power))
-    durations, energies = (_by(names, steps, key) for key in ("duration", "energy_total"))
+    durations, energies = (
+        {name: float(row[key]) for name, row in zip(names, steps, strict=True)} for key in ("duration", "energy_total")
+    )
     report.section("Where the cycle goes").charts(
         Chart("Time of each step", "duration [s]", "", bars={"result": durations}),
         Chart("Energy of each step", "energy, standby included [J]", "", bars={"result": energies}),
@@ -98,7 +100,3 @@ def _first_path(row: Mapping[str, Any]) -> str | None:
     """Where a motion's first path comes from, in a job's words; None for a wait."""
     source = row.get("first_path")
     return GIVEN if source == "given" else source
-
-
-def _by(names: Sequence[str], steps: Sequence[Mapping[str, Any]], key: str) -> dict[str, float]:
-    return {name: float(row[key]) for name, row in zip(names, steps, strict=True)}

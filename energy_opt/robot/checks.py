@@ -51,10 +51,7 @@ def carriers(description: Description, still: Collection[str] = ()) -> dict[str,
 
 
 def check_held(
-    description: Description,
-    links: Sequence[Link],
-    frames: Mapping[str, tuple[int, np.ndarray]],
-    limits: UrdfLimits,
+    description: Description, links: Sequence[Link], frames: Mapping[str, tuple[int, np.ndarray]], limits: UrdfLimits
 ) -> None:
     """Compare a model of all joints, as if each moved by itself, with the description that it was made from.
 

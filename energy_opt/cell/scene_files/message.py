@@ -10,16 +10,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.cell.scene import AllowedPairs, Kind, SceneObject, Shape
-from energy_opt.cell.scene_files.parts import (
-    Reading,
-    mapping,
-    name_of,
-    number,
-    plane_pose,
-    pose,
-    sequence,
-    vector,
-)
+from energy_opt.cell.scene_files.parts import Reading, mapping, name_of, number, plane_pose, pose, sequence, vector
 from energy_opt.errors import BadInput
 
 KEYS = ("world", "robot_state", "allowed_collision_matrix", "fixed_frame_transforms")  # any of them marks the message

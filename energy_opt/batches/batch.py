@@ -1,4 +1,4 @@
-"""A whole batch: what is left of a suite is run, results are kept as they come, tables are made at the end."""
+"""A whole batch: runs the remaining moves of a suite, keeps each result as it comes, and writes tables at the end."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, repr=False)
 class Batch(Found):
-    """A batch as far as it came.
+    """A batch, finished or interrupted.
 
     Attributes:
-        records: a record of every move, in the order of the suite. summary: summary.json.
-        interrupted: stopped early; resuming does what is left.
-        left_out: earlier records that belong to another version of the suite.
-        out: the folder of its results. request: what was asked, where that is known.
+        records: of every finished move, in the order of the suite. summary: summary.json.
+        interrupted: whether it stopped early; `resume` runs the remaining moves.
+        left_out: number of earlier records that belong to another version of the suite.
+        out: the folder of its results. request: what was asked, if known.
     """
 
     records: list[Row]
@@ -81,23 +81,25 @@ def run_batch(
     command: str | None = None,
     worth: PerYear | None = None,
 ) -> Batch:
-    """Run what is left of a suite: results.jsonl as it goes, then results.parquet, report.html and summary.json.
+    """Run the remaining moves of a suite. results.jsonl grows during the run; results.parquet, report.html and
+    summary.json follow.
 
-    Each task is done exactly once over all resumed runs; Ctrl-C stops the workers and keeps what is done.
+    Over all resumed runs, each task is done exactly once. Ctrl-C stops the workers and keeps finished moves.
 
     Args:
-        jobs: processes on this machine; ignored with `scheduler`.
-        resume: go on from what an earlier run left in `out`.
-        force: overwrite the finished results of another suite, or of another version of this one.
+        suite: the moves. out: folder of the results.
+        jobs: number of processes on this machine; not used with `scheduler`.
+        resume: continue an earlier run into `out`.
+        force: overwrite finished results of another suite, or of another version of this one.
         scheduler: address of a Dask cluster that computes instead.
-        show: called after every move with a line for a person and the share of the remaining moves that is done.
-        solve: what workers do with a task; must be importable there.
+        show: called after every move with a line for the user and the finished share of the remaining moves.
+        solve: what workers do with a task; workers must be able to import it.
         command: the command line, for the report.
         worth: how often in a year all moves are made, each once; the summary states what the savings are worth.
 
     Raises:
-        BadInput: `out` holds an unfinished batch and `resume` is False, or results of another suite or version of it
-            and `force` is False, or the scheduler does not answer.
+        BadInput: `out` holds an unfinished batch and `resume` is False, or results of another suite or version and
+            `force` is False, or the scheduler does not answer.
     """
     from energy_opt.batches.report import write_report
 

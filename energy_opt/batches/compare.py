@@ -1,4 +1,4 @@
-"""Two runs of a suite side by side: what got better or worse beyond noise."""
+"""Comparison of two runs of a suite: which moves got better or worse beyond noise."""
 
 from __future__ import annotations
 
@@ -55,11 +55,13 @@ def compare(old: Path, new: Path) -> dict[str, Any]:
 
 
 def _records(path: Path) -> dict[tuple[Any, ...], Row]:
+    """The records of a folder or of a results.parquet, by what identifies a move."""
     file = path / "results.parquet" if path.is_dir() else path
     return {tuple(row[name] for name in IDENTITY): row for row in read_parquet(file)}
 
 
 def _machine(path: Path) -> tuple[Any, ...] | None:
+    """Processor, cores and system of a run; None without a summary."""
     file = (path if path.is_dir() else path.parent) / "summary.json"
     if not file.is_file():
         return None
@@ -100,6 +102,7 @@ def _change(a: Row, b: Row) -> dict[str, Any] | None:
 
 
 def _energy(pairs: Sequence[tuple[Row, Row]]) -> dict[str, Any]:
+    """Sums of energies over the moves that both runs solved."""
     both = [(a, b) for a, b in pairs if a["status"] == b["status"] == "solved"]
     sums = {
         f"{part}_{when}": sum(pair[k][f"energy_{part}"] for pair in both)
@@ -139,7 +142,8 @@ def _times(pairs: Sequence[tuple[Row, Row]]) -> list[dict[str, Any]]:
 
 
 def sign_test(above: int, count: int) -> float:
-    """Two-sided p-value of `above` out of `count` under even odds.
+    """Two-sided p-value of `above` of `count` changes having one sign, if both signs are equally likely (binomial
+    test).
 
     >>> round(sign_test(8, 8), 6)
     0.007812

@@ -113,11 +113,11 @@ def check_suite(path: str | Path, *, allow_outside: bool = False, allow_large: b
 
 @dataclass
 class _Reading:
-    """One reading of a suite; faults are collected, so that one reading names them all.
+    """One reading of a suite. It collects faults, so that one reading names them all.
 
     Attributes:
-        path: the suite; overrides, seed, allow_outside, allow_large: as those of `load_suite`.
-        where: the group that is read, before each of its faults.
+        path: the suite. overrides, seed, allow_outside, allow_large: as those of `load_suite`.
+        where: the group that is being read; it precedes each of its faults. faults: in order, without repeats.
     """
 
     path: Path
@@ -295,6 +295,7 @@ class _Reading:
 
 
 def _with_compile(tasks: tuple[Task, ...], policy: str) -> Iterator[Task]:
+    """The tasks with "always" or "never"; "auto" compiles a built problem that COMPILE_FROM tasks share."""
     from energy_opt.numerics.compile import compiler
 
     shared = Counter(task.build for task in tasks) if policy == "auto" and compiler() else Counter()

@@ -1,4 +1,6 @@
-"""What a batch comes to: failures, savings, other objectives, times, certificates, the machine; and as a table."""
+"""The summary of a batch: failures, savings, other objectives, times, certificates, machine; as a document and as a
+table.
+"""
 
 from __future__ import annotations
 
@@ -72,6 +74,7 @@ def summarize(
 
 
 def _savings(solved: Sequence[Row]) -> list[dict[str, Any]]:
+    """Distributions of savings [%] and losses [J] by robot, mode, objective, model, payload and timing."""
     names = ("robot", "mode", "objective", "model", "payload", "timing")
     return [
         {
@@ -116,6 +119,7 @@ def _proxies(solved: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _times(records: Sequence[Row]) -> list[dict[str, Any]]:
+    """Solve and build times [s] by robot and mode."""
     out = []
     for (robot, mode), group in grouped(records, ("robot", "mode")).items():
         solve = [row["solve_seconds"] for row in group if row["solve_seconds"] is not None]
@@ -139,6 +143,7 @@ def _times(records: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _certificates(records: Sequence[Row]) -> dict[str, Any]:
+    """How many results were judged, how many violate a limit, and the worst of them."""
     judged = [row for row in records if row["max_violation"] is not None]
     worst = sorted(judged, key=lambda row: -row["max_violation"])[:WORST]
     return {
@@ -166,6 +171,7 @@ def machine() -> dict[str, Any]:
 
 
 def _cpu() -> str:
+    """The name of the processor."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as stream:
             names = (line.partition(":")[2].strip() for line in stream if line.startswith("model name"))

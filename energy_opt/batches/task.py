@@ -96,6 +96,7 @@ class Duration:
 
 
 def _above_zero(number: float) -> float:
+    """The number itself; ValueError unless it is finite and above 0."""
     if not 0 < number < float("inf"):
         raise ValueError
     return number

@@ -19,7 +19,11 @@ from energy_opt.robot import Robot
 
 @dataclass(frozen=True)
 class Checked(Found):
-    """What is wrong with files: faults of each, and what else its reader should know."""
+    """Faults of files.
+
+    Attributes:
+        faults: of each file. remarks: what else the user should know, of each file.
+    """
 
     faults: Mapping[str, list[str]]
     remarks: Mapping[str, list[str]] = field(default_factory=dict)
@@ -146,6 +150,7 @@ def _poses(file: Path, request: CheckRequest) -> list[str]:
 
 
 def _set(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
+    """Faults of a measured set."""
     from energy_opt.measured import inspect_set
 
     faults, remarks = inspect_set(file, request.allow_outside, request.locked)
@@ -154,6 +159,7 @@ def _set(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 
 def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
+    """Faults of a TOML file: a model, a log, a job or a suite, by its `format`."""
     from energy_opt.files import read_toml
 
     document = read_toml(file)
@@ -189,6 +195,7 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 
 def _limits(file: Path, request: CheckRequest) -> list[str]:
+    """Faults of a joint_limits.yaml, for the named robot or for the first known robot with one of its joints."""
     from energy_opt.robot import known_robots, load_robot
     from energy_opt.robot.limits import names_in
 

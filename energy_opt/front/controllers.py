@@ -48,11 +48,11 @@ def check_controllers(request: OptimizeRequest, joints: int) -> None:
 
 @dataclass(frozen=True)
 class Controllers:
-    """What a plan is written as for controllers, as a request asks for it.
+    """Writes a plan for controllers, as a request asks for it.
 
     Attributes:
-        planner: under the model that results are stated under.
-        robust: plans where several models are in force; None: `planner` does.
+        request: the formats, the rate and the standard moves. planner: under the model that results are stated under.
+            robust: plans under several models; None: `planner` does.
     """
 
     request: OptimizeRequest
@@ -65,10 +65,10 @@ class Controllers:
         return self.planner if self.robust is None else self.robust
 
     def moves(self, move: Move, result: Result) -> tuple[Result, StandardMoves | None]:
-        """The result with the standard moves that --as asks for, and these; as it is and None where it asks for none.
+        """The result with the standard moves of --as, and these moves. Without --as: the result itself, and None.
 
-        Where the duration is free and standard moves need longer than the free trajectory, all is planned anew for
-        that.
+        If the duration is free and standard moves need longer than the free trajectory, everything is planned again for
+        the longer duration.
         """
         if self.request.standard is None or result.interrupted:
             return result, None
@@ -104,7 +104,11 @@ class Controllers:
         return error
 
     def with_room(self, move: Move, result: Result, moves: StandardMoves | None) -> tuple[Result, StandardMoves | None]:
-        """The result and its standard moves, planned again where samples of --write break limits."""
+        """The result and its standard moves; planned again with smaller bounds if samples of --write break limits.
+
+        Args:
+            move: as solved. result: the plan. moves: standard moves that replace it, if any.
+        """
         from energy_opt.formats.output import Files, Shares, said, wanted, with_room
 
         if result.interrupted or result.status != "solved":
@@ -137,7 +141,11 @@ class Controllers:
         return Judging(scorer, planner.limits(move), planner.cell, planner.settings.verify_samples)
 
     def write(self, move: Move, result: Result, moves: StandardMoves | None, out: Path) -> list[Written]:
-        """Write the files that --write and --as ask for into `out`, read back and judged."""
+        """Write the files of --write and --as into `out`, and read each back and judge it.
+
+        Args:
+            move: as solved. result: the plan. moves: its standard moves, if any. out: a folder.
+        """
         from energy_opt.formats import FORMATS, output
         from energy_opt.formats.program import load_of
         from energy_opt.profiles import movej

@@ -1,6 +1,6 @@
-"""Where a verb works: what it may say and show, where it writes, and when it stops.
+"""The desk of a verb: where it writes, what it says and shows, and when it stops.
 
-From Python a desk is silent and writes nothing; the command line has one that talks to the terminal.
+A call from Python uses a silent desk that writes nothing. The command line uses one that talks to the terminal.
 """
 
 from __future__ import annotations
@@ -25,11 +25,16 @@ SAME_ANSWER = ("verb", "version", "command", "folder")  # what may differ betwee
 
 
 def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
-    """Refuse to overwrite the answer to another request, unless forced; that there was none is no answer to keep.
+    """Refuse to overwrite the answer to another request, unless forced.
+
+    A file that says "infeasible" is no answer to keep.
+
+    Args:
+        file: the answer's file in the folder of results. request: the document of the new request. force: overwrite.
 
     Raises:
-        BadInput: `file` holds such an answer; says what differs. Or another verb's results lie beside it, or its folder
-            cannot be written, or another run is writing there.
+        BadInput: the file holds the answer to another request (the message says what differs), another verb's results
+            are in the folder, the folder cannot be written, or another run writes there.
     """
     take_folder(file.parent)
     no_folder_in_the_way(file.parent, file.name)
@@ -80,7 +85,7 @@ class Answered(Found):
 
 
 class Show:
-    """Progress that nobody sees."""
+    """A display of progress that shows nothing."""
 
     def __call__(self, text: str, share: float | None = None) -> None:
         """The verb begins to do `text`; `share` of all its work is done."""
@@ -91,14 +96,14 @@ class Show:
 
 @dataclass(frozen=True)
 class Desk:
-    """A silent one.
+    """A silent desk.
 
     Attributes:
-        out: the folder that the verb writes into; None where its answer is only returned.
-        force: overwrite what the folder holds of another request.
+        out: the folder that the verb writes into; None: the answer is only returned.
+        force: overwrite the results of another request in the folder.
         command: the words of the command line; None for a call from Python.
-        ends: True ends the work with the best known so far.
-        quiet: no messages and no progress; verbose: each step of the work is said.
+        ends: returns True to end the work with the best result so far.
+        quiet: print no messages and no progress. verbose: print each step of the work.
     """
 
     out: Path | None = None
@@ -130,7 +135,10 @@ class Desk:
         return {**request, "version": __version__, "command": command}
 
     def take(self, answer: str, request: Request, **more: Any) -> dict[str, Any]:
-        """The request's document, with `more`, stamped; before the work it is made sure that `answer` can be written.
+        """The request's document with a stamp; checks first that `answer` can be written.
+
+        Args:
+            answer: name of the answer's file. request: what was asked. more: further entries of the document.
 
         Raises:
             BadInput: see `guard`.
@@ -145,7 +153,11 @@ class Desk:
         return found if self.out is None else found.kept(self.out)
 
     def report(self, files: Iterable[Any] = (), assumed: str = "", warnings: Iterable[str] = ()) -> None:
-        """Say which files were written for controllers, what was assumed, and what to beware of."""
+        """Messages after the work.
+
+        Args:
+            files: those written for controllers. assumed: one line on assumed values. warnings: one line each.
+        """
         for row in files:
             self.say(f"{row.file if self.out is None else self.out / row.file}: {row}")
         if assumed:
@@ -162,10 +174,13 @@ class Desk:
 
 
 def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given]) -> Callable[P, Given]:
-    """The verb as Python calls it: arguments are the fields of its request, and are explained as these are.
+    """The verb as a Python function whose arguments are the fields of its request.
 
     Args:
-        request: the class of its request; run: does what a request asks for.
+        request: the class of the request. run: does what a request asks for, with a desk.
+
+    Returns:
+        The function; its signature and its text come from the request's fields.
     """
     kind = cast(type[Request], request)
     spelled = {name: found for name, (_, found) in options_of(kind).items()}

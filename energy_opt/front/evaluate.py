@@ -123,7 +123,10 @@ evaluate = verb(EvaluateRequest, run)
 
 
 def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
-    """The robot that files name, or the known one whose joints they have.
+    """The name of the robot of some files: the one that they name, or the known one with the same joints.
+
+    Args:
+        files: motions. prefix: of the joint names in the files.
 
     Raises:
         BadInput: neither.
@@ -141,6 +144,7 @@ def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
 
 
 def _motion(given: AnyMotion, robot: Robot, prefix: str) -> Recorded:
+    """A motion of a file, or a trajectory with its columns in the robot's order."""
     if not isinstance(given, Trajectory):
         return load(Path(given), robot.joints, prefix)
     missing = set(robot.joints) - set(given.joints)

@@ -100,6 +100,7 @@ def run(request: IdentifyRequest, desk: Desk) -> Identification | Suggested:
 def _suggest(
     request: IdentifyRequest, count: int, robot: Robot | None, mass: PointMass | None, desk: Desk
 ) -> Suggested:
+    """Static poses that determine the losses best, for the named robot or for that of the set."""
     if robot is None:
         if request.set is None:
             raise BadInput("identify --suggest needs --robot, or a set whose log.toml names one")

@@ -1,4 +1,4 @@
-"""The job that a request names, and the verb `tradeoff` for it: its energy over its cycle time."""
+"""The job that a request names, and `tradeoff` for it: its energy over its cycle time."""
 
 from __future__ import annotations
 
@@ -55,7 +55,11 @@ def job_from(
 
 
 def resolved_job(request: Asked, robot: Robot, rivals: list[Rival], kind: Kind | None, **known: Any) -> Asked:
-    """The request with what its words and files came to: the job as its content."""
+    """The request with everything resolved: it contains the job file's content, and documents of the models.
+
+    Args:
+        request: as asked. robot: the job's. rivals: the models. kind: how several are combined. known: further fields.
+    """
     document, path = content_of(request)
     if not isinstance(request, PlaceRequest):
         known["payload"] = payload_document(request.payload)
@@ -122,7 +126,14 @@ class JobFront(Found):
 
 
 def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> JobFront:
-    """Energy of a job at cycle times [s], chosen by the program where None."""
+    """Energy of a job over its cycle time.
+
+    Args:
+        request: names the job. times: cycle times [s]; None: the program chooses. desk: see `desk.Desk`.
+
+    Raises:
+        BadInput: an option that belongs to one move, or a fault of the job.
+    """
     given = next((name for name in OF_A_MOVE if getattr(request, name) is not None), None)
     if request.mode != TradeoffRequest.mode:
         given = "mode"

@@ -1,4 +1,4 @@
-"""The move that a request asks for, how to solve it, and the request with what it came to."""
+"""From a request to the move, the settings of the solver, and the request with everything resolved."""
 
 from __future__ import annotations
 
@@ -76,13 +76,15 @@ def move_of(
     say: Callable[[str], None] = lambda _: None,
     **duration: float | None,
 ) -> Move:
-    """The move that a request asks for; with `ends` its goal, and a start pose, are still to be chosen.
+    """The move that a request asks for. With `ends`, the goal (and a start pose) are chosen later.
 
     Args:
+        request: start, goal, path and via points. robot: the arm. ends: poses of the tool, if there are any. say: takes
+            notes of readers of files.
         duration: `duration` and `max_duration` [s].
 
     Raises:
-        BadInput: ends are missing or given twice, of another shape or not finite.
+        BadInput: ends are missing or given twice, of another shape, or not finite.
     """
     path, source = None, None
     if request.path is not None:
@@ -105,6 +107,7 @@ def move_of(
 
 
 def _end(request: MoveRequest, robot: Robot, name: str) -> np.ndarray:
+    """One end of a move, (n,) [rad, m]."""
     q = positions(getattr(request, name), robot, name, None if request.srdf is None else Path(request.srdf))
     refuse_degrees(robot, q, f"--{name}")
     return q
@@ -119,10 +122,11 @@ def settings_of(request: Any) -> Settings:
 def resolved(
     request: Asked, robot: Robot, rivals: list[Rival], kind: Kind | None, move: Move, ends: Ends | None = None
 ) -> Asked:
-    """The request with what its words and files came to: it repeats the move wherever it is read.
+    """The request with everything resolved, so that its document repeats the move on any machine.
 
     Args:
-        rivals: the models that it plans under.
+        request: as asked. robot: the arm. rivals: the models of the plan. kind: "mean" or "worst" of several models, or
+            None. move: as asked. ends: poses of the tool.
     """
     payload, path = rivals[0].model.get("payload"), request.path
     known: dict[str, Any] = {
@@ -148,6 +152,7 @@ def documents(rivals: list[Rival]) -> tuple[dict[str, Any], ...]:
 
 
 def _goals(ends: Ends) -> dict[str, Any]:
+    """A goal of several alternatives as a document."""
     return {"any_of": [goal.tolist() if isinstance(goal, np.ndarray) else goal.document() for goal in ends.goals]}
 
 

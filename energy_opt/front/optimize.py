@@ -24,7 +24,11 @@ from energy_opt.requests.moves import OptimizeRequest
 
 
 def at_input_time(move: Move, objective: str = "energy") -> Move:
-    """The move at the duration of the given trajectory, where neither a duration nor a bound of it was asked for."""
+    """The move at the duration of the given trajectory, if the request asks for no duration.
+
+    Args:
+        move: as asked. objective: "time" keeps the duration free.
+    """
     free = move.duration is None and move.max_duration is None
     if move.input is None or not free or objective == "time" or not SHORTEST <= move.input.duration <= LONGEST:
         return move
@@ -32,13 +36,16 @@ def at_input_time(move: Move, objective: str = "energy") -> Move:
 
 
 def solved(solve: Callable[[Move], Result], move: Move, asked: Move) -> tuple[Result, Move]:
-    """The move solved, and as it was solved: where the given trajectory is too fast for the limits, its time is free.
+    """Solve a move. If the given trajectory is too fast for the limits, the duration becomes free.
 
     Args:
-        move: see `at_input_time`. asked: as it was asked for.
+        solve: the planner. move: see `at_input_time`. asked: the move as asked for.
+
+    Returns:
+        The result, and the move that was solved.
 
     Raises:
-        Infeasible: no motion holds the limits.
+        Infeasible: no motion keeps the limits.
     """
     try:
         return solve(move), move

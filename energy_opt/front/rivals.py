@@ -1,4 +1,4 @@
-"""Which models a plan is to hold under, what other models make of it, and what it rests on."""
+"""The models that a plan is made under, its energies under other models, and the assumed values that it rests on."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ FAST = 50.0  # [rad/s^2, m/s^2] accelerations beyond are those of no arm of a ro
 
 
 def grounded(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
-    """The result with what it rests on, and warnings where its values are beyond belief or its model lacks friction.
+    """The result with assumed values, and warnings on values that no such arm has and on models without friction.
 
     Args:
-        rivals: the models that it was planned with, the one that it is stated under first.
+        result: the plan. rivals: the models that it was planned with; results are stated under the first. robot: the
+            arm.
     """
     scaled = result.baseline("scaled")
     slowed = None if scaled is None or not scaled.valid or result.chosen == "scaled" else scaled.trajectory
@@ -46,9 +47,14 @@ def grounded(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
 
 
 def break_even_friction(ours: Trajectory, slowed: Trajectory | None, model: PowerModel, robot: Robot) -> float | None:
-    """The share of the effort limits at which dry friction, added to `model`, ends the saving beside `slowed`.
+    """The share of the effort limits at which dry friction, added to `model`, ends the saving against `slowed`.
 
-    None where no share below 0.2 does, or where there is no `slowed` or nothing is saved to begin with.
+    Args:
+        ours: the plan. slowed: the evenly slowed motion; None if there is no valid one. model: without the added
+            friction. robot: the arm.
+
+    Returns:
+        None if no share below 0.2 ends it, if there is no `slowed`, or if nothing is saved without added friction.
     """
     if slowed is None:
         return None
@@ -104,12 +110,20 @@ def members(rivals: Sequence[Rival]) -> list[PowerModel]:
 def rivals_from(
     models: Sequence[AnyModel], robust: str | None, robot: Robot, payload: Any = None
 ) -> tuple[list[Rival], Kind | None]:
-    """The models to plan under, the one that results are stated under first, and how; None: under the first alone.
+    """The models to plan under, and how to combine them.
 
-    Without any model: the source paper's Method 2 and the careful one, in the mean.
+    Without any model: the source paper's Method 2 and the careful model, combined by their mean. With one model and
+    `robust`: the model, draws from its covariance, and the rivals of its file.
+
+    Args:
+        models: names, files, documents or models. robust: "mean", "worst" or None. robot: the arm. payload: carried by
+            the arm in all models.
+
+    Returns:
+        The models; results are stated under the first. And "mean", "worst", or None to plan under the first alone.
 
     Raises:
-        BadInput: a model that is none, or `robust` that is neither "mean" nor "worst".
+        BadInput: something that is no model, or another word for `robust`.
     """
     if robust is not None and robust not in KINDS:
         raise BadInput(f"--robust {robust}; expected mean or worst")
@@ -128,10 +142,13 @@ def rivals_from(
 
 
 def rivals_of(request: Any, robot: Robot, desk: Desk) -> tuple[list[Rival], Kind | None]:
-    """The models that a request plans under: with its payload, and on its base: gravity is the scene's -z.
+    """The models that a request plans under, with its payload, and with gravity along -z of the scene.
+
+    Args:
+        request: model, robust, payload and base. robot: the arm. desk: takes a warning if a model is of another robot.
 
     Raises:
-        BadInput: as `rivals_from`, or a base that is tilted otherwise than a model says.
+        BadInput: as `rivals_from`; or the base is tilted, and a model states another tilt.
     """
     rivals, kind = rivals_from(
         several(request.model), getattr(request, "robust", None), robot, getattr(request, "payload", None)
@@ -158,7 +175,7 @@ def _explaining(rival: Rival) -> list[Rival]:
 
 
 def _interval(result: Result, rival: Rival, robot: Robot) -> dict[str, list[float]]:
-    """95 % intervals of the saving over a model's own draws; empty where it has none, or no saving is stated."""
+    """95 % intervals of the saving over draws from a model's covariance; empty without draws or without a saving."""
     slowed = result.baseline("scaled")
     if slowed is None or not slowed.valid:
         return {}
@@ -174,6 +191,7 @@ def _interval(result: Result, rival: Rival, robot: Robot) -> dict[str, list[floa
 
 
 def _name(given: AnyModel, number: int) -> str:
+    """What results call a model."""
     if isinstance(given, str) and is_named(given):
         return given.replace("_", "-")
     if isinstance(given, Mapping) and given.get("name"):
@@ -210,13 +228,14 @@ def said(records: Sequence[Mapping[str, Any]], what: str) -> list[str]:
 
 
 def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
-    """The result with what models that were not planned with make of it, and what it rests on (see `grounds`).
+    """The result with its energies under further models, and with the values that it rests on (see `grounded`).
 
-    A warning says where the move costs more than the evenly slowed one under a model.
+    Further models are: the careful one, if the first is one of the source paper's, which have no friction; and the
+    rivals of the first model's file. If the model has a covariance, the saving gets an interval. If the move costs more
+    than the evenly slowed one under a further model, a warning says so.
 
-    These are the model itself; where that is one of the source paper's, which knows no friction, the careful one; and
-    where it carries its uncertainty, the models that explain its data as well. Its uncertainty gives the saving's
-    interval, too.
+    Args:
+        result: the plan. rivals: the models that it was planned with. robot: the arm.
     """
     if result.models:
         first, *others = result.models

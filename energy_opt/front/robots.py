@@ -53,6 +53,7 @@ robots = verb(RobotsRequest, run)
 
 
 def _row(r: Robot) -> dict[str, Any]:
+    """A robot as a document."""
     return {
         "name": r.name,
         "urdf": r.urdf.name,
@@ -71,6 +72,7 @@ def _row(r: Robot) -> dict[str, Any]:
 
 
 def _text(r: Robot) -> str:
+    """A robot as a table for a terminal."""
     lines = [f"{r.name}  ({r.n} joints, {r.urdf.name})"]
     lines.append(f"  {'joint':<24}{'position':>24}{'velocity':>10}{'accel.':>9}{'jerk':>9}{'effort':>9}")
     for j, joint in enumerate(r.joints):
@@ -111,6 +113,7 @@ effects = verb(EffectsRequest, run_effects)
 
 
 def _paragraph(row: dict[str, Any]) -> str:
+    """An effect as lines for a terminal."""
     lines = [row["name"], f"  {row['law']}"]
     for p in row["parameters"]:
         lines.append(f"  {p['name']:<16} {p['words']}; {p['lower']:g} to {p['upper']:g}")

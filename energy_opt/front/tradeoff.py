@@ -179,9 +179,13 @@ def durations_of(request: TradeoffRequest) -> list[float] | None:
 def chosen_for(
     planner: Planner | RobustPlanner, ends: Ends, move: Move, rivals: Sequence[Rival], settings: Settings
 ) -> tuple[Move, dict[str, Any]]:
-    """The move to the goal that is cheapest at a free duration, at all of whose durations the front is made.
+    """The move to the goal that is cheapest at a free duration. The whole front is computed for this goal.
 
-    Returns: the move, and `candidates` and `nearest` as in result.json.
+    Args:
+        planner: solves moves. ends: the alternatives. move: as asked. rivals: the models. settings: of the solver.
+
+    Returns:
+        The move, and `candidates` and `nearest` as in result.json.
     """
     mean = mean_of(planner)
     chosen = solve_to(ends, move, planner.robot, members(rivals), mean.cell, settings, planner)
@@ -191,7 +195,12 @@ def chosen_for(
 def planner_for(
     robot: Robot, rivals: Sequence[Rival], kind: Kind | None, settings: Settings, **more: Any
 ) -> Planner | RobustPlanner:
-    """What plans under one model (`kind` None) or several."""
+    """A planner for one model (`kind` None) or for several.
+
+    Args:
+        robot: the arm. rivals: the models. kind: how several are combined. settings: of the solver. more: further
+            arguments of both planners.
+    """
     if kind is None:
         return Planner(robot, rivals[0].model, settings, **more)
     return RobustPlanner(robot, rivals, kind, settings, **more)
@@ -227,10 +236,13 @@ def document_of(
     request: Mapping[str, Any],
     worth: PerYear | None = None,
 ) -> dict[str, Any]:
-    """tradeoff.json: the front, what several models make of its minimum, what it rests on, and the request.
+    """The content of tradeoff.json.
 
-    `worth` is for what is saved over the cycle against the fastest move and waiting; without a cycle, by the minimum
-    against the same move slowed evenly.
+    Args:
+        planner: that made the front. rivals: the models. move: as solved. front: its points. cycle: the cycle with the
+            wait, or None. request: the request's document. worth: what savings are worth in a year: over the cycle, the
+            saving against the fastest move with a wait; without a cycle, that of the minimum against the same move
+            slowed evenly.
     """
     from energy_opt.fronts.models import models_of, models_of_front
     from energy_opt.fronts.output import document
@@ -263,10 +275,14 @@ def document_of(
 def cycle_for(
     robot: Robot, model: PowerModel, move: Move, length: float | None, idle_power: float | None
 ) -> Cycle | None:
-    """The cycle of `length` s that begins with the move; None where none is asked for.
+    """The cycle of `length` [s] that begins with the move; None if no cycle is asked for.
+
+    Args:
+        robot, model: for the power while the arm waits. move: ends at rest. length: [s]. idle_power: [W] overhead while
+            waiting (None: the model's standby).
 
     Raises:
-        BadInput: an idle power without a cycle, a move that does not end at rest, or values that no cycle has.
+        BadInput: an idle power without a cycle, a move that does not end at rest, or impossible values.
     """
     from energy_opt.fronts import Cycle
 

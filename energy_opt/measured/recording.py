@@ -150,11 +150,12 @@ def further_signals(table: Table, rules: Mapping[str, Rule], samples: np.ndarray
 
 
 def _name(key: str) -> str:
-    """signal.gripper is called gripper, and signal signal."""
+    """The name of a signal: `gripper` for the key signal.gripper."""
     return key.partition(".")[2] or LOGGED
 
 
 def _binary(table: Table, k: int) -> bool:
+    """Whether column k contains only 0 and 1, in the first lines of the table."""
     cells = [row[k].strip() for row in table.layout.sample if k < len(row) and row[k].strip()]
     return bool(cells) and all(DIGIT.fullmatch(cell) for cell in cells)
 
@@ -189,7 +190,7 @@ class Recording:
 
 
 def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) -> Recording:
-    """Read one [[run]]; `clock` is the set time of its time 0 [s] where the log states none."""
+    """Read one [[run]] of a log; `clock` is the set time [s] of its time 0 if the log states none."""
     out = Recording()
     table = Table(log.file(entry.file), log.csv)
     rules = PRESETS[log.preset](robot.joints, table) if log.preset else plain_rules(robot.joints)

@@ -1,18 +1,18 @@
-"""A measured set as arrays: one `Run` per run, joints in the robot's order, SI units.
+"""A measured set as arrays: one `Run` for each run, joints in the robot's order, SI units.
 
-One long recording is cut into runs where the arm is at rest. What the meter reads follows from a model's power over
-time: means over windows, differences of counters, totals. A model is evaluated at `nodes(run)` and `observe` gives what
-the meter would have shown:
+One long recording is cut into runs where the arm rests. The meter's readings follow from a model's power over time:
+means over windows, differences of counters, totals. A model is evaluated at `nodes(run)`, and `observe` gives the
+readings that the meter would have shown:
 
     at = nodes(run)                          # (K,) s on the run's clock, evenly spaced
     expected = observe(run, at, power)       # (M,) W beside run.power, (M, P) for slopes (K, P)
 
-Between nodes power is taken to be linear, so a reading over [b - w, b] is, exactly,
+Power is assumed to be linear between nodes. So a reading over [b - w, b] is, exactly,
 
     1/w * sum over intervals [t_k, t_k+1] of the integral of p_k (t_k+1 - t)/h + p_k+1 (t - t_k)/h over their overlap,
 
-a row of a sparse matrix. What the meter does besides (delay, lag, gain) acts on the power at the nodes, before the
-mean.
+which is a line of a sparse matrix. Other properties of the meter (delay, lag, gain) act on the power at the nodes,
+before the mean.
 """
 
 from __future__ import annotations
@@ -168,11 +168,14 @@ def cut_at_standstill(run: Run) -> list[Run]:
 
 
 def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> list[Run]:
-    """Parts of a run between joint samples, first and last included.
+    """Parts of a run between joint samples, with the readings of each.
 
-    Every reading goes to one piece: a still one takes those whose window lies in it; of the rest each goes where most
-    of its window lies, and that piece's joint samples reach back as far as the window does. Where `strict`, readings
-    whose window lies in no piece are left out.
+    Every reading goes to one piece. A piece at rest takes the readings whose window lies in it. Each other reading goes
+    to the piece with most of its window; the joint samples of this piece then reach back as far as the window.
+
+    Args:
+        run: the recording. spans: first and last joint sample of each piece. strict: leave out readings whose window
+            lies in no piece, and keep the run's kind.
     """
     still = [is_at_rest(run.time[a : b + 1], run.position[a : b + 1]) for a, b in spans]
     end = run.power_time
@@ -203,6 +206,7 @@ def pieces(run: Run, spans: Sequence[tuple[int, int]], strict: bool = False) -> 
 
 
 def _piece(run: Run, first: int, last: int, readings: np.ndarray, kind: str, number: int) -> Run:
+    """The part of a run between two joint samples, with some readings; its time begins at 0."""
     samples = slice(first, last + 1)
     joints: dict[str, Any] = {name: values[samples] for name, values in run.joint_signals()}
     zero = float(run.time[first])
@@ -236,10 +240,11 @@ def nodes(run: Run) -> np.ndarray:
 
 
 def operator(run: Run, at: np.ndarray) -> csr_matrix:
-    """The matrix (M, K) that takes power at times `at` (K,) [s, increasing] to the run's readings.
+    """The matrix (M, K) from power at times `at` (K,) [s, increasing] to the run's readings.
 
-    Every row sums to 1. Windows that reach out of `at` count with the part that lies inside; stamps outside take the
-    nearest value.
+    Each line sums to 1. With a, b the overlap of the window with [t_k, t_k+1], the share (b - a) / w is divided between
+    both nodes by the overlap's middle. A window that reaches beyond `at` counts with its inner part; a stamp outside
+    takes the nearest value.
     """
     from scipy.sparse import csr_matrix
 
@@ -268,9 +273,12 @@ def operator(run: Run, at: np.ndarray) -> csr_matrix:
 
 
 def observe(run: Run, at: np.ndarray, power: np.ndarray) -> np.ndarray:
-    """What the meter would have read, (M, ...) [W], of a power (K, ...) [W] at times `at` (K,) [s on the run's clock].
+    """The readings (M, ...) [W] that the meter would have shown of a power.
 
-    Linear in the power, so derivatives go through it column by column.
+    They are linear in the power, so derivatives are treated column by column.
+
+    Args:
+        run: stamps and windows of the readings. at: (K,) [s] on the run's clock. power: (K, ...) [W] at these times.
     """
     power = np.asarray(power, dtype=float)
     if not run.window.any() and len(at) == len(run.power_time) and np.array_equal(at, run.power_time):

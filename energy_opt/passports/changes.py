@@ -1,4 +1,4 @@
-"""What differs between two models of one arm, and whether the difference is real."""
+"""The differences between two models of one arm, and whether each difference is real."""
 
 from __future__ import annotations
 
@@ -67,11 +67,14 @@ class _Quantity:
 
 
 def changes(before: Arm, after: Arm) -> list[Change]:
-    """What differs between two models of a robot; nothing where their joints differ.
+    """The differences between two models of a robot; none if their joints differ.
 
-    A change is real where 0 lies outside of the joint 95 % interval of all differences: d +- c sd, c the quantile of
-    the largest |d* - d| / sd over all quantities, from independent draws d* of both models' covariances (Montiel Olea
-    and Plagborg-Moller, 2019).
+    A change is real if 0 lies outside of its interval d +- c sd. All intervals hold together with probability 95 %: c
+    is the 95 % quantile of the largest |d* - d| / sd over all quantities, from independent draws d* of both models'
+    covariances (sup-t bands; Montiel Olea and Plagborg-Moller, Journal of Applied Econometrics 34(1), 2019).
+
+    Args:
+        before, after: the models with their draws.
     """
     if before.robot.joints != after.robot.joints:
         return []
@@ -126,6 +129,7 @@ def _quantities(arm: Arm) -> Iterator[_Quantity]:
 
 
 def _full(model: PowerModel, effect: str, n: int) -> np.ndarray:
+    """The first parameter of an effect, one value for each of n joints."""
     held = model.get(effect)
     assert held is not None
     return held.full(n)

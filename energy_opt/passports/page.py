@@ -52,6 +52,7 @@ def page(arms: Sequence[Arm], changes: Sequence[Change], headline: str, request:
 
 
 def _values(report: Report, arm: Arm) -> None:
+    """A section of an arm: its values with intervals, status and source."""
     n = arm.robot.n
     report.section(f"{arm.label}: {arm.robot.name}")
     if not any(arm.measured(e.name) for e in arm.model.effects):
@@ -78,6 +79,7 @@ def _values(report: Report, arm: Arm) -> None:
 
 
 def _cells(number: Number) -> list[object]:
+    """A number as cells of a table."""
     value = "unknown" if number.value is None else shown(number.value)
     return [value, number.ci95, number.unit, number.status, number.source]
 
@@ -101,6 +103,7 @@ def _curves(arms: Sequence[Arm]) -> list[Chart]:
 
 
 def _maps(arm: Arm) -> bytes:
+    """Colour maps of the loss of each joint over torque and speed, as PNG."""
     limits, maps = arm.robot.limits, {}
     for j, joint in enumerate(arm.robot.joints):
         most = limits.effort[j] if np.isfinite(limits.effort[j]) and limits.effort[j] > 0 else 50.0

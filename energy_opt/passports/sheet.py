@@ -125,6 +125,7 @@ def _labels(models: Sequence[str | PowerModel]) -> list[str]:
 
 
 def _summary(arm: Arm) -> str:
+    """One sentence on an arm."""
     standby, name = arm.number("standby", "power"), arm.robot.name
     parts = [f"standby {standby.value:.4g} W ({standby.status})" if standby.value is not None else "standby unknown"]
     if arm.model.get("copper_loss") is not None:
@@ -140,11 +141,13 @@ def _summary(arm: Arm) -> str:
 
 
 def _span(values: Sequence[float]) -> str:
+    """The least and the largest value in words."""
     low, high = min(values), max(values)
     return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
 
 
 def _document(arm: Arm) -> dict[str, Any]:
+    """An arm as passport.json has it."""
     limits = arm.robot.limits
     joints = []
     for j, joint in enumerate(arm.robot.joints):
@@ -176,6 +179,7 @@ def _document(arm: Arm) -> dict[str, Any]:
 
 
 def _in_words(arm: Arm) -> list[str]:
+    """An arm as lines for a terminal."""
     shares = "friction at 1, 10, 50 and 100 % of the velocity limit [N m]"
     lines = [f"{arm.label} ({arm.robot.name})", f"  {'joint':<24}{'R/Kt² [W/(N m)²]':>20}   {shares}"]
     if len(arm.modes) > 1:

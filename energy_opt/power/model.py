@@ -249,7 +249,7 @@ def uncertainty_from_document(document: dict[str, Any], model: PowerModel, where
         return None
     if not isinstance(records, list) or not all(isinstance(row, dict) for row in records):
         raise BadInput(f"{where}: rival is not a list of [[rival]] tables, each with [[rival.effect]] tables")
-    head = {key: document[key] for key in ("format", "robot") if key in document}
+    head: dict[str, Any] = {key: document[key] for key in ("format", "robot") if key in document}
     rivals = tuple(
         model_from_document({**head, **row}, f"{where}: [[rival]] {k}") for k, row in enumerate(records, start=1)
     )

@@ -82,7 +82,11 @@ def _linked(t: np.ndarray, bus: np.ndarray, capacity: float) -> np.ndarray:
 
 
 def reading(plant: Plant, time: np.ndarray, power: np.ndarray, step: float) -> np.ndarray:
-    """What the meter makes of the power, W, on the same times (N,): delay, lag and gain; constant before and after."""
+    """Power as the meter shows it, (N,) [W]: delay, then lag, mean and gain. It is constant before and after the run.
+
+    Args:
+        plant: with the meter's effects. time: (N,) [s], evenly spaced. power: (N,) [W] true power. step: [s].
+    """
     delay = plant.number("meter_delay", "delay", 0.0)
     if delay:
         power = np.interp(time - delay, time, power)

@@ -8,19 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from energy_opt.cell.bodies import (
-    POSES,
-    Bodies,
-    Body,
-    Kept,
-    OwnPairs,
-    Scenery,
-    arm_bodies,
-    kept_apart,
-    neighbours,
-    own_pairs,
-)
+from energy_opt.cell.bodies import Bodies, Body, Scenery, arm_bodies
 from energy_opt.cell.curve import MotionCurve
+from energy_opt.cell.pairs import POSES, Kept, OwnPairs, kept_apart, neighbours, own_pairs
 from energy_opt.cell.proof import Proof, Touch, inside_at, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
 from energy_opt.cell.scene import TOOL, PlacedShape, Scene, out_of_scale

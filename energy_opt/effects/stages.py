@@ -1,10 +1,9 @@
 """The base classes of the effects, one for each stage of the power law (see `base`), and the effects of the meter.
 
 Effects of the stage "meter" describe how the meter distorts the true power. They explain a log, not an arm, and never
-belong to an energy. Each is linear in the power. So the same law gives the reading and, column by column, the
-derivatives of the reading by all that the power depends on. `sensitivity` is the exact derivative of the same discrete
-law by the effect's own parameter. Before the first sample of a run, the power is assumed to be that of the first
-sample.
+belong to an energy. Each is linear in the power, so the same law gives the reading and, column by column, its
+derivatives. `sensitivity` is the exact derivative of the same discrete law by the effect's own parameter. Before the
+first sample of a run, the power is assumed to be that of the first sample.
 """
 
 from __future__ import annotations

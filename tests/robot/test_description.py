@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from damaged_descriptions import run
 
-from energy_opt.cell.bodies import neighbours
 from energy_opt.cell.cell import Cell
+from energy_opt.cell.pairs import neighbours
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, checks, load_robot

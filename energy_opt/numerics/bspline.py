@@ -1,8 +1,8 @@
-"""Clamped B-splines. Quintic ones on [0, 1]: basis matrices, quadrature on the knot spans, least-squares fit; and
-quadratic ones on any knots, of which three meet at a point.
+"""Clamped B-splines: quintic ones on [0, 1] for curves in time, and quadratic ones on any knots for squared path speed.
 
-Knots are packed towards the ends, where a move from rest has to build up its acceleration from zero: breakpoints
-u_i = (1 - p) x_i + p (1 - cos(pi x_i)) / 2 for evenly spaced x_i, with the packing p between 0 and 1.
+Quintic splines come with basis matrices, quadrature on the knot spans and a least-squares fit. Their knots are packed
+towards the ends, where a move from rest builds up its acceleration from zero. The breakpoints are u_i = (1 - p) x_i + p
+(1 - cos(pi x_i)) / 2 for evenly spaced x_i, with the packing p between 0 and 1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,11 @@ PACKING = 0.95  # 0: evenly spaced knots, 1: Chebyshev-like clustering at the en
 
 @dataclass(frozen=True)
 class Basis:
-    """Quintic B-splines with `controls` control points on knots packed towards both ends."""
+    """Quintic B-splines on knots that are packed towards both ends.
+
+    Attributes:
+        controls: number of control points. packing: p of the module, 0 to 1.
+    """
 
     controls: int
     packing: float = PACKING
@@ -43,7 +47,8 @@ class Basis:
     def polygon(self, order: int) -> np.ndarray:
         """Control points of the derivative of `order` from those of the curve, (controls - order, controls).
 
-        The derivative lies in the hull of its control points: bounds on them hold everywhere between the nodes.
+        One derivative of a spline of degree d has the control points d (c_{i+1} - c_i) / (t_{i+d+1} - t_{i+1})
+        (de Boor). It lies in the hull of its control points, so bounds on these hold at every u.
         """
         out = np.eye(self.controls)
         for k in range(order):
@@ -74,7 +79,12 @@ class Basis:
         return np.linalg.solve(system, np.vstack(values))
 
     def fit(self, u: np.ndarray, values: np.ndarray, head: np.ndarray, tail: np.ndarray) -> np.ndarray:
-        """Control points (controls, n) closest to `values` (M, n) at u (M,), the first and last ones given."""
+        """Control points (controls, n) whose curve is closest to given values (least squares).
+
+        Args:
+            u: (M,) in [0, 1]. values: (M, n). head, tail: (2 or 3, n) the first and the last control points, which
+                stay.
+        """
         b = self.matrix(u)
         inner = slice(len(head), self.controls - len(tail))
         rest = values - b[:, : len(head)] @ head - b[:, self.controls - len(tail) :] @ tail
@@ -105,7 +115,12 @@ class QuadraticBasis:
 
 
 def quadratic_basis(knots: np.ndarray, s: np.ndarray, piece: np.ndarray | None = None) -> QuadraticBasis:
-    """The quadratic B-splines at `s` (M,); `piece` (M,) says which interval where s is a knot."""
+    """The quadratic B-splines at points.
+
+    Args:
+        knots: (N + 1,) increasing. s: (M,) points. piece: (M,) which interval counts if a point is a knot (None: the
+            one to its right).
+    """
     k = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2) if piece is None else piece
     padded = np.concatenate([knots[:1], knots, knots[-1:]])
     t0, t1, t2, t3 = (padded[k + j] for j in range(4))  # the interval is [t1, t2]

@@ -27,7 +27,11 @@ CAREFUL: dict[str, object] = {"mumps_scaling": 77, "mumps_permuting_scaling": 7,
 
 
 class Problem(Protocol):
-    """min f(x) subject to bounds on x and g(x); Jacobian and upper triangle of the Hessian with fixed patterns."""
+    """A nonlinear program: min f(x) subject to bounds on x and on g(x).
+
+    Attributes:
+        jacobian_pattern: of dg/dx. hessian_pattern: upper triangle of the Hessian of the Lagrangian. Both are fixed.
+    """
 
     jacobian_pattern: ca.Sparsity
     hessian_pattern: ca.Sparsity
@@ -41,7 +45,12 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Answer:
-    """Where IPOPT stopped: point, multipliers of constraints and of bounds on x, status and number of iterations."""
+    """Where IPOPT stopped.
+
+    Attributes:
+        x: (N,) the point, within its bounds. row_multipliers: (R,) of g. bound_multipliers: (N,) of the bounds on x.
+            success: whether IPOPT converged. status: its own word. iterations: their number.
+    """
 
     x: np.ndarray
     row_multipliers: np.ndarray
@@ -52,7 +61,12 @@ class Answer:
 
 
 class _Callback(ca.Callback):
-    """A CasADi function whose value is computed by `evaluate`: arrays of all nonzeros in, one per result out."""
+    """A CasADi function that is computed in Python.
+
+    Args:
+        name: of the function. inputs, outputs: names with sparsity patterns.
+        evaluate: from arrays of the inputs' nonzeros to arrays of the outputs' nonzeros.
+    """
 
     def __init__(
         self,
@@ -97,6 +111,7 @@ class _Callback(ca.Callback):
 
 
 def _array(x: ca.DM) -> np.ndarray:
+    """The entries of a column."""
     return np.asarray(x.full()).ravel()
 
 
@@ -107,7 +122,15 @@ def solve(
     row_bounds: tuple[np.ndarray, np.ndarray],
     options: dict[str, object],
 ) -> Answer:
-    """Minimise from x0; `options` are IPOPT's, without the prefix. Ctrl-C ends it with "User_Requested_Stop"."""
+    """Minimise with IPOPT.
+
+    If IPOPT cannot compute a step, it is started once more with the linear solver's own scaling. Ctrl-C ends it with
+    the status "User_Requested_Stop".
+
+    Args:
+        problem: functions and derivatives. x0: (N,) start. bounds: of x, (N,) each. row_bounds: of g, (R,) each.
+            options: of IPOPT, without the prefix "ipopt.".
+    """
     x_shape, none = ca.Sparsity.dense(len(x0), 1), ca.Sparsity(0, 0)
     one, g_shape = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(len(row_bounds[0]), 1)
     jac, hess = problem.jacobian_pattern, problem.hessian_pattern

@@ -1,8 +1,9 @@
 """Ranges of a CasADi function over many pieces of time at once, with the ranges of its derivative by time.
 
-Interval arithmetic on the function's instructions: each variable is four arrays (K,), the least and the largest value
-on each piece, and the least and the largest rate. Where a law has a kink the rates on both sides count; where it jumps
-the rate has no bound. Source: R. Moore, R. Kearfott, M. Cloud, Introduction to Interval Analysis, chapters 5 and 6.
+This is interval arithmetic on the function's instructions. Each variable consists of four arrays (K,): the least and
+the largest value on each piece, and the least and the largest rate. At a kink of a law, the rates on both sides count;
+at a jump the rate has no bound. Source: R. Moore, R. Kearfott, M. Cloud, Introduction to Interval Analysis, chapters 5
+and 6.
 """
 
 from __future__ import annotations
@@ -44,22 +45,27 @@ def _times(a: Sequence[np.ndarray], b: Sequence[np.ndarray]) -> tuple[np.ndarray
 
 
 def _value(x: Range) -> tuple[np.ndarray, np.ndarray]:
+    """The range of the values."""
     return x.low, x.high
 
 
 def _rates(x: Range) -> tuple[np.ndarray, np.ndarray]:
+    """The range of the rates, with infinite rates made finite."""
     return np.maximum(x.falling, -UNBOUNDED), np.minimum(x.rising, UNBOUNDED)
 
 
 def _add(a: Range, b: Range) -> Range:
+    """a + b: least and largest add up, for values and rates."""
     return Range(a.low + b.low, a.high + b.high, a.falling + b.falling, a.rising + b.rising)
 
 
 def _neg(a: Range) -> Range:
+    """-a: least and largest change places."""
     return Range(-a.high, -a.low, -a.rising, -a.falling)
 
 
 def _mul(a: Range, b: Range) -> Range:
+    """a b, with the rate a' b + a b'."""
     first, second = _times(_rates(a), _value(b)), _times(_value(a), _rates(b))
     return Range(*_times(_value(a), _value(b)), first[0] + second[0], first[1] + second[1])
 
@@ -87,12 +93,14 @@ def _tanh(a: Range) -> Range:
 
 
 def _square(a: Range) -> Range:
+    """a^2, with the derivative 2 a; its least value is 0 if the range contains 0."""
     ends = a.low**2, a.high**2
     least = np.where((a.low <= 0) & (a.high >= 0), 0.0, np.minimum(*ends))
     return _chain(a, least, np.maximum(*ends), (2 * a.low, 2 * a.high))
 
 
 def _inverse(a: Range) -> Range:
+    """1 / a, with the derivative -1 / a^2; everything if the range contains 0."""
     across = (a.low <= 0) & (a.high >= 0)
     low, high = (np.where(across, 1.0, x) for x in (a.low, a.high))
     out = _chain(a, 1 / high, 1 / low, (-1 / np.minimum(low**2, high**2), -1 / np.maximum(low**2, high**2)))
@@ -100,6 +108,7 @@ def _inverse(a: Range) -> Range:
 
 
 def _sqrt(a: Range) -> Range:
+    """sqrt(a), with the derivative 1 / (2 sqrt(a)), which has no bound at 0."""
     low, high = np.maximum(a.low, 0.0), np.maximum(a.high, 0.0)
     with np.errstate(divide="ignore"):
         slope = np.minimum(0.5 / np.sqrt(high), UNBOUNDED), np.minimum(0.5 / np.sqrt(low), UNBOUNDED)
@@ -125,11 +134,13 @@ def _hull(x: Range, y: Range, only_x: np.ndarray, only_y: np.ndarray) -> Range:
 
 
 def _fmax(a: Range, b: Range) -> Range:
+    """max(a, b): the rate of the larger one; of both if the ranges overlap."""
     out = _hull(a, b, a.low >= b.high, b.low >= a.high)
     return Range(np.maximum(a.low, b.low), np.maximum(a.high, b.high), out.falling, out.rising)
 
 
 def _fabs(a: Range) -> Range:
+    """|a| = max(a, -a)."""
     return _fmax(a, _neg(a))
 
 
@@ -140,14 +151,17 @@ def _constant(low: np.ndarray, high: np.ndarray) -> Range:
 
 
 def _sign(a: Range) -> Range:
+    """sign(a), which jumps at 0."""
     return _constant(np.sign(a.low), np.sign(a.high))
 
 
 def _below(a: Range, b: Range) -> Range:
+    """1 if a < b, else 0."""
     return _constant((a.high < b.low) * 1.0, (a.low < b.high) * 1.0)
 
 
 def _at_most(a: Range, b: Range) -> Range:
+    """1 if a <= b, else 0."""
     return _constant((a.high <= b.low) * 1.0, (a.low <= b.high) * 1.0)
 
 
@@ -199,6 +213,7 @@ def enclosed(function: ca.Function, inputs: Sequence[Sequence[Range]]) -> list[l
 
 
 def _enclosed(function: ca.Function, inputs: Sequence[Sequence[Range]]) -> list[list[Range]]:
+    """`enclosed` without the treatment of overflow: one instruction after the other."""
     count = len(inputs[0][0].low)
     work: dict[int, Range] = {}
     out: list[list[Range]] = [[] for _ in range(function.n_out())]

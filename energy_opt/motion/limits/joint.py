@@ -24,9 +24,13 @@ from energy_opt.motion.path_dynamics import PathDynamics
 
 
 class Position(Limit):
-    """Bounds (n,) [rad]; excess is a fraction of the range (in rad where there is none).
+    """Bounds on positions.
 
-    A spline whose control points are inside is inside everywhere.
+    The excess is a fraction of the range (or in rad, for a joint without a range). If all control points of a spline
+    are inside, the spline is inside everywhere.
+
+    Args:
+        lower, upper: (n,) [rad, m].
     """
 
     name, unit = "position", "rad"
@@ -35,10 +39,12 @@ class Position(Limit):
         self.lower, self.upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
 
     def _excess(self, q: np.ndarray) -> np.ndarray:
+        """Excess (..., n) of positions (..., n) beyond the nearer bound."""
         span = self.upper - self.lower
         return np.maximum(q - self.upper, self.lower - q) / np.where(np.isfinite(span), span, 1.0)
 
     def worst(self, x: Dense) -> Violation:
+        """The position with the largest excess."""
         excess = self._excess(x.q)
         excess = np.where(np.isfinite(excess), excess, -1.0)
         k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
@@ -47,6 +53,8 @@ class Position(Limit):
         return Violation(self.name, float(excess[k, j]), x.joints[j], float(x.time[k]), value, bound)
 
     def fixed(self, d: PathDynamics) -> Fixed:
+        """The excess of the path's positions: no timing changes it."""
+
         def text(k: int, j: int) -> str:
             unit = d.robot.units[j]
             return f"position {d.q[k, j]:.6g} {unit} is outside [{self.lower[j]:.6g}, {self.upper[j]:.6g}] {unit}"
@@ -54,6 +62,7 @@ class Position(Limit):
         return Fixed(self._excess(d.q), text)
 
     def box(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """The bounds themselves."""
         return self.lower, self.upper
 
 
@@ -70,10 +79,12 @@ class JointLimit(Limit):
         self.bound = np.asarray(bound, dtype=float)
 
     def worst(self, x: Dense) -> Violation:
+        """The largest |value| / bound - 1."""
         value = getattr(x, self.reads)
         return worst_of(self, x, value, self.bound, np.abs(value) / self.bound - 1)
 
     def scaled(self, share: float) -> Self:
+        """The limit with bounds times `share`."""
         return type(self)(self.bound * share)
 
 
@@ -84,6 +95,7 @@ class Velocity(JointLimit):
     squared = True
 
     def linear(self, d: PathDynamics, b: float) -> Linear:
+        """v^2 / bound^2 = (q' / bound)^2 b <= 1."""
         none = np.zeros_like(d.q1)
         return Linear(none, (d.q1 / self.bound) ** 2, none)
 
@@ -94,6 +106,7 @@ class Acceleration(JointLimit):
     name, unit, order, reads = "acceleration", "rad/s^2", 2, "a"
 
     def linear(self, d: PathDynamics, b: float) -> Linear:
+        """|q' a + q'' b| / bound <= 1."""
         return Linear(d.q1 / self.bound, d.q2 / self.bound, np.zeros_like(d.q1))
 
 
@@ -103,6 +116,9 @@ class Jerk(JointLimit):
     name, unit, order, reads = "jerk", "rad/s^3", 3, "jerk"
 
     def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray], JerkAlongPath] | None:
+        """With ds/dt = sqrt(b), da/dt = w sqrt(b) and db/dt = 2 a sqrt(b), the jerk is d/dt (q' a + q'' b) = (q' w + 3
+        q'' a + q''' b) sqrt(b).
+        """
         if not np.isfinite(self.bound).any():
             return None
         factors = np.stack([3 * path(s, 2), path(s, 3), path(s, 1)]) / self.bound
@@ -111,20 +127,29 @@ class Jerk(JointLimit):
 
 @dataclass(frozen=True)
 class JerkAlongPath:
-    """(k0 a + k1 b + k2 w) sqrt(b) of one joint at each point; see base.Functions."""
+    """(k0 a + k1 b + k2 w) sqrt(b) of one joint at each of K points, in units of the bound; see `base.Functions`.
+
+    Attributes:
+        k: (3, K) coefficients.
+    """
 
     k: np.ndarray  # (3, K)
 
     def value(self, z: np.ndarray) -> np.ndarray:
+        """With l = k0 a + k1 b + k2 w: l sqrt(b), (K, 1)."""
         return ((self.k * z).sum(axis=0) * np.sqrt(z[1]))[:, None]
 
     def slope(self, z: np.ndarray) -> np.ndarray:
+        """k sqrt(b), and for b in addition l / (2 sqrt(b)), (K, 1, 3)."""
         root = np.sqrt(z[1])
         slope = self.k * root
         slope[1] += (self.k * z).sum(axis=0) / (2 * root)
         return slope.T[:, None]
 
     def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Second derivatives that are not 0: by a and b k0 / (2 sqrt(b)), by b twice (2 k1 - l / (2 b)) / (2 sqrt(b)),
+        by b and w k2 / (2 sqrt(b)).
+        """
         k, none = self.k, np.zeros(z.shape[1])
         by_b = 2 * k[1] - (k * z).sum(axis=0) / (2 * z[1])
         return multipliers[:, 0] / (2 * np.sqrt(z[1])) * np.stack([none, k[0], by_b, none, k[2], none])
@@ -140,12 +165,15 @@ class Effort(JointLimit):
         self.scale = self.bound
 
     def peaked(self, x: Dense) -> np.ndarray:
+        """|effort| / bound, (N, n)."""
         return np.asarray(np.abs(x.effort) / self.bound)
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
+        """The motors' torque (n, 1)."""
         return x.effort
 
     def fixed(self, d: PathDynamics) -> Fixed:
+        """Torque that moves the arm slowly along the path: gravity and dry friction."""
         none = np.zeros(len(d.s))
         held = np.abs(d.motor_torque(none, none))
 
@@ -156,10 +184,13 @@ class Effort(JointLimit):
         return Fixed(held / self.bound - 1, text, holding=True)
 
     def linear(self, d: PathDynamics, b: float) -> Linear | None:
+        """The torque itself if it is affine in (a, b), else None."""
         return self.tangent(d, np.zeros(len(d.s)), np.full(len(d.s), b)) if d.affine(b) else None
 
     def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear:
+        """The torque to first order about (a, b)."""
         return Linear(*(x / self.bound for x in d.affine_torque(a, b)))
 
     def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """|torque| / bound by the exact laws, (M, n)."""
         return np.abs(d.motor_torque(a, b)) / self.bound

@@ -1,8 +1,8 @@
-"""What conditions on a tool's pose have in common: a size that is zero where they hold exactly, and a bound of it.
+"""Conditions on a tool's pose: a size that is zero if the condition holds exactly, and a bound on it.
 
-A size x grows from zero with a kink, its square does not, but runs away where a first path is far outside; so
-constraints are of sqrt((x^2 + w^2) / 2) with w the bound: smooth, at most w if and only if x is, and growing like x far
-outside.
+The size x has a kink at zero. Its square has none, but grows too fast if an initial path is far outside. So the
+constraint is on sqrt((x^2 + w^2) / 2) with w the bound. This is smooth, is at most w if and only if x is, and grows
+like x far outside.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ class Keep(Limit):
 
     @classmethod
     def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
+        """The limit of the setting `keep`, with the pose at the start as reference."""
         bound = kept(tuple(settings.keep)).get(cls.name)
         if bound is None:
             return None
@@ -80,19 +81,24 @@ class Keep(Limit):
 
     @property
     def structure(self) -> Hashable:
+        """Name, body and tool."""
         return self.name, self.body, self.tool
 
     def where(self, joints: Sequence[str], column: int) -> str:
+        """The tool's name."""
         return self.tool.name
 
     def worst(self, x: Dense) -> Violation:
+        """The pose that is farthest from what is kept."""
         value = self.measure(x.tool_motion(self.tool)[0])[:, None]
         return worst_of(self, x, value, np.array([self.most]), value / self.most - 1)
 
     def scaled(self, share: float) -> Self:
+        """The limit with its bound times `share`."""
         return type(self)(self.body, self.tool, self.reference, self.most * share)
 
     def fixed(self, d: PathDynamics) -> Fixed:
+        """The distance of the path's poses: no timing changes it."""
         value = self.measure(d.tool_motion(self.tool)[0])[:, None]
 
         def text(k: int, j: int) -> str:
@@ -105,6 +111,7 @@ class Keep(Limit):
         return Fixed(value / self.most - 1, text)
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
+        """sqrt((x^2 + w^2) / 2), see the module."""
         place = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a)
         return ca.sqrt((self.squared_size(place, p[:-1]) + p[-1] ** 2) / 2)
 
@@ -119,6 +126,7 @@ class KeepUpright(Keep):
 
     @classmethod
     def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
+        """The tool's axis (3,) that points up most at the start (with its sign), and up (3,)."""
         up = up / max(float(np.linalg.norm(up)), 1e-300)
         share = up @ ends[0, :3, :3]  # how much each axis points up
         axis = np.zeros(3)
@@ -127,18 +135,22 @@ class KeepUpright(Keep):
 
     @staticmethod
     def width(bound: float) -> float:
+        """The chord 2 sin(angle / 2) of the bound."""
         return float(2 * np.sin(np.radians(bound) / 2))
 
     @staticmethod
     def squared_size(place: ToolState, p: ca.SX) -> ca.SX:
+        """The squared chord between the axis and up."""
         # |axis - up|^2 without its cancellation at zero
         return ca.sumsqr(ca.mtimes(place.rotation, p[:3]) - p[3:])
 
     def measure(self, poses: np.ndarray) -> np.ndarray:
+        """Angles (M,) [deg] between the axis and up, by atan2, which is exact at small angles."""
         axis, up = poses[:, :3, :3] @ self.reference[:3], self.reference[3:]
         return np.degrees(np.arctan2(np.linalg.norm(np.cross(axis, up), axis=1), axis @ up))
 
     def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rotation of the axis back to up. Rotations about the axis are free."""
         axis, up = poses[:, :3, :3] @ self.reference[:3], self.reference[3:]
         cross = np.cross(axis, up)
         sine = np.linalg.norm(cross, axis=1, keepdims=True)
@@ -155,25 +167,31 @@ class KeepOrientation(Keep):
 
     @classmethod
     def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
+        """The rotation at the start, column by column."""
         return ends[0, :3, :3].T.ravel()
 
     @staticmethod
     def width(bound: float) -> float:
+        """The chord 2 sin(angle / 2) of the bound."""
         return float(2 * np.sin(np.radians(bound) / 2))
 
     @staticmethod
     def squared_size(place: ToolState, p: ca.SX) -> ca.SX:
+        """The squared chord of the rotation from the start's: |R - R0|^2 / 2 = 4 sin^2(angle / 2)."""
         # |R - R0|^2 = 8 sin^2(angle / 2) over all entries; half of it is the chord's square
         return ca.sumsqr(ca.vec(place.rotation) - p) / 2
 
     def measure(self, poses: np.ndarray) -> np.ndarray:
+        """Angles (M,) [deg] of the rotations from the start's."""
         return np.degrees(np.linalg.norm(_turn(self._still @ poses[:, :3, :3].transpose(0, 2, 1)), axis=1))
 
     @property
     def _still(self) -> np.ndarray:
+        """The rotation at the start (3, 3)."""
         return self.reference.reshape(3, 3).T
 
     def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rotation back to the start's."""
         out, of = np.zeros((len(poses), 6)), np.zeros((len(poses), 6, 6))
         out[:, 3:] = _turn(self._still @ poses[:, :3, :3].transpose(0, 2, 1))
         of[:, 3:, 3:] = np.eye(3)
@@ -193,7 +211,11 @@ ACROSS = np.sqrt(1 - BEYOND**2) * np.cos(np.pi / 8)  # and the octagon across it
 
 
 class KeepLine(Keep):
-    """A bound [mm]; the reference is where the segment begins (3,) [m], its direction (3,) and length [m]."""
+    """A bound [mm] on the distance from a line segment.
+
+    The reference is where the segment begins (3,) [m], its direction (3,) and its length [m]. Symbolic constraints are
+    a prism: an octagon across the segment whose corners are within the bound, and a bound along it.
+    """
 
     name, unit, numbers = "line", "mm", 7
     one_sided = False
@@ -211,6 +233,7 @@ class KeepLine(Keep):
 
     @classmethod
     def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
+        """The segment between the tool's places at start and goal; a point if these coincide."""
         begin, way = ends[0, :3, 3], ends[1, :3, 3] - ends[0, :3, 3]
         length = float(np.linalg.norm(way))
         if length <= NO_LENGTH:
@@ -218,22 +241,27 @@ class KeepLine(Keep):
         return np.concatenate([begin, way / length, [length]])
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
+        """Coordinates (5, 1) [m] of the tool from the segment's middle: four across it, one along it."""
         place = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).position
         return ca.mtimes(ca.reshape(p[3:], 3, 5).T, place - p[:3])
 
     @staticmethod
     def width(bound: float) -> float:
+        """The bound in m."""
         return bound / 1000
 
     def measure(self, poses: np.ndarray) -> np.ndarray:
+        """Distances (M,) [mm] from the segment."""
         return 1000 * np.linalg.norm(self._off(poses[:, :3, 3]), axis=1)
 
     def _off(self, place: np.ndarray) -> np.ndarray:
+        """Vectors (M, 3) [m] from the nearest point of the segment."""
         begin, direction, length = self.reference[:3], self.reference[3:6], self.reference[6]
         along = np.clip((place - begin) @ direction, 0.0, length)
         return place - begin - along[:, None] * direction
 
     def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The displacement to the point at the same share of the segment."""
         begin, direction, length = self.reference[:3], self.reference[3:6], self.reference[6]
         out, of = np.zeros((len(poses), 6)), np.zeros((len(poses), 6, 6))
         # evenly along the segment: a path in joint space may run to and fro on it

@@ -72,14 +72,17 @@ class OwnLimit(Limit):
 
     @property
     def structure(self) -> Hashable:
+        """Module, class and all values of the limit's own that its formula may use."""
         derived = ("bound", "scale", "_law", "_of_position", "_of_time")
         own = {key: value for key, value in vars(self).items() if key not in derived}
         return type(self).__module__, type(self).__qualname__, repr(sorted(own.items()))
 
     def where(self, joints: Sequence[str], column: int) -> str:
+        """The joint, or "the arm"."""
         return joints[column] if self.binds == "joint" else "the arm"
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
+        """The formula itself."""
         return self.value(x)
 
     @cached_property
@@ -106,6 +109,7 @@ class OwnLimit(Limit):
 
     @property
     def along(self) -> bool:
+        """Whether a retiming can keep it: only if it does not depend on time."""
         return not self._of_time
 
     def _shares(self, *columns: np.ndarray) -> np.ndarray:
@@ -114,18 +118,22 @@ class OwnLimit(Limit):
         return np.asarray(found if self.one_sided else np.abs(found))
 
     def worst(self, x: Dense) -> Violation:
+        """The largest value over its bound."""
         used = self._shares(x.q, x.v, x.a, x.effort, x.power[:, None], x.time[:, None])
         return worst_of(self, x, used * self.scale, self.scale, used - 1)
 
     def peaked(self, x: Dense) -> np.ndarray:
+        """Values over bounds, (N, m)."""
         return self._shares(x.q, x.v, x.a, x.effort, x.power[:, None], x.time[:, None])
 
     def scaled(self, share: float) -> Self:
+        """The limit with bounds times `share`."""
         out = copy.copy(self)
         out.bound, out.scale = np.asarray(self.bound) * share, self.scale * share
         return out
 
     def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
+        """Values over bounds along a path, (M, m)."""
         return None if self._of_time else self._along(d, a, b, self.one_sided)
 
     def _along(self, d: PathDynamics, a: np.ndarray, b: np.ndarray, signed: bool) -> np.ndarray:
@@ -136,6 +144,7 @@ class OwnLimit(Limit):
         return np.asarray(found if signed else np.abs(found))
 
     def fixed(self, d: PathDynamics) -> Fixed | None:
+        """The value at rest along the path, which no timing changes."""
         if self._of_time:
             return None
         none = np.zeros(len(d.s))
@@ -149,6 +158,9 @@ class OwnLimit(Limit):
         return Fixed(held - 1, text, holding=not self._of_position)
 
     def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear | None:
+        """The value to first order about (a, b), by central differences. A one-sided limit f <= 1 becomes |f + r - 1|
+        <= r with r = ONE_SIDED, so that values far below are free.
+        """
         if self._of_time:
             return None
         step_a, step_b = STEP * (1.0 + np.abs(a)), STEP * np.maximum(b, 1e-3)
@@ -183,13 +195,17 @@ class Power(OwnLimit):
 
     @classmethod
     def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
+        """The limit of the setting `max_power`; None if it is not set."""
         return None if settings.max_power is None else cls(settings.max_power).for_robot(robot)
 
     def value(self, x: State) -> ca.SX:
+        """The arm's power [W]."""
         return x.power
 
     def _along(self, d: PathDynamics, a: np.ndarray, b: np.ndarray, signed: bool) -> np.ndarray:
+        """Power over bound, (M, 1), without a compiled formula."""
         return d.power(a, b)[:, None] / self.scale
 
     def _shares(self, *columns: np.ndarray) -> np.ndarray:
+        """Power over bound, (M, 1)."""
         return columns[4] / self.scale

@@ -47,24 +47,30 @@ class ToolBound(Limit):
 
     @classmethod
     def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
+        """The limit of the setting with its name; None if it is not set."""
         bound = getattr(settings, cls.name)
         return None if bound is None else cls(robot.body, tool_of(robot.body, settings.tool), bound)
 
     @property
     def structure(self) -> Hashable:
+        """Name, body and tool."""
         return self.name, self.body, self.tool
 
     def where(self, joints: Sequence[str], column: int) -> str:
+        """The tool's name."""
         return self.tool.name
 
     def worst(self, x: Dense) -> Violation:
+        """The largest length over the bound."""
         size = self.peaked(x) * self.most
         return worst_of(self, x, size, np.array([self.most]), size / self.most - 1)
 
     def peaked(self, x: Dense) -> np.ndarray:
+        """Length over bound, (N, 1)."""
         return np.asarray(np.linalg.norm(x.tool_motion(self.tool)[self.derivative], axis=1)[:, None] / self.most)
 
     def scaled(self, share: float) -> Self:
+        """The limit with its bound times `share`."""
         return type(self)(self.body, self.tool, self.most * share)
 
 
@@ -75,10 +81,12 @@ class ToolSpeed(ToolBound):
     derivative, fastest = 1, 50.0
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
+        """Squared speed [m^2/s^2]."""
         velocity = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).velocity
         return ca.dot(velocity, velocity)
 
     def linear(self, d: PathDynamics, b: float) -> Linear:
+        """|J q'|^2 b / bound^2 <= 1."""
         share = np.sum(d.tool_motion(self.tool)[1] ** 2, axis=1)[:, None] / self.scale
         return Linear(np.zeros_like(share), share, np.zeros_like(share))
 
@@ -95,13 +103,18 @@ class ToolAcceleration(ToolBound):
     derivative, fastest = 2, 1000.0
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
+        """Squared acceleration [m^2/s^4]."""
         acceleration = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).acceleration
         return ca.dot(acceleration, acceleration)
 
     def linear(self, d: PathDynamics, b: float) -> Linear | None:
+        """None: the norm is not linear."""
         return None
 
     def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear:
+        """A polygon of SIDES sides inside the circle, in the plane of g and c: |n_k . (g a + c b)| <= bound
+        cos(pi / SIDES) for half of its normals n_k.
+        """
         _, along, across = d.tool_motion(self.tool)
         # an orthonormal basis of the plane of both vectors, and the polygon's normals in it
         first = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
@@ -114,5 +127,6 @@ class ToolAcceleration(ToolBound):
         return Linear(ra, rb, np.zeros_like(ra))
 
     def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """|g a + c b|^2 / bound^2, (M, 1)."""
         _, along, across = d.tool_motion(self.tool)
         return np.sum((along * a[:, None] + across * b[:, None]) ** 2, axis=1)[:, None] / self.scale

@@ -85,11 +85,13 @@ class Tube(Limit):
 
     @classmethod
     def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
+        """The tube of the setting `tube` about the move's path; None without either."""
         if settings.tube is None or move is None or move.path is None:
             return None
         return cls.of(robot, move.path, settings.tube, tool_of(robot.body, settings.tool))
 
     def where(self, joints: Sequence[str], column: int) -> str:
+        """The joint, or the tool."""
         return joints[column] if self.tool is None else self.tool.name
 
     def _away(self, q: np.ndarray) -> np.ndarray:
@@ -99,16 +101,20 @@ class Tube(Limit):
         return np.linalg.norm(self.near(self.tool.place(q)).off, axis=1)[:, None]
 
     def worst(self, x: Dense) -> Violation:
+        """The place that is farthest from the path."""
         value = self._away(x.q)
         return worst_of(self, x, value, np.full(value.shape[1], self.most), value / self.most - 1)
 
     def excess_at(self, q: np.ndarray) -> float:
+        """The largest distance over the bound, less 1."""
         return float(self._away(q).max()) / self.most - 1
 
     def scaled(self, share: float) -> Self:
+        """The tube with its bound times `share`."""
         return type(self)(self.joints, self.near, self.most * share, self.tool)
 
     def fixed(self, d: PathDynamics) -> Fixed:
+        """The distance of a path from the given one: no timing changes it."""
         value, unit = self._away(d.q), "rad" if self.tool is None else "m"
 
         def text(k: int, j: int) -> str:
@@ -117,6 +123,7 @@ class Tube(Limit):
         return Fixed(value / self.most - 1, text)
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceConstraints:
+        """Constraints at PLACES evenly spaced places."""
         u = (np.arange(PLACES) + 0.5) / PLACES
         if self.tool is None:
             return JointConstraints(self.near, self.most, u, len(self.joints))
@@ -133,6 +140,7 @@ class JointConstraints:
         self._at: np.ndarray | None = None
 
     def _move(self, q: np.ndarray) -> Foot:
+        """The nearest points at q (K, n); computed once for each q."""
         if self._at is not q:
             self._at, self._foot = q, self._near(q)
         return self._foot
@@ -160,6 +168,7 @@ class ToolConstraints:
         self._at: np.ndarray | None = None
 
     def _move(self, q: np.ndarray) -> Foot:
+        """The nearest points of the tool at q (K, n), its velocities and the values; computed once for each q."""
         if self._at is not q:
             self._at, self._foot = q, self._near(self._tool.place(q))
             self._axes, self._moved = self._tool.moved(q)

@@ -43,18 +43,24 @@ class AlongPath(Kinks):
     width: ca.SX
 
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
+        """sign(v) of a joint that the path moves; for one that it does not move, the direction in which friction bears
+        the load.
+        """
         return ca.if_else(v == 0, bearing(load, level), ca.sign(v))
 
     def magnitude(self, x: ca.SX, width: float) -> ca.SX:
+        """sqrt(x^2 + w^2) - w."""
         w = width * self.width
         return ca.sqrt(x * x + w * w) - w
 
     def positive(self, x: ca.SX, width: float) -> ca.SX:
+        """sqrt(b) psi(x / sqrt(b)), see the module: max(x, 0) smoothed in energy per length."""
         d = width * self.width / self.typical
         y = x / self.rate
         return self.rate * (y + ca.sqrt(y * y + d * d) - d) / 2
 
     def moving(self, v: ca.SX) -> ca.SX:
+        """1: the arm moves along the whole path."""
         return ca.SX(1)
 
 
@@ -66,9 +72,11 @@ class Tangents(AlongPath):
     """
 
     def magnitude(self, x: ca.SX, width: float) -> ca.SX:
+        """The supporting line of |x| with the slope of the smoothed function: x times x / sqrt(x^2 + w^2)."""
         return x * x / ca.sqrt(x * x + (width * self.width) ** 2)
 
     def positive(self, x: ca.SX, width: float) -> ca.SX:
+        """The supporting line of max(x, 0) with the slope of psi at y = x / sqrt(b)."""
         d = width * self.width / self.typical
         y = x / self.rate
         return x * (1 + y / ca.sqrt(y * y + d * d)) / 2
@@ -87,6 +95,7 @@ class Terms:
 
 
 def _triangle(h: ca.SX) -> ca.SX:
+    """The upper triangle of a matrix, column by column."""
     full = ca.densify(h)
     return ca.vertcat(*(full[i, j] for j in range(h.shape[1]) for i in range(j + 1)))
 
@@ -146,6 +155,7 @@ def general_terms(shared_by: SharedByStructure, n: int) -> Terms:
 
 
 def _monomials(a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
+    """1, a, b, a^2, a b, b^2, sqrt(b), a sqrt(b), b sqrt(b)."""
     root = b**0.5
     return [1 + 0 * a, a, b, a * a, a * b, b * b, root, root * a, root * b]
 

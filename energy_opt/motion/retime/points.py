@@ -56,12 +56,16 @@ class Monomials:
         return 1 / np.sqrt(b), k[0] + a * half_a + b * half_b, half_a + k[3] * a + k[4] * b, half_b + k[5] * b
 
     def value(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """The sum and its gradient. With u = b^(-1/2): du/db = -u^3 / 2, so d(Q u)/db = (Q_b - Q u^2 / 2) u."""
         u, q, qa, qb = self._parts(z)
         k = self.k
         cost = float(self.weight @ (q * u + k[6] + k[7] * z[0] + k[8] * z[1]))
         return cost, self.weight * np.stack([qa * u + k[7], (qb - 0.5 * q * u * u) * u + k[8]])
 
     def curvature(self, z: np.ndarray) -> np.ndarray:
+        """Second derivatives of Q u at every point: by a twice Q_aa u; by a and b (Q_ab - Q_a u^2 / 2) u; by b twice
+        (Q_bb - Q_b u^2 + 3/4 Q u^4) u.
+        """
         u, q, qa, qb = self._parts(z)
         k, u2 = self.k, u * u
         hessian = np.stack([2 * k[3], k[4] - 0.5 * qa * u2, 2 * k[5] - qb * u2 + 0.75 * q * u2 * u2])
@@ -86,10 +90,12 @@ class AnyLaw:
         return cls(batches, numbers, np.tile(shared, (count, 1)))
 
     def value(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """The sum and its gradient, by CasADi."""
         cost, slope = self.batches[0](z.T, self.at, self.shared)
         return float(cost.sum()), slope.T.copy()
 
     def curvature(self, z: np.ndarray) -> np.ndarray:
+        """The Hessian at every point, by CasADi."""
         return self.batches[1](z.T, self.at, self.shared)[0].T.copy()
 
 
@@ -112,14 +118,17 @@ class Symbolic:
         return cls(batches, np.ascontiguousarray(at.T), np.tile(shared, (len(scale), 1)), scale)
 
     def value(self, z: np.ndarray) -> np.ndarray:
+        """(K, m)."""
         return self.batches[0](z.T, self.at, self.shared)[0] * self.scale
 
     def slope(self, z: np.ndarray) -> np.ndarray:
+        """(K, m, 2)."""
         count, m = self.scale.shape
         by_column = self.batches[0](z.T, self.at, self.shared)[1].reshape(count, 2, m)
         return by_column.transpose(0, 2, 1) * self.scale[:, :, None]
 
     def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Upper triangles of the Hessians for given multipliers, (3, K)."""
         return self.batches[1](z.T, self.at, self.shared, multipliers * self.scale)[0].T.copy()
 
 

@@ -178,6 +178,7 @@ def lift(knots: np.ndarray, s: np.ndarray, kinds: str = "ab", piece: np.ndarray 
 
 @lru_cache(maxsize=8)
 def _kept(knots: bytes, s: bytes) -> Lift:
+    """`lift` of arrays as bytes, so that results can be kept."""
     return lift(np.frombuffer(knots), np.frombuffer(s))
 
 

@@ -124,7 +124,7 @@ def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
         with Path(path).open("rb") as stream:
             data = stream.read(most + 1)
         if len(data) > most:
-            raise BadInput(f"{path}: larger than {most / 1e6:g} MB, the most that such a file may hold")
+            raise BadInput(f"{path}: larger than {most / 1e6:g} MB, the largest size of such a file")
         return data.decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"

@@ -91,7 +91,7 @@ def faults_of_results(out: Path) -> list[str] | None:
     for answer in answers:
         files = listed(answer)
         if answer.suffix == ".json" and files is None:
-            faults.append(f"{answer}: lists no files with their digests; what is beside it cannot be compared with it")
+            faults.append(f"{answer}: lists no files with digests, so the other files cannot be checked")
         for name, digest in (files or {}).items():
             found = digest_of(answer.parent / name)
             if found != digest:

@@ -143,7 +143,7 @@ def _drain(left: deque[Task], place: Opener, solve: Solver) -> Generator[Record,
                 except BrokenExecutor:
                     suspects.append(task)
                 except CancelledError:
-                    raise EnergyOptError("the cluster gave up its work; --resume does what is left") from None
+                    raise EnergyOptError("the cluster stopped; --resume runs the remaining moves") from None
                 except Exception as error:
                     yield failed(task, f"{type(error).__name__}: {error}")
     return suspects

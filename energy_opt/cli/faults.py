@@ -33,13 +33,13 @@ def as_error(error: Exception) -> EnergyOptError:
         return BadInput(_of_system(error))
     if isinstance(error, MemoryError):
         what = str(error) or "an allocation failed"
-        return BadInput(f"not enough memory: {what}; ask for less: a shorter duration, fewer points, samples or rows")
+        return BadInput(f"not enough memory: {what}; ask for less: a shorter duration, or fewer points or samples")
     if isinstance(error, RecursionError):
         return BadInput("nested too deeply to be read; flatten it")
     if isinstance(error, UnicodeError):
         return BadInput(f"not text that can be encoded: {error}")
     if isinstance(error, ImportError):
-        return BadInput(f"a library cannot be imported: {error}; install this program anew with what it needs")
+        return BadInput(f"a library cannot be imported: {error}; install energy-opt again with its dependencies")
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
     return Unforeseen(

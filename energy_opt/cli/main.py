@@ -94,7 +94,7 @@ def _check_words(words: Sequence[str]) -> None:
         option, _, value = word.partition("=")
         if "\0" in word:
             said = word if word.startswith("--") or not before.startswith("--") else f"{before} {word}"
-            raise BadInput(f"{said}: a character NUL, which no name or number has")
+            raise BadInput(f"{said}: contains the character NUL")
         if value == "--" and option.startswith("--"):
             raise BadInput(f"{option}: no value; '--' ends the options")
 
@@ -128,7 +128,7 @@ def _run(words: list[str]) -> int:
     if unknown:
         alone = unknown[0].partition("=")[0]
         if alone in ALONE:
-            raise BadInput(f"{alone} goes without a verb: energy-opt {alone} {ALONE[alone]}")
+            raise BadInput(f"{alone} is used without a verb: energy-opt {alone} {ALONE[alone]}")
         own = [name for action in verbs[args.verb]._actions for name in action.option_strings]
         raise BadInput(f"unknown: {' '.join(unknown)}{_meant(alone, own)} (see energy-opt {args.verb} --help)")
     if args.effects:

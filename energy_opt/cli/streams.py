@@ -28,7 +28,7 @@ def opened(words: Sequence[str]) -> None:
     for name in closed:
         setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     if "stdout" in closed and ("--json" in words or (words and words[0].partition("=")[0] in SAY)):
-        raise BadInput("standard output is closed; what was asked for is printed there")
+        raise BadInput("standard output is closed, but the result is printed there")
 
 
 def of_output(fault: Exception) -> BadInput | None:

@@ -25,7 +25,7 @@ def from_templates(body: RigidBody) -> ca.Function | None:
     except ImportError:
         return None
     if body.last != len(body.tree()) - 1:
-        raise BadInput("--dynamics templates: not for trees whose longest branch is not the last; compact is")
+        raise BadInput("--dynamics templates: the tree's longest branch must be its last one; use compact")
     links = [
         energy_opt_pinsx.Link(
             prismatic=link.prismatic,

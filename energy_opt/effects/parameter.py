@@ -105,7 +105,7 @@ class Parameter:
             raise BadInput(f"effect {effect}: {self.name} = {value!r} is not a number [{self.unit}]") from None
         most = max(1, len(self.dimensions))
         if _words(value):
-            raise BadInput(f"effect {effect}: {self.name} = {value!r}: numbers stand without quotes [{self.unit}]")
+            raise BadInput(f"effect {effect}: {self.name} = {value!r}: expected numbers without quotes [{self.unit}]")
         if number.ndim > most or not number.size or not np.isfinite(number).all():
             raise BadInput(f"effect {effect}: {self.name} = {value!r} is not a finite number or list [{self.unit}]")
         if not self.per_joint and not self.free and number.size != self.count(1):

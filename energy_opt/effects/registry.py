@@ -243,6 +243,6 @@ def _check(kind: Any) -> None:
         raise BadInput(f"{where}: parameters is not a tuple of Parameter")
     laws = LAWS[bases[0]]
     if all(getattr(kind, law).__func__ is getattr(bases[0], law).__func__ for law in laws):
-        raise BadInput(f"{where}: writes no law: {' or '.join(laws)}, as {bases[0].__name__} describes")
+        raise BadInput(f"{where}: defines no law: {' or '.join(laws)}, as {bases[0].__name__} describes")
     if kind.stores and kind.stored.__func__ is Effect.stored.__func__:  # type: ignore[attr-defined]
-        raise BadInput(f"{where}: stores energy, but does not say how much: stored(q, v, p)")
+        raise BadInput(f"{where}: stores energy, but does not define stored(q, v, p)")

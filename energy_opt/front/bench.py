@@ -67,9 +67,9 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Comparison:
             show=show, command=desk.stamped({})["command"], worth=worth,
         )  # fmt: skip
     if batch.left_out:
-        desk.say(f"{batch.left_out} earlier results belong to another version of the suite; left out")
+        desk.say(f"{batch.left_out} earlier results belong to another version of the suite and were left out")
     if batch.interrupted:
-        desk.say(f"interrupted; what is done is in {out}, --resume does what is left")
+        desk.say(f"interrupted; finished moves are in {out}; --resume runs the remaining ones")
     return replace(batch, request=request)
 
 
@@ -81,7 +81,7 @@ def overrides_of(request: BenchRequest) -> dict[str, Any]:
     out: dict[str, Any] = dict(request.overrides or {})
     for name, given in (("robots", request.robot), ("models", request.model)):
         if isinstance(given, (Robot, PowerModel)):
-            raise BadInput(f"{name[:-1]}: a batch takes names and files; save the model, or name the URDF")
+            raise BadInput(f"{name[:-1]}: bench needs names or files; save the model, or name the URDF")
         if given is not None:
             path = Path(str(given))
             out[name] = [str(path.resolve()) if path.is_file() else str(given)]

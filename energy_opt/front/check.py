@@ -225,9 +225,9 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
         joints = {name.removeprefix(request.joint_prefix) for name in samples.joints}
         matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
         if not matching:
-            return [f"{file}: joints {', '.join(samples.joints)} are those of no robot by name; say which with --robot"]
+            return [f"{file}: joints {', '.join(samples.joints)} are not those of a known robot; give --robot"]
         robot = robot_of(request, matching[0])
-        notes.append(f"{file}: taken for a {robot.name} (say --robot to change it)")
+        notes.append(f"{file}: taken for a {robot.name} (--robot names another one)")
     else:
         robot = robot_of(request)
     samples = samples.of(robot.joints, request.joint_prefix)

@@ -35,7 +35,7 @@ def check_rate_of(request: WriteGroup) -> None:
 
     if request.rate is not None:
         if not request.write:
-            raise BadInput(f"--rate {request.rate:g}: of which files? Give --write too")
+            raise BadInput(f"--rate {request.rate:g}: belongs to --write; give --write FORMAT, too")
         check_rate(request.rate)
 
 
@@ -43,7 +43,7 @@ def check_controllers(request: OptimizeRequest, joints: int) -> None:
     """Refuse what cannot be meant, before anything is solved."""
     check_written(request, joints)
     if request.vias is not None and request.standard is None:
-        raise BadInput("--vias are those of --as moves; give it too")
+        raise BadInput("--vias belongs to --as moves; give --as moves, too")
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | N
                 raise BadInput(f"--{option.replace('_', '-')} belongs to --goal-pose")
         return None
     if request.path is not None:
-        raise BadInput("--path says where the move begins and ends; give it, or poses")
+        raise BadInput("--path fixes start and goal; give either --path or poses")
     if request.start_pose is not None and start is not None:
         raise BadInput("--start and --start-pose are both given; give one")
     if request.free and request.goal_pose is None and not request.via_pose:

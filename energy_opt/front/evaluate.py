@@ -139,7 +139,7 @@ def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
     joints = {name.removeprefix(prefix) for name in names}
     matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
     if not matching:
-        raise BadInput(f"joints {', '.join(names)} are those of no robot by name; say which with --robot")
+        raise BadInput(f"joints {', '.join(names)} are not those of a known robot; give --robot")
     return matching[0]
 
 

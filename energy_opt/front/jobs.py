@@ -139,7 +139,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
         given = "mode"
     if given is not None or request.via or request.via_pose or request.free:
         file = "the job" if isinstance(request.job, Mapping) else request.job
-        raise BadInput(f"--{(given or 'via').replace('_', '-')} is of one move; {file} has its own")
+        raise BadInput(f"--{(given or 'via').replace('_', '-')} belongs to one move; {file} states its own moves")
     worth = request.worth
     job = job_from(request)
     (rivals, kind), settings, cell = rivals_of(request, job.robot, desk), settings_of(request), cell_of(request)
@@ -166,5 +166,5 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
             answers.forget()
     desk.report((), said(records))
     if found["status"] == "infeasible":
-        desk.say(f"no cycle time asked for can be done; the shortest that can is {shortest:.6g} s")
+        desk.say(f"none of these cycle times is possible; the shortest possible one is {shortest:.6g} s")
     return front

@@ -89,7 +89,7 @@ def move_of(
     path, source = None, None
     if request.path is not None:
         if request.start is not None or request.goal is not None:
-            raise BadInput("--path says where the move begins and ends; give it, or --start and --goal")
+            raise BadInput("--path fixes start and goal; give either --path, or --start and --goal")
         path = path_from(request.path, robot, request.joint_prefix, say)
         source = path.source
         start, goal = (path.start, path.goal) if source is None else (source.position[0], source.position[-1])

@@ -106,7 +106,7 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
     for line in _remarks(runs, robot):
         desk.say(line)
     used, duration = sum(r.energy for r in runs), sum(r.duration for r in runs)
-    desk.say(f"{out}: {len(runs)} runs, {duration:.1f} s, {used:.1f} J really used")
+    desk.say(f"{out}: {len(runs)} runs, {duration:.1f} s, {used:.1f} J true energy")
     return Simulation(out, robot, plant, tuple(runs), tuple(sources), request)
 
 
@@ -180,7 +180,7 @@ def _check_clear(request: SimulateRequest, robot: Robot, files: list[tuple[Traje
         found = cell.prove(t.time, t.position, t.velocity, t.acceleration)
         if found.verdict == "colliding":
             raise Infeasible(
-                f"{path}: {found}; --self-collision off (and no --scene) plays it all the same",
+                f"{path}: {found}; --self-collision off (and no --scene) plays it anyway",
                 limit="clearance", position=found.time, excess=found.depth,
             )  # fmt: skip
         if not found.proven:

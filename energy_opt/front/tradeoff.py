@@ -104,12 +104,12 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff | JobFront:
         Infeasible: no duration works, or none that is within the cycle.
     """
     if request.objective != "energy":
-        raise BadInput(f"--objective {request.objective}: a front of energy minimises energy; leave it out")
+        raise BadInput(f"--objective {request.objective}: tradeoff minimises energy only; leave --objective out")
     durations, worth = durations_of(request), request.worth
     if request.job is not None:
         return run_job(request, durations, desk)
     if request.resume:
-        raise BadInput("--resume is of a job over its cycle time: tradeoff JOB.toml")
+        raise BadInput("--resume belongs to a job: tradeoff JOB.toml --resume")
     if request.robot is None:
         raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF; or give a JOB.toml")
     robot = robot_of(request)
@@ -161,7 +161,7 @@ def durations_of(request: TradeoffRequest) -> list[float] | None:
         return [request.duration]
     for name in ("duration", "max_duration"):
         if getattr(request, name) is not None:
-            raise BadInput(f"--durations says which; leave --{name.replace('_', '-')} out")
+            raise BadInput(f"--durations gives the durations; leave --{name.replace('_', '-')} out")
     if not isinstance(given, str):
         return [float(duration) for duration in given]
     parts = given.split(":")
@@ -288,7 +288,7 @@ def cycle_for(
 
     if length is None:
         if idle_power is not None:
-            raise BadInput("--idle-power is what waiting takes; give --cycle too")
+            raise BadInput("--idle-power is the power while waiting; give --cycle, too")
         return None
     if np.any(move.end_velocities[1]):
         raise BadInput("--cycle: the move does not end at rest, so the arm cannot wait at its goal")

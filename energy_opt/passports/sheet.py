@@ -98,7 +98,7 @@ def passport(
     if not given:
         raise BadInput("passport needs a model file, or a robot's name")
     if len(given) > MOST:
-        raise BadInput(f"passport takes at most {MOST} models; {len(given)} are given")
+        raise BadInput(f"passport compares at most {MOST} models; {len(given)} are given")
     file = None if limits is None else Path(limits)
     body = robot if isinstance(robot, Robot) or robot is None else load_robot(str(robot), limits=file)
     arms = []

@@ -54,7 +54,7 @@ class PowerModel:
                 raise BadInput(f"model of {self.robot}: effect {name!r} is given twice; merge them into one")
         drives = [e.name for e in self.effects if e.stage == "drive"]
         if len(drives) > 1:
-            raise BadInput(f"model of {self.robot}: {' and '.join(drives)} both say what becomes of negative power")
+            raise BadInput(f"model of {self.robot}: {' and '.join(drives)} both treat negative power; keep one of them")
         for effect in self.effects:
             for need in effect.needs:
                 if need not in names:
@@ -231,7 +231,9 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
         name = row.get("name")
         try:
             if not isinstance(row.get("source", ""), str):
-                raise BadInput(f"source = {row['source']!r}; expected words in quotes: where the values come from")
+                raise BadInput(
+                    f"source = {row['source']!r}; expected text in quotes that names the source of the values"
+                )
             effects.append(effect_class(name)(**{k: v for k, v in row.items() if k not in ("name", "source")}))
         except BadInput as error:
             raise BadInput(f"{where}: [[effect]] {number}: {error}") from None

@@ -83,7 +83,9 @@ def _of(effect: Effect, kept: list[int], whole: int) -> Effect:
     """The effect with the values of the joints `kept` only."""
     long = _long(effect, whole)
     if long and effect.bakes:
-        raise BadInput(f"effect {effect.name}: links differ where joints are locked; leave --lock or the effect out")
+        raise BadInput(
+            f"effect {effect.name}: with locked joints, links are other bodies; leave --lock or the effect out"
+        )
     values = {name: np.take(effect.values[name], kept, axis=_axis(effect, name, whole)) for name in long}
     return type(effect)(**{**effect.values, **values}, **effect.choices)
 

@@ -102,7 +102,7 @@ def per_year_of(cycles: float | None, price: float | None, co2: float | None) ->
     if cycles is None:
         for option, value in (("--price", price), ("--co2", co2)):
             if value is not None:
-                raise BadInput(f"{option} {value:g}: for how many cycles? Give --cycles-per-year too")
+                raise BadInput(f"{option} {value:g}: belongs to --cycles-per-year; give it, too")
         return None
     return PerYear(cycles, price, co2)
 

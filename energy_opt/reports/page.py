@@ -52,7 +52,7 @@ def three() -> str:
     script = max(re.findall(r"<script[^>]*>(.*?)</script>", page, flags=re.DOTALL), key=len)
     library, found, _ = script.partition("var camera,controls")
     if not found:
-        raise BadInput("trimesh: its viewer page is not the one that is known; install trimesh 4")
+        raise BadInput("trimesh: unknown viewer page; install trimesh 4")
     return packed(library)
 
 

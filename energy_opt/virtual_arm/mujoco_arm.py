@@ -75,7 +75,9 @@ class MujocoArm:
     def __init__(self, robot: Robot, plant: Plant) -> None:
         plant.check(robot.n)
         for name, (leader, _, _) in robot.followers.items():
-            raise BadInput(f"{name} follows {leader} (mimic), which the virtual arm cannot; --lock {leader}=VALUE")
+            raise BadInput(
+                f"{name} follows {leader} (mimic), which the virtual arm does not support; use --lock {leader}=VALUE"
+            )
         self.mujoco = import_mujoco()
         self.joints = tuple(robot.joints)
         n = len(self.joints)

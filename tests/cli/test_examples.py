@@ -70,7 +70,7 @@ def test_an_example_is_read_back(kind, tmp_path, capsys):
 def test_faults_of_what_is_printed(capsys):
     assert main(["--example", "modle"]) == 2 and "did you mean 'model'" in capsys.readouterr().err
     assert main(["bench", "--example", "suite"]) == 2
-    assert "goes without a verb: energy-opt --example KIND" in capsys.readouterr().err
+    assert "is used without a verb: energy-opt --example KIND" in capsys.readouterr().err
     assert main(["--print-completion", "fish"]) == 2 and "bash, zsh, tcsh" in capsys.readouterr().err
 
 

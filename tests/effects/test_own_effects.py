@@ -134,7 +134,7 @@ def test_an_installed_package_offers_effects_by_entry_point(tmp_path, monkeypatc
         ("def f(:\n", "SyntaxError"),
         (
             "from energy_opt.effects import PowerEffect\nclass A(PowerEffect):\n    name = 'a'\n    parameters = ()\n",
-            "writes no law: power",
+            "defines no law: power",
         ),
         ("from energy_opt.effects import Standby\nclass A(Standby):\n    name = 'standby'\n", "the name is taken"),
         ("from energy_opt.effects import Effect\nclass A(Effect):\n    name = 'a'\n", "derive it from one of"),

@@ -248,9 +248,9 @@ def test_optimize_as_moves(tmp_path: Path) -> None:
     ("words", "says"),
     [
         (["--write", "doc"], "--write 'doc'; known are csv"),
-        (["--rate", "100"], "--rate 100: of which files"),
+        (["--rate", "100"], "--rate 100: belongs to --write"),
         (["--write", "csv", "--rate", "-5"], "--rate -5: expected samples per second"),
-        (["--vias", "2"], "--vias are those of --as moves"),
+        (["--vias", "2"], "--vias belongs to --as moves"),
     ],
 )
 def test_options_that_do_not_fit(capsys: pytest.CaptureFixture[str], words: list[str], says: str) -> None:

@@ -262,7 +262,7 @@ def test_command_line(tmp_path, capsys):
         (["--idle-power", "10"], 2, "--cycle"),
         (["--cycle", "0.2"], 3, "shorter than the fastest"),
         (["--max-duration", "0.2"], 3, "shorter than the fastest"),
-        (["--objective", "torque"], 2, "leave it out"),
+        (["--objective", "torque"], 2, "leave --objective out"),
     ],
 )
 def test_command_line_refuses(tmp_path, capsys, words, code, named):

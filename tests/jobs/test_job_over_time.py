@@ -90,9 +90,9 @@ def test_a_job_under_several_models_states_what_its_mean_is_held_against(tmp_pat
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["job.toml", "--start", "0,1,-1,0,0,0"], "--start is of one move"),
-        (["job.toml", "--cycle", "3"], "--cycle is of one move"),
-        (["job.toml", "--mode", "retime"], "--mode is of one move"),
+        (["job.toml", "--start", "0,1,-1,0,0,0"], "--start belongs to one move"),
+        (["job.toml", "--cycle", "3"], "--cycle belongs to one move"),
+        (["job.toml", "--mode", "retime"], "--mode belongs to one move"),
         (["--robot", "z1", "--resume"], "--resume is of a job"),
         ([], "--robot is missing"),
     ],

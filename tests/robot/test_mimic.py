@@ -216,7 +216,7 @@ def test_bodies_are_never_nearer_than_bounds_say(cell: Cell) -> None:
 def test_rows_over_planes_have_the_derivatives_of_their_values(cell: Cell) -> None:
     u = np.linspace(0, 1, 8)
     q = START + u[:, None] * (GOAL - START)
-    rows = Near(cell.bodies).rows(u, q, np.full((len(u), len(cell.bodies.pairs)), 0.002), 0.2)
+    rows = Near(cell.bodies).constraints(u, q, np.full((len(u), len(cell.bodies.pairs)), 0.002), 0.2)
     weight = np.random.default_rng(0).uniform(-1, 1, len(rows.place))
     gradient, hessian = rows.gradient(q).copy(), rows.hessian(q, weight)
     assert len(rows.place) > 20 and gradient.shape == (len(rows.place), 5)
@@ -317,7 +317,10 @@ def test_a_move_of_the_palletizer_from_end_to_end(files: Path, tmp_path: Path, c
     plant.write_text('format = "energy-opt/model/1"\n[[effect]]\nname = "standby"\npower = 50.0\n')
     played = ["--robot", urdf, "--plant", str(plant), "--out", str(tmp_path / "virtual")]
     assert main(["simulate", str(out / "trajectory.yaml"), *played]) == 2
-    assert "j2_plate follows j2 (mimic), which the virtual arm cannot; --lock j2=VALUE" in capsys.readouterr().err
+    assert (
+        "j2_plate follows j2 (mimic), which the virtual arm does not support; use --lock j2=VALUE"
+        in capsys.readouterr().err
+    )
     assert main(["robots", urdf, "--quiet"]) == 0
     assert "tip_b                    follows: -1 times tip_a\n" in capsys.readouterr().out
 

@@ -222,6 +222,11 @@ class Journal:
             raise
 
     def _kept(self, header: Mapping[str, Any], resume: bool, force: bool) -> list[Record]:
+        """The records that a resumed run continues from; none for a new run, whose journal starts empty.
+
+        Raises:
+            BadInput: the journal holds results that neither `resume` nor `force` allows to continue or to overwrite.
+        """
         old, records, whole = read_journal(self.path)
         if records and not force and old.get("suite") != header.get("suite"):
             raise BadInput(
@@ -231,7 +236,7 @@ class Journal:
         if records and not resume and not finished(self.path.parent):
             raise BadInput(
                 f"{self.path}: holds {len(records)} results of an unfinished batch; "
-                "add --resume to do what is left, or choose another --out"
+                "add --resume to run the remaining moves, or choose another --out"
             )
         if records and not resume and not force and old.get("digest") != header.get("digest"):
             raise BadInput(

@@ -92,6 +92,7 @@ def _numbers(report: Report, records: Sequence[Row]) -> None:
 
 
 def _failures(report: Report, failures: Sequence[dict[str, Any]]) -> None:
+    """The moves that were not solved, with their reasons."""
     report.section("Not solved")
     if not failures:
         report.text("None.")
@@ -104,6 +105,7 @@ def _failures(report: Report, failures: Sequence[dict[str, Any]]) -> None:
 
 
 def _savings(report: Report, savings: Sequence[dict[str, Any]], records: Sequence[Row]) -> None:
+    """Savings by robot, mode, objective, model, payload and timing; and charts of savings and times."""
     report.section("Savings at equal duration")
     if not savings:
         report.text("None: no move was solved.")
@@ -131,6 +133,7 @@ def _savings(report: Report, savings: Sequence[dict[str, Any]], records: Sequenc
 
 
 def _certificates(report: Report, certificates: dict[str, Any]) -> None:
+    """How many trajectories were judged, and the largest violations."""
     report.section("Worst certificates")
     report.text(
         f"{certificates['judged']} trajectories judged, {certificates['violated']} beyond a limit. "

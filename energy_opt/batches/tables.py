@@ -55,6 +55,7 @@ class MoveTable(Table):
 
     @model_validator(mode="after")
     def _ends(self) -> Self:
+        """A move has a start and a goal (each as joint positions or as a pose), or a path."""
         for key in ("start", "goal"):
             given = [x for x in (key, f"{key}_pose", "path") if getattr(self, x) is not None]
             if not given:
@@ -115,6 +116,7 @@ class GroupTable(CellTable):
     @field_validator("settings")
     @classmethod
     def _of_the_solver(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """Settings that the solver knows, with lists as tuples."""
         from energy_opt.motion import Settings
 
         known = [f.name for f in dataclasses.fields(Settings) if f.name not in ("objective", "compile")]

@@ -45,6 +45,7 @@ def solve_task(task: Task) -> Record:
 
 
 def _planner(task: Task) -> Planner:
+    """The planner of a task. Tasks with the same build share one; the last KEPT planners of a process are kept."""
     from energy_opt.motion import Planner, Settings
 
     key, model = task.build, task.power()
@@ -101,6 +102,7 @@ def _move(task: Task, robot: Robot, duration: float | None) -> Move:
 
 
 def _row(task: Task) -> dict[str, Any]:
+    """Solve a task; returns its record. Multiples of the minimum time become seconds here."""
     from energy_opt.motion.plan.robust import Rival, RobustPlanner
 
     planner = _planner(task)

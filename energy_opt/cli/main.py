@@ -112,6 +112,11 @@ def _meant(option: str, own: Sequence[str]) -> str:
 
 
 def _run(words: list[str]) -> int:
+    """Parse the words, find the verb and run it; returns the exit code.
+
+    Raises:
+        BadInput: an unknown verb or option; the message proposes the nearest known one.
+    """
     _check_words(words)
     parser, verbs = parsers(words)
     verb = next((word for word in words if not word.startswith("-")), None)
@@ -160,6 +165,7 @@ def _done(args: argparse.Namespace, words: tuple[str, ...]) -> int:
 
 
 def _print(args: argparse.Namespace) -> int:
+    """Print an example file or a completion script."""
     if args.example is not None:
         if args.example not in EXAMPLES:
             kinds = ", ".join(EXAMPLES)

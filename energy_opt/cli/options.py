@@ -123,6 +123,7 @@ def _title(request: type[Request], field: str) -> str:
 
 
 def _add(group: Any, field: str, spelled: Option, default: Any) -> None:
+    """Add the argument of one field of a request to a parser's group."""
     shown = argparse.SUPPRESS if spelled.hidden else spelled.help.replace("%", "%%")
     known: dict[str, Any] = {"help": shown, "default": None}
     if spelled.place:

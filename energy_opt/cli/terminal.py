@@ -108,6 +108,7 @@ class Progress(logging.Handler, Show):
             self._stream.flush()
 
     def _tick(self) -> None:
+        """Rewrite the line of progress every TICK seconds until the block ends."""
         while not self._ended.wait(TICK):
             if time.monotonic() - self._begin < PATIENCE:
                 continue

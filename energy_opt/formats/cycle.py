@@ -47,6 +47,12 @@ def _written(
     form: Format, parts: Sequence[Part], cycle: Trajectory, judge: CycleJudging, out: Path, rate: float | None,
     prefix: str, stem: str,
 ) -> Written:  # fmt: skip
+    """Write a cycle in one format, read it back and judge it.
+
+    Args:
+        form: the format. parts: motions and waits. cycle: all of them as one motion. judge: judges the cycle. out: a
+            folder. rate: [Hz] or None. prefix: of joint names. stem: of the file's name.
+    """
     robot = judge.scorer.robot
 
     def named(trajectory: Trajectory) -> Trajectory:

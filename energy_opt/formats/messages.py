@@ -128,6 +128,7 @@ def _samples(message: Mapping[str, Any], where: str) -> Samples:
 
 
 def _vector(values: Any, count: int, where: str) -> list[float]:
+    """One number for each joint from a field of a message."""
     if not isinstance(values, Sequence) or isinstance(values, str):
         raise BadInput(f"{where}: not a list of numbers")
     if CUT in values:

@@ -76,6 +76,14 @@ def _states(bag: Bag, path: Path) -> tuple[tuple[str, ...], list[Any], list[str]
 
 
 def _power(bag: Bag, path: Path) -> tuple[Series, list[str]]:
+    """The series of power in a bag, and notes on how it was found.
+
+    In this order: a number on a topic that is named power or watt; voltage times current of a battery; a topic of
+    voltage times one of current.
+
+    Raises:
+        BadInput: none of these.
+    """
     topics = bag.topics()
     numeric = [topic for topic, kind in topics.items() if kind in NUMBERS]
     named = [topic for topic in numeric if any(word in topic.lower() for word in ("power", "watt"))]

@@ -120,6 +120,7 @@ def _rests(part: Part) -> bool:
 
 
 def _head(parts: Sequence[Part]) -> list[str]:
+    """The first lines of a program: joints, duration, pace, and the check of the start."""
     seconds = sum(part.trajectory.duration for part in parts)
     return [
         f"# {', '.join(map(commented, parts[0].trajectory.joints))}",

@@ -97,6 +97,11 @@ def import_files(
 
 
 def _distinct(files: Sequence[Path]) -> list[Path]:
+    """The files without repeats.
+
+    Raises:
+        BadInput: two files have the same name, or one is a log.toml.
+    """
     out = list(dict.fromkeys(Path(path) for path in files))
     names = [path.name for path in out]
     twice = next((name for name in names if names.count(name) > 1), None)

@@ -179,6 +179,7 @@ def joint_columns(
 
 
 def _by_name(header: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Columns by the joints' names in their headers: {signal: {joint: header}} of signals that all joints have."""
     names = _short_names(joints)
     found: dict[str, dict[str, tuple[float, str]]] = defaultdict(dict)
     for text in header:
@@ -214,6 +215,7 @@ def _short_names(joints: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _by_number(header: Sequence[str], joints: Sequence[str], given: Mapping[int, str]) -> dict[str, dict[str, str]]:
+    """Columns by numbers in their headers: {signal: {joint: header}} of vectors with a number for each joint."""
     vectors: dict[tuple[tuple[str, ...], int, tuple[int, ...]], dict[int, str]] = defaultdict(dict)
     for text in header:
         h = cut(text)
@@ -274,6 +276,7 @@ def energy_column(header: Sequence[str]) -> str | None:
 def _best(
     header: Sequence[str], words: frozenset[str], never: frozenset[str], good: Mapping[str, float], kind: str
 ) -> str | None:
+    """The header that fits best, by its words and its unit; None if none fits."""
     best, score = None, 0.0
     for text in header:
         h = cut(text)

@@ -168,6 +168,9 @@ def inspect_set(
 
 
 def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
+    """Faults of a run's positions and velocities: motion in a static run, positions outside the limits, and logged
+    velocities that are not the slope of the positions.
+    """
     faults = []
     moved = np.ptp(run.position, axis=0)
     if run.kind == "static" and moved.max() > 0.01:

@@ -151,6 +151,11 @@ class MovesPlanner:
         return (scaled - energy.loss) / saved if saved > 1e-9 * max(scaled, 1e-9) else None
 
     def _check(self, move: Move, vias: int) -> None:
+        """Refuse moves that standard moves cannot replace.
+
+        Raises:
+            BadInput: states why.
+        """
         if not 0 <= vias <= MOST_VIAS:
             raise BadInput(f"--vias {vias}: expected 0 to {MOST_VIAS}")
         if move.via:

@@ -221,15 +221,18 @@ class Program:
         return self.scale * float(self._h @ self._e)
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
+        """The cost's gradient (unknowns,), see the module."""
         self._move(x)
         return self.scale * np.asarray(self._e @ self._jh + self._h @ self._pulled)
 
     def rows(self, x: np.ndarray) -> np.ndarray:
+        """All constraints (R,): closed forms, shares of bounds at nodes, and numeric constraints."""
         self._move(x)
         held = (self._values[:, self._bounded] / self._bounds).ravel()
         return np.concatenate([self._closed, held, *(placed.value for placed in self.placed)])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Their derivatives by all unknowns, column by column."""
         self._move(x)
         slope = self._values_z[:, :, self._bounded] / self._bounds
         at_nodes = np.matmul(slope.transpose(0, 2, 1), self._jz).reshape(-1, self.size)
@@ -237,6 +240,7 @@ class Program:
         return np.vstack([self._closed_x, at_nodes, *by_place]).T.ravel()  # CasADi's order: by columns
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+        """Upper triangle of the Hessian of `factor` times the cost plus multipliers times constraints."""
         self._move(x)
         s = self.scale * factor
         ends = np.cumsum([self._closed_count, self._count * len(self._bounded), *(len(p.value) for p in self.placed)])

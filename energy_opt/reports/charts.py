@@ -80,6 +80,7 @@ class Chart:
 
 
 def _line(line: Line) -> dict[str, Any]:
+    """A line as the page's script takes it, thinned to MOST_POINTS."""
     keep = thinned(len(line.x))
     out: dict[str, Any] = {"name": line.name, "style": line.style, "role": line.role or line.name}
     for name in ("x", "y", "low", "high"):

@@ -144,6 +144,7 @@ def cell_player(
 
 
 def _tree(links: Sequence[Link]) -> list[dict[str, Any]]:
+    """The kinematic tree as the player takes it."""
     return [
         {
             "parent": link.parent,
@@ -156,11 +157,13 @@ def _tree(links: Sequence[Link]) -> list[dict[str, Any]]:
 
 
 def _solid(body: Solid) -> dict[str, Any]:
+    """A body as the player takes it."""
     shape = {"vertices": _numbers(body.vertices, 5), "faces": np.asarray(body.triangles).tolist()}
     return {"name": body.name, "surface": body.surface, **shape}
 
 
 def _motion(robot: Robot, played: Played) -> dict[str, Any]:
+    """A motion as the player takes it: FRAMES instants, positions of all joints, and the path of the tool."""
     t = played.trajectory
     time = np.linspace(t.time[0], t.time[-1], FRAMES)
     q = np.column_stack([np.interp(time, t.time, column) for column in np.asarray(t.position).T])
@@ -200,6 +203,7 @@ def drawn(cell: Cell | None) -> tuple[list[Solid], list[Solid]]:
 
 
 def _solids(body: Body) -> list[Solid]:
+    """The bodies to draw for one collision body: its pieces, or a square for a half-space."""
     if body.solid.corners is None:  # a half-space: its surface
         half = LARGE / 5
         square = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
@@ -208,6 +212,7 @@ def _solids(body: Body) -> list[Solid]:
 
 
 def _hull(body: Body, piece: Piece) -> Solid | None:
+    """The convex hull of a piece, with all triangles seen from outside and at most about MOST_CORNERS corners."""
     points = piece.points
     if piece.radius > 0:
         ball = directions(max(POINTS // len(points), LEAST_POINTS))
@@ -235,4 +240,5 @@ def _spread(points: np.ndarray, index: np.ndarray) -> np.ndarray:
 
 
 def _placed(body: Body, points: np.ndarray, faces: np.ndarray) -> Solid:
+    """A body to draw, with its points in the frame of its joint."""
     return Solid(body.joint, points @ body.pose[:3, :3].T + body.pose[:3, 3], faces, body.name)

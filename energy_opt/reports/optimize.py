@@ -85,6 +85,7 @@ def headline(document: Mapping[str, Any]) -> str:
 
 
 def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
+    """The figures at the top of the page: savings, energy, duration, peak power, clearance."""
     saving, out = document["saving"] or {}, {}
     for name, key in (("of the loss saved", "loss_percent"), ("of the total saved", "total_percent")):
         if saving.get(key) is not None:
@@ -193,6 +194,7 @@ def _joints(robot: Robot, t: np.ndarray, values: np.ndarray) -> list[Line]:
 
 
 def _energy(report: Report, document: Mapping[str, Any]) -> None:
+    """Energies of the result and of its baselines, by part and by effect."""
     columns = [("result", document["duration"], document["energy"], True)]
     columns += [(b["name"], b["duration"], b["energy"], b.get("valid", True)) for b in document["baselines"]]
     compared = {name: energy["by_effect"] for name, _, energy, _ in columns if name in ("result", BESIDE)}
@@ -212,6 +214,7 @@ def _energy(report: Report, document: Mapping[str, Any]) -> None:
 
 
 def _models(report: Report, document: Mapping[str, Any]) -> None:
+    """Energies under further models."""
     models = document.get("models") or []
     if not models:
         return
@@ -240,6 +243,7 @@ def assumed(report: Report, document: Mapping[str, Any]) -> None:
 
 
 def _certificate(report: Report, document: Mapping[str, Any], robot: Robot) -> None:
+    """The use of the limits, and the clearance."""
     certificate = document["certificate"]
     report.section("Certificate")
     report.text(

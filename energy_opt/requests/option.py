@@ -170,6 +170,11 @@ def _checked(flag: str, spelled: Option, value: Any) -> Any:
 
 
 def _one(flag: str, spelled: Option, value: Any) -> Any:
+    """One value of the kind of its option.
+
+    Raises:
+        BadInput: it is of another kind, or none of the choices.
+    """
     expected = ""
     if spelled.kind is float:
         if isinstance(value, bool) or not isinstance(value, Real):

@@ -134,6 +134,7 @@ def read_description(path: Path) -> Description:
 
 
 def _named(path: Path, root: Element, tag: str) -> list[tuple[str, Element]]:
+    """The elements of a tag with their names, each of which is given once."""
     out: dict[str, Element] = {}
     for element in root.findall(tag):
         name = element.get("name")
@@ -147,6 +148,7 @@ def _named(path: Path, root: Element, tag: str) -> list[tuple[str, Element]]:
 
 
 def _pose(where: str, element: Element) -> Pose:
+    """The pose of an element's <origin>; the identity if there is none."""
     origin, where = only_child(where, element, "origin"), f"{where}, origin"
     if origin is None:
         return Pose()
@@ -158,6 +160,7 @@ def _pose(where: str, element: Element) -> Pose:
 
 
 def _link(where: str, name: str, link: Element) -> LinkPart:
+    """A link: mass and inertia, and collision bodies."""
     refuse_unread(where, link, LINK, None, STRUCTURE - {"origin"})  # a link has none; some files give it one
     inertial = only_child(where, link, "inertial")
     bodies = [_collision(f"{where}, collision", element) for element in link.findall("collision")]
@@ -165,6 +168,7 @@ def _link(where: str, name: str, link: Element) -> LinkPart:
 
 
 def _inertial(at: str, where: str, inertial: Element) -> Inertial:
+    """Mass [kg], pose and moments [kg m^2] of a link."""
     refuse_unread(at, inertial, INERTIAL, None, STRUCTURE)
     pose, mass, inertia = _pose(at, inertial), only_child(at, inertial, "mass"), only_child(at, inertial, "inertia")
     for element, tag, attributes in ((mass, "mass", ("value",)), (inertia, "inertia", (*MOMENTS, *TRANSPOSED))):
@@ -180,6 +184,7 @@ def _inertial(at: str, where: str, inertial: Element) -> Inertial:
 
 
 def _collision(where: str, collision: Element) -> Collision:
+    """A collision body: its pose, and one primitive with its size [m] or one mesh with its scale."""
     refuse_unread(where, collision, COLLISION, None, STRUCTURE)
     pose, geometry = _pose(where, collision), only_child(where, collision, "geometry")
     shapes = [] if geometry is None else list(geometry)
@@ -206,6 +211,7 @@ def _collision(where: str, collision: Element) -> Collision:
 
 
 def _joint(where: str, name: str, joint: Element, links: dict[str, LinkPart]) -> JointPart:
+    """A joint: its links, kind, axis, limits and mimic law."""
     kind = joint.get("type", "")
     if kind not in KINDS:
         raise BadInput(f"{where}: type={kind!r}; expected one of {', '.join(KINDS)}")
@@ -235,6 +241,11 @@ def _joint(where: str, name: str, joint: Element, links: dict[str, LinkPart]) ->
 
 
 def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:
+    """The attributes of <limit>: lower, upper, velocity, effort.
+
+    Raises:
+        BadInput: the element is missing, has an unknown attribute, or contradicts itself.
+    """
     if limit is None:
         if kind == "continuous":
             return {}
@@ -307,6 +318,7 @@ def plain_urdf(description: Description, meshes: Mapping[str, Path] | None = Non
 
 
 def _link_text(link: LinkPart, meshes: Mapping[str, Path] | None, mark: str) -> Iterator[str]:
+    """A link as URDF text; without collision bodies if `meshes` is None."""
     yield f"<link name={quoteattr(mark + link.name)}>"
     if link.inertial is not None:
         moments = zip(MOMENTS, link.inertial.moments, strict=True)

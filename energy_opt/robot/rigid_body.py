@@ -110,6 +110,7 @@ class RigidBody:
 
     @cached_property
     def _links(self) -> tuple[Link, ...]:
+        """The moving links as plain numbers, from Pinocchio's model."""
         m, data = self._model, self._model.createData()
         pin.forwardKinematics(m, data, pin.neutral(m), np.zeros(m.nv))  # fills every joint's motion subspace
         out = []

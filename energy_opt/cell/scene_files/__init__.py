@@ -52,6 +52,11 @@ def is_scene(document: Any) -> bool:
 
 
 def _read(path: Path, allow_outside: bool, allow_large: bool) -> tuple[Reading, AllowedPairs]:
+    """Read a scene file by its ending: text, JSON or YAML; a PlanningScene or the short form.
+
+    Raises:
+        BadInput: another ending, more than one document, or neither form.
+    """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise BadInput(f"{path}: not a scene by its name; expected {', '.join(SUFFIXES)}")

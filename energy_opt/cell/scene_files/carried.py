@@ -56,6 +56,7 @@ def from_text(text: str) -> Scene:
 
 
 def _object(thing: dict[str, Any]) -> SceneObject:
+    """An object of a scene from its document."""
     shapes = tuple(
         Shape(
             s["kind"],

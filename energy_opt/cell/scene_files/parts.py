@@ -95,6 +95,11 @@ class Reading:
         return Shape("mesh", (), pose, np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64))
 
     def _count(self, triangles: int = 0) -> None:
+        """Count one more shape, and the triangles of its mesh.
+
+        Raises:
+            BadInput: there are too many, and large scenes are not allowed.
+        """
         self.shapes += 1
         self.triangles += triangles
         if self.allow_large:
@@ -220,6 +225,7 @@ def read_mesh(reading: Reading, name: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _load(path: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and triangles (T, 3) of a mesh file, by trimesh."""
     import trimesh
 
     try:

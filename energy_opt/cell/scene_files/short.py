@@ -65,6 +65,7 @@ def read_short(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
 
 
 def _take(reading: Reading, entry: Mapping[str, Any]) -> None:
+    """Read one entry of `objects`: name, shape, pose, and what it is attached to."""
     name = name_of(entry.get("name"), "name")
     for key in entry:
         if key not in KEYS:
@@ -80,6 +81,7 @@ def _take(reading: Reading, entry: Mapping[str, Any]) -> None:
 
 
 def _shape(reading: Reading, entry: Mapping[str, Any]) -> Shape:
+    """The shape of an entry: a primitive with its sizes, or a mesh file."""
     kind = entry.get("type")
     if kind not in KINDS:
         raise BadInput(f"type is {brief(kind)}; expected {', '.join(KINDS)}")
@@ -215,6 +217,7 @@ def _text_pose(reading: Reading, lines: _Lines, what: str) -> np.ndarray:
 
 
 def _text_shape(reading: Reading, kind: str, lines: _Lines) -> Shape:
+    """The shape of an object in a .scene file, whose kind has been read."""
     if kind in TEXT_SIZES:
         return reading.shape(kind, lines.numbers(TEXT_SIZES[kind], f"the size of its {kind}"), np.eye(4))  # type: ignore[arg-type]
     if kind == "plane":

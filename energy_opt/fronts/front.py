@@ -1,14 +1,14 @@
 """Energy against duration for one move.
 
-Every point is solved as a single move is, and reached from its neighbours on both sides: on the way out from the free
-optimum, on the way back from the ends, and out again. The better is kept, so a poorer optimum cannot leave a bump that
-a neighbour's answer would have avoided. The minimum is a solve of its own with free duration, the fastest one of
-minimum time.
+The minimum is a solve of its own with free duration, the fastest point one of minimum time. Every other point is
+continued from its neighbours (see `motion.plan.neighbour`): out from the free optimum to both ends, then down and up
+the whole front as long as that leads lower. The better is kept, so a poorer optimum cannot leave a bump that a
+neighbour's answer would have avoided.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
@@ -17,7 +17,6 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.fronts.cycle import Cycle, Waiting
-from energy_opt.fronts.dents import dents, mean_of
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.plan.neighbour import Neighbours, Optimum
 from energy_opt.motion.trajectory import Trajectory
@@ -29,7 +28,7 @@ COUNT = 20  # points where none are asked for
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
 LOWER = 1e-6  # a point this much (relative) below the free optimum makes it solve again from there
 SAME = 1e-9  # relative difference of durations that count as equal
-ROUNDS = 3  # in which dents are looked at again
+ROUNDS = 3  # times that a front is gone along again while that leads lower
 SEARCH = 12  # solves that the search for the best duration in a cycle may take
 
 
@@ -163,7 +162,6 @@ class _Tracer:
         self.expected = len(grid) + 2 + (SEARCH if self.cycle else 0)
         front.points = [Point(float(d), "not_converged", reason="not computed") for d in grid]
         self._sweep()
-        self._even_out()
         self._keep_minimum()
         if self.cycle is not None:
             front.cycle_minimum = self._best_in_cycle(self.cycle)
@@ -176,10 +174,13 @@ class _Tracer:
         with _changed(self.planner, objective="time", starts=1):
             result = self.planner.solve(self.free)
         self._count()
-        if result.trajectory.duration > path_fastest:
-            return Point(path_fastest, "solved")
-        found = result.trajectory
-        optimum = Optimum(found, self.planner.score(found), result.status == "solved")
+        found, solved = result.trajectory, result.status == "solved"
+        if found.duration > path_fastest:
+            timed = self.planner.slowed(self.free, path_fastest)
+            if timed is None:
+                return Point(path_fastest, "solved")
+            found, solved = timed, True
+        optimum = Optimum(found, self.planner.score(found), solved)
         return self._point(found.duration, optimum)
 
     def _grid(self, fastest: float, best: float, longest: float | None) -> np.ndarray:
@@ -232,38 +233,28 @@ class _Tracer:
         return self.cycle.waiting(duration)
 
     def _sweep(self) -> None:
-        """Out from the free optimum to both ends, back, and out again: what was better on the way back goes on."""
+        """Out from the free optimum to both ends; then down and up again, as long as that leads lower."""
         points, best = self.front.points, self.front.minimum
         assert best is not None
         middle = int(np.searchsorted([p.duration for p in points], best.duration))
-        for order in (range(middle, len(points)), range(middle - 1, -1, -1)):
-            again = [] if self.free.mode == "retime" else [*order[-2::-1], *order[1:]]  # retiming needs no neighbour
-            neighbour = best
-            for k in [*order, *again]:
-                neighbour = self._improve(k, neighbour)
-
-    def _even_out(self) -> None:
-        """Where a point lies above the line between others, go on from their mean: it may be a poorer optimum."""
-        if self.free.mode == "retime":  # one program each, solved to its bound
+        up, down = range(len(points)), range(len(points) - 1, -1, -1)
+        self._go(best, range(middle, len(points)))
+        self._go(best, range(middle - 1, -1, -1))
+        if self.free.mode == "retime":  # one program each, which needs no neighbour
             return
-        points = self.front.points
         for _ in range(ROUNDS):
-            known = [k for k, p in enumerate(points) if p.energy is not None]
-            loss = np.array([p.energy.loss for p in points if p.energy is not None])
-            found = dents(np.array([points[k].duration for k in known]), loss)
-            before = [p.total for p in points]
-            for k, a, b in [tuple(known[i] for i in row) for row in found]:
-                low, high, duration = points[a].optimum, points[b].optimum, points[k].duration
-                if low is not None and high is not None:
-                    mean = mean_of(low, high, duration, self.planner.score)
-                    for start in (Point(duration, "solved", mean), points[a], points[b]):
-                        self._improve(k, start)
-            lower = [k for k, p in enumerate(points) if p.total < before[k] * (1 - LOWER)]
-            for k in lower:
-                for beside in {max(k - 1, 0), min(k + 1, len(points) - 1)} - {k}:
-                    self._improve(beside, points[k])
-            if not lower:
+            lower = [self._go(points[order[0]], order[1:]) for order in (down, up)]
+            if not any(lower):
                 return
+
+    def _go(self, neighbour: Point, order: Iterable[int]) -> bool:
+        """Improve one point from the one before, and go on from what is there then; whether any is lower now."""
+        points, lower = self.front.points, False
+        for k in order:
+            before = points[k].total
+            neighbour = self._improve(k, neighbour)
+            lower |= points[k].total < before * (1 - LOWER)
+        return lower
 
     def _improve(self, k: int, neighbour: Point) -> Point:
         """Step to point k from a neighbour and keep the better; returns what the next point is to start from."""
@@ -273,10 +264,10 @@ class _Tracer:
             reason = f"shorter than the fastest move, {fastest.duration:.6g} s"
             self.front.points[k] = Point(old.duration, "infeasible", reason=reason)
             return neighbour
+        if old.optimum is None and fastest.optimum is not None and _equal(old.duration, fastest.duration):
+            neighbour = fastest
         if neighbour.optimum is not None:
             new = self._step(old.duration, neighbour.optimum, old.optimum)
-            if new.optimum is None and fastest.optimum is not None and _equal(old.duration, fastest.duration):
-                new = self._point(old.duration, fastest.optimum)
             if old.optimum is None or (new.optimum is not None and _better(new, old)):
                 self.front.points[k] = new
         kept = self.front.points[k]

@@ -243,7 +243,7 @@ def reshaped(
     settings, free_time = context.settings, context.settings.objective == "time"
     reference = reference_time(context, move, timing)
     task = task_of(context, move, reference, None if free_time else move.duration)
-    path_timing = retimed() if move.duration is None else None
+    path_timing = retimed() if move.duration is None and not free_time else None
     guess = 2 * reference if path_timing is None else path_timing.trajectory.duration
     lines = [first_line(move, guess), *(Line.of(t) for t in (*warm, *([move.input] if move.input else [])))]
     reshaper = context.reshaper(settings.objective)

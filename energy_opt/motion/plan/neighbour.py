@@ -1,10 +1,10 @@
 """A move at one duration after the other: as a single move is solved, and from a neighbour's optimum.
 
-Fronts of energy against duration consist of such steps. At durations that are `ALONE` times apart a step does all
-that a single solve does, so that a front follows where the best optimum changes; between these it begins at the
-optimum of the neighbour alone. First paths, their timings and what the starts lead to are shared by all durations.
-Then the search continues a neighbour's curve where it may lead to less: the better one counts. A retimed path is
-retimed anew, which needs no start.
+Fronts of energy against duration consist of such steps. The first one solves the move as a single one. At durations
+that are `ALONE` times apart a step compares all optima again, which are continued from those of the neighbouring
+duration in place of random starts; between these it begins at the optimum of the neighbour alone. First paths and their
+timings are shared by all durations. Then a curve of a neighbour is continued where it may lead to less: the better one
+counts. A retimed path is retimed anew, which needs no start.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
 PROMISING = 0.01  # of the cost
+SAME = 1e-9  # relative difference of durations that count as equal
 ALONE = 1.3  # ratio of durations from which one is solved as a single move is
 LOWER = 5e-5  # of the cost: by less a curve is no better
 BUMP = 0.001  # of the cost: where a front is so little above the line between neighbours, it may be its own curve
@@ -71,7 +72,8 @@ class Neighbours:
         """
         if self._move.mode == "retime":
             return self._retimed(duration)
-        if duration not in self._known and (neighbour.outcome is None or self._far(duration)):
+        same = abs(neighbour.trajectory.duration / duration - 1) <= SAME
+        if duration not in self._known and not same and self._far(duration):
             self._known[duration] = self._alone(duration)
         here = self._known.get(duration)
         move = replace(self._move, duration=duration)
@@ -85,6 +87,8 @@ class Neighbours:
                 else self._cleared(task, neighbour, here)
             )
             here = min((x for x in (here, stepped) if x is not None), key=lambda x: x.energy.total, default=None)
+        if here is None and same:
+            here = neighbour
         if here is None and duration not in self._alone_at:
             here = self._alone(duration)
         self._known[duration] = here if here is not None else self._retimed(duration)
@@ -144,12 +148,10 @@ class Neighbours:
             start = task.curve(self._reshaper.fine(task.vias).shape, Line.of(neighbour.trajectory))
         else:
             start = replace(neighbour.outcome.curve, duration=task.durations[0])
-        outcome = self._reshaper.solved(start, task, polish=False)
+        outcome = self._reshaper.solved(start, task, near=True)
         known = None if here is None else here.outcome
         if known is not None and outcome.cost > (1 - LOWER) * known.cost:
             return None
-        if not outcome.converged:
-            outcome = self._reshaper.solved(outcome.curve, task)
         return self._judged(outcome, task)
 
     def _cleared(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
@@ -161,7 +163,7 @@ class Neighbours:
         work = Clearing.of(self._context, task, [curve])
         if here is not None:
             trial = work.search.descent(curve, TRIAL, TRUST, ROUGH)
-            known = here.energy.total - task.offset * task.durations[0]
+            known = here.energy.total - here.energy.stored - task.offset * task.durations[0]  # of the path, as merits
             if work.search.merit(trial) > (1 + PROMISING) * work.search.scale * known:
                 return None
             curve = work.search.curve_of(trial)

@@ -2,8 +2,8 @@
 
 A coarse problem (few control points) is cheap to solve, and most local optima are there already (see `starts`). Where
 the duration is given, the starts are solved at the next larger one of a few durations, each half as long again as the
-one before. So durations that lie close together share their starts, a front of energy against duration finds what
-single moves find, and a start can be feasible where the move itself is hardly.
+one before. So durations that lie close together share their starts, and a start can be feasible where the move itself
+is hardly. Where starts of another duration of the same move are known, their optima are continued in place of them.
 
 But a coarse problem tells badly which optimum is the best one: its loss is up to twice that of the fine problem, by
 different amounts, and another duration has another order. So the best of every valley is solved at the duration itself
@@ -23,14 +23,14 @@ from energy_opt.errors import BadInput
 from energy_opt.motion.reshape.curve import Curve, Outcome, refined
 from energy_opt.motion.reshape.layout import Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions
-from energy_opt.motion.reshape.starts import Optima, search, valleys
+from energy_opt.motion.reshape.starts import Optima, followed, search, valleys
 from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task
 from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import Basis
 
 log = logging.getLogger(__name__)
 COARSE, COARSE_PACKING = 12, 0.5  # control points of starts: with 10, every tenth move's best optimum is lost
-ITERATIONS, FINE = 60, 1e-7  # of the continued searches, where IPOPT does not polish
+ITERATIONS, FINE = 60, 1e-6  # of the continued searches, where IPOPT does not polish
 TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance of the comparison of optima
 PER_VIA = 2  # control points more for every via point
 WIDE, MIDDLE = 10.0, 3.0  # times the width of kinks on the coarse problem, and where optima are compared
@@ -133,7 +133,11 @@ class Reshaper:
         kept = {} if kept is None else kept
         known = kept.get(rung, Optima())
         if known.starts < starts and not known.enough:
-            found = kept[rung] = search(coarse, there, lines[0], starts, seed, stopped, known)
+            beside = min((d for d in kept if kept[d].enough or kept[d].starts >= starts), key=lambda d: abs(np.log(d / rung)), default=None)
+            if beside is None or not task.fixed:
+                found = kept[rung] = search(coarse, there, lines[0], starts, seed, stopped, known)
+            else:
+                found = kept[rung] = followed(coarse, there, kept[beside])
             used, spent = found.starts - known.starts, found.iterations - known.iterations
         best = min(kept[rung].found, key=there.rank)
         most = WORTH_KEEPING * there.cost(best)
@@ -168,16 +172,20 @@ class Reshaper:
         return best, spent
 
     def solved(
-        self, curve: Curve, task: Task, stopped: Callable[[], bool] = lambda: False, polish: bool = True
+        self, curve: Curve, task: Task, stopped: Callable[[], bool] = lambda: False, near: bool = False
     ) -> Outcome:
-        """The optimum near a curve; IPOPT polishes it where sequential quadratic programming did not converge."""
+        """The optimum near a curve; IPOPT polishes it where sequential quadratic programming did not converge.
+
+        Args:
+            near: the curve is an optimum of nearly the same task: neither smoothed laws lead to this one's, nor IPOPT.
+        """
         level = self._level(curve.shape)
         spent = 0
-        for width in WIDTHS if self._nodes.kinked else ():
+        for width in WIDTHS if self._nodes.kinked and not near else ():
             there = replace(task, width=width)
             rough = there.descended(level, curve, ROUGHLY, trust=TRUST / 4, tolerance=ROUGH / 3, stopped=stopped)
             curve, spent = rough.curve, spent + rough.iterations
-        trust = NEAR_KINKS if self._nodes.kinked else TRUST / 4
+        trust = NEAR_KINKS if self._nodes.kinked and not near else TRUST / 4
         found = task.descended(level, curve, ITERATIONS, trust=trust, tolerance=FINE, give=EXACT, stopped=stopped)
         for _ in range(AGAIN if self._nodes.kinked else 0):  # kinks: until no more is won
             if found.converged or stopped():
@@ -190,7 +198,7 @@ class Reshaper:
             found = replace(min(found, more, key=task.rank), converged=settled)
         found = replace(found, iterations=spent + found.iterations)
         done = found.broken <= FEASIBLE and (found.converged or self._nodes.kinked or not self._polished)
-        if stopped() or done or task.open is not None or not polish:
+        if stopped() or done or task.open is not None or near:
             return found
         polished = task.polished(level, found)
         best, spent = min(polished, found, key=task.rank), found.iterations + polished.iterations

@@ -79,6 +79,20 @@ def search(
     return Optima(tuple(found), used, iterations, tuple(costs), enough)
 
 
+def followed(level: Level, task: Task, known: Optima) -> Optima:
+    """What optima of another duration lead to in the task's."""
+    found: list[Outcome] = []
+    spent = 0
+    for optimum in known.found:
+        guess = task.within(optimum.curve)
+        outcome = task.descended(level, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, loose=LOOSE)
+        spent += outcome.iterations
+        if not any(_same(other, outcome, task) for other in found):
+            found.append(outcome)
+    costs = tuple(task.cost(outcome) for outcome in found if outcome.broken <= FEASIBLE)
+    return Optima(tuple(found), len(known.found), spent, costs, enough=True)
+
+
 def _enough(costs: np.ndarray, starts: int) -> bool:
     """Did `OFTEN` of `FEWEST` starts or more find the least cost? `costs` (N,) of feasible outcomes ascend."""
     if starts < FEWEST or len(costs) < OFTEN:

@@ -20,7 +20,7 @@ from energy_opt.fronts.output import document, table, write
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.path import through
-from energy_opt.motion.plan.neighbour import Optimum
+from energy_opt.motion.plan.neighbour import Neighbours, Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import load_robot
@@ -228,6 +228,21 @@ def test_a_front_that_keeps_clear_finds_what_single_moves_find(panda, given, dur
         assert point.status == single.status == "solved"
         assert point.total <= single.energy.total * (1 + 1e-6)
         assert planner.certify(point.trajectory).clearance.proven
+
+
+def test_a_lower_optimum_is_entered_from_a_neighbour(panda):
+    """A lowered arm gives energy back, which was once counted on one side only: what a neighbour led to was refused."""
+    down = START + np.array([0.2, 0.9, 0.0, 0.3, 0.0, 0.0, 0.0])
+    settings = Settings(compile="never", controls=16, starts=1)
+    planner = Planner(panda, source_method_2(), settings, cell=load_cell(panda, CellRequest()))
+    move = Move(START, down)
+    steps = Neighbours(planner.single(move))
+    neighbour = steps.alone(1.6)
+    slowed = planner.slowed(move, 1.5)
+    poor = Optimum(slowed, planner.score(slowed), True)
+    assert poor.energy.stored < -0.5 * poor.energy.loss
+    steps._known[1.5] = poor
+    assert steps.at(1.5, neighbour).energy.loss < 0.95 * poor.energy.loss
 
 
 def command(*words):

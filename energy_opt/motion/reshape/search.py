@@ -131,13 +131,14 @@ class Reshaper:
             there = there.lasting(float(RUNG ** np.ceil(np.log(task.durations[0]) / np.log(RUNG) - 1e-9)))
         rung = there.durations[1]
         kept = {} if kept is None else kept
-        known = kept.get(rung, Optima())
-        if known.starts < starts and not known.enough:
-            beside = min((d for d in kept if kept[d].enough or kept[d].starts >= starts), key=lambda d: abs(np.log(d / rung)), default=None)
-            if beside is None or not task.fixed:
-                found = kept[rung] = search(coarse, there, lines[0], starts, seed, stopped, known)
+        done = [duration for duration, o in kept.items() if o.enough or o.starts >= starts]
+        if rung not in done:
+            known = kept.get(rung, Optima())
+            if done and task.fixed:
+                found = followed(coarse, there, kept[min(done, key=lambda d: abs(np.log(d / rung)))])
             else:
-                found = kept[rung] = followed(coarse, there, kept[beside])
+                found = search(coarse, there, lines[0], starts, seed, stopped, known)
+            kept[rung] = found
             used, spent = found.starts - known.starts, found.iterations - known.iterations
         best = min(kept[rung].found, key=there.rank)
         most = WORTH_KEEPING * there.cost(best)

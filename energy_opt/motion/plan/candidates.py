@@ -243,8 +243,9 @@ def reshaped(
     settings, free_time = context.settings, context.settings.objective == "time"
     reference = reference_time(context, move, timing)
     task = task_of(context, move, reference, None if free_time else move.duration)
-    path_timing = retimed() if move.duration is None and not free_time else None
-    guess = 2 * reference if path_timing is None else path_timing.trajectory.duration
+    path_timing = retimed() if move.duration is None and not free_time and not warm else None
+    guess = warm[0].duration if warm else 2 * reference
+    guess = guess if path_timing is None else path_timing.trajectory.duration
     lines = [first_line(move, guess), *(Line.of(t) for t in (*warm, *([move.input] if move.input else [])))]
     reshaper = context.reshaper(settings.objective)
     answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept, worth)

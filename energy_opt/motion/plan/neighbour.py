@@ -16,14 +16,16 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Energy
+from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import (
+    first_line,
     least_energy_timing,
     reference_time,
     repaired,
     repaired_timing,
     task_of,
 )
-from energy_opt.motion.plan.clear import ROUGH, TRIAL, Clearing, repaired_clear
+from energy_opt.motion.plan.clear import APART, ROUGH, TRIAL, Clearing, repaired_clear
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.reshape.clear import TRUST
@@ -73,7 +75,8 @@ class Neighbours:
         if self._move.mode == "retime":
             return self._retimed(duration)
         same = abs(neighbour.trajectory.duration / duration - 1) <= SAME
-        if duration not in self._known and not same and self._far(duration):
+        far = duration not in self._known and not same and self._far(duration)
+        if far and not self._alone_at:
             self._known[duration] = self._alone(duration)
         here = self._known.get(duration)
         move = replace(self._move, duration=duration)
@@ -86,7 +89,9 @@ class Neighbours:
                 if self._context.cell is None
                 else self._cleared(task, neighbour, here)
             )
-            here = min((x for x in (here, stepped) if x is not None), key=lambda x: x.energy.total, default=None)
+            here = _lower(here, stepped)
+        if far and duration not in self._alone_at and not self._at_the_best(task, move, here):
+            here = _lower(here, self._alone(duration))
         if here is None and same:
             here = neighbour
         if here is None and duration not in self._alone_at:
@@ -110,6 +115,19 @@ class Neighbours:
         result = solved.result
         found = Optimum(result.trajectory, result.energy, result.status == "solved", solved.outcome)
         self._known[duration] = found
+        return found
+
+    def _at_the_best(self, task: Task, move: Move, here: Optimum | None) -> bool:
+        """Whether the best of all optima without regard to bodies, as they are compared, is what is known here."""
+        if here is None or here.outcome is None:
+            return False
+        settings, lines = self._context.settings, [first_line(move, task.durations[0])]
+        search, stopped = self._reshaper.optima, self._context.stopped
+        best = search(task, lines, settings.starts, settings.seed, stopped, self._single.kept)[0][0].curve
+        known = here.outcome.curve
+        found = known.shape is best.shape and bool(np.abs(known.points - best.points).max() < APART)
+        if found:
+            self._alone_at.append(task.durations[0])
         return found
 
     def _far(self, duration: float) -> bool:
@@ -204,3 +222,8 @@ class Neighbours:
             trajectory, converged = candidate.trajectory, candidate.converged
         judged = context.judge(trajectory)
         return Optimum(trajectory, judged.energy, converged) if judged.certificate.valid else None
+
+
+def _lower(a: Optimum | None, b: Optimum | None) -> Optimum | None:
+    """The one that takes less energy, of those that are there."""
+    return min((x for x in (a, b) if x is not None), key=lambda x: x.energy.total, default=None)

@@ -160,7 +160,7 @@ class Single:
     def __init__(self, context: Context, move: Move, first: FirstPath) -> None:
         self.context, self.first = context, first
         self.move = replace(move, duration=None, max_duration=None)
-        self._kept: Kept = {}
+        self.kept: Kept = {}  # what starts led to, by duration
 
     @cached_property
     def timing(self) -> Timing | None:
@@ -190,7 +190,7 @@ class Single:
             judged = dict(begun)["scaled"]
             if judged.certificate.valid:
                 progress.found(judged.energy.loss)
-        work = candidates_of(context, move, self.timing, warm, self._kept)
+        work = candidates_of(context, move, self.timing, warm, self.kept)
         build = workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
         try:
             result = choose(context, move, work, build, time.perf_counter() - begin - build, begun)

@@ -1,10 +1,11 @@
 """A move at one duration after the other: as a single move is solved, and from a neighbour's optimum.
 
-Fronts of energy against duration consist of such steps. The first one solves the move as a single one. At durations
-that are `ALONE` times apart a step compares all optima again, which are continued from those of the neighbouring
-duration in place of random starts; between these it begins at the optimum of the neighbour alone. First paths and their
-timings are shared by all durations. Then a curve of a neighbour is continued where it may lead to less: the better one
-counts. A retimed path is retimed anew, which needs no start.
+Fronts of energy against duration consist of such steps. The first one solves the move as a single one; every other one
+begins at the optimum of its neighbour. At durations that are `ALONE` times apart all optima are compared again: they
+are continued from those of the neighbouring duration, in place of random starts, and where another is the best one now,
+the move is solved there as a single one. First paths and their timings are shared by all durations. Then the search
+continues a neighbour's curve where it may lead to less: the better one counts. A retimed path is retimed anew, which
+needs no start.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ import numpy as np
 
 from energy_opt.files import to_json
 
-MUST = 6.0
+MUST = 3.0
 ROUNDS = 3
 MOVE = [
     *("--robot", "panda", "--start=0,-0.785,0,-2.356,0,1.571,0.785", "--goal=1.2,0.3,0.4,-1.2,-0.5,2.2,-0.4"),

@@ -212,7 +212,7 @@ def test_a_front_finds_what_single_moves_find(panda):
     among = trace(planner, move, durations=[1.4, 2.0])
     single = planner.solve(Move(START, GOAL, mode="reshape", duration=2.0)).energy.loss
     assert alone.points[0].energy.loss <= single * (1 + 1e-9)
-    assert among.points[1].energy.loss <= single * (1 + 1e-9)
+    assert among.points[1].energy.loss <= single * (1 + 1e-6)  # continued, to the solver's tolerance
     assert among.points[1].energy.loss == pytest.approx(alone.points[0].energy.loss, rel=2e-3)
 
 

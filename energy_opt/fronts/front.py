@@ -28,7 +28,7 @@ COUNT = 20  # points where none are asked for
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
 LOWER = 1e-6  # a point this much (relative) below the free optimum makes it solve again from there
 SAME = 1e-9  # relative difference of durations that count as equal
-ROUNDS = 3  # times that a front is gone along again while that leads lower
+ROUNDS = 3  # passes up and down at most, while they lead lower
 SEARCH = 12  # solves that the search for the best duration in a cycle may take
 
 

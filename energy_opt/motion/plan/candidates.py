@@ -197,7 +197,6 @@ def reference_time(context: Context, move: Move, timing: Timing | None) -> float
 
 def task_of(context: Context, move: Move, reference: float, duration: float | None) -> Task:
     """The reshaping that a move asks for, in exactly `duration` s where that is given."""
-    durations = (0.0, 0.0)
     if duration is not None:
         durations = (duration, duration)
     else:
@@ -244,8 +243,8 @@ def reshaped(
     reference = reference_time(context, move, timing)
     task = task_of(context, move, reference, None if free_time else move.duration)
     path_timing = retimed() if move.duration is None and not free_time and not warm else None
-    guess = warm[0].duration if warm else 2 * reference
-    guess = guess if path_timing is None else path_timing.trajectory.duration
+    known = path_timing.trajectory if path_timing is not None else next(iter(warm), None)
+    guess = 2 * reference if known is None else known.duration
     lines = [first_line(move, guess), *(Line.of(t) for t in (*warm, *([move.input] if move.input else [])))]
     reshaper = context.reshaper(settings.objective)
     answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept, worth)

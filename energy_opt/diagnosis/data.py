@@ -67,6 +67,7 @@ class Samples:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return self.q.shape[1]
 
     def part(self, runs: Sequence[int]) -> Samples:
@@ -178,6 +179,9 @@ class Samples:
         return np.concatenate(parts)
 
     def _regressors(self, rows: slice, columns: slice) -> np.ndarray:
+        """(k, n, parameters, 4): derivatives of torque by inertial parameters, without gravity, and for unit gravity
+        along x, y and z.
+        """
         q, v, a, still = self.q[rows], self.v[rows], self.a[rows], np.zeros_like(self.v[rows])
         own = [self.body.link_regressor(q, v, a, np.zeros(3))[:, :, columns]]
         own += [self.body.link_regressor(q, still, still, unit)[:, :, columns] for unit in np.eye(3)]

@@ -1,12 +1,12 @@
-"""The likeliest numbers of a hypothesis, and how well the data speak for it.
+"""The likeliest numbers of a hypothesis, and its evidence.
 
-A hypothesis is a set of effects with numbers z and of free functions with weights w; allowed for in every one are
-links that deviate from their URDF (amounts d) and a level that differs from run to run (o). With the noise made white,
+A hypothesis is a set of effects with numbers z and of free functions with weights w. Every hypothesis also contains
+links that deviate from their URDF (amounts d), and a level that differs from run to run (o). With the noise made white,
 
     phi = 1/2 |y - f(z, d, o) - F w|^2 + 1/2 (theta - mean)^T precision (theta - mean),    theta = (z, w, d, o)
 
-is lowered by Gauss-Newton steps within bounds, and Laplace's integral of exp(-phi) over theta is the evidence: it grows
-with the fit and falls with every number that the data had to choose.
+is minimised by Gauss-Newton steps within bounds. Laplace's integral of exp(-phi) over theta is the evidence. It grows
+with the fit, and falls with every number that the data had to determine.
 """
 
 from __future__ import annotations

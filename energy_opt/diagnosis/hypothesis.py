@@ -1,10 +1,10 @@
-"""Effects with free numbers: what becomes of a hypothesis' numbers, and what is known of them before the data.
+"""Effects with free numbers: how their values follow from these numbers, and the prior of the numbers.
 
-Numbers z are those of the effect's chart, in which it is (nearly) linear, a payload as (m, m c); an effect's grid and
-what its law jumps with are chosen, not fitted. What is known before is a normal law: a per-joint number is
-z_j = s_j (g + e_j), with one share g ~ N(0, 1) that all joints have and one of its own, e_j ~ N(0, OWN^2), so that
-joints which hardly move are taken to be like the others, within that. s_j is a usual size, by the parameter's unit and
-the joint's limits: what friction or heat can sensibly be there.
+The numbers z are those of the effect's chart, in which the effect is (nearly) linear; a payload, for example, is
+(m, m c). Grids, and parameters with which a law jumps, are chosen and not fitted. The prior is normal. A number of
+joint j is z_j = s_j (g + e_j), with a share g ~ N(0, 1) that all joints have in common and an own one e_j ~
+N(0, OWN^2). So joints that hardly move are assumed to be like the others. s_j is a usual size, by the parameter's unit
+and the joint's limits.
 """
 
 from __future__ import annotations
@@ -78,6 +78,7 @@ class Term:
 
     @property
     def kind(self) -> type[Effect]:
+        """The class of the effect."""
         return effect_class(self.name)
 
 
@@ -130,6 +131,7 @@ class Chart:
         return replace(self, precision=self.precision * np.outer(narrow, narrow))
 
     def _inner(self, z: np.ndarray) -> np.ndarray:
+        """All chart values (P,) with the free ones set to z."""
         x = self.base.copy()
         x[self.rows] = z
         return x
@@ -153,6 +155,7 @@ def entries(kind: type[Effect], n: int, length: int) -> list[tuple[Parameter, in
 
 
 def _bounds(kind: type[Effect], n: int, length: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds (P,) of all parameters in a fit."""
     rows = [p.bounds for p, _, _ in entries(kind, n, length)]
     return np.array([low for low, _ in rows]), np.array([high for _, high in rows])
 
@@ -208,7 +211,7 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
 
 
 def _informed(mean: np.ndarray, covariance: np.ndarray, seen_by: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """The normal law after what is measured of some of its numbers, one per joint."""
+    """The prior after measurements of some of its numbers (Kalman's update), one for each joint."""
     seen = covariance[seen_by.joints]
     gain = np.linalg.solve(seen[:, seen_by.joints] + seen_by.covariance, seen).T
     mean = mean + gain @ (seen_by.values - mean[seen_by.joints])

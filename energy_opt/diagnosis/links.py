@@ -1,8 +1,9 @@
-"""Links around their URDF: what deviations within some percent do to the readings, as a few directions.
+"""Links that deviate from their URDF by some per cent: the effect of such deviations on the readings, as a few
+directions.
 
-A link's mass m is off by a share, its centre of mass c by a share of its distance and a little more, its inertia by
-twice the share; with the inertial parameters phi these are Gaussian deviations B d, d ~ N(0, spread^2). Only directions
-that the readings show are kept.
+A link's mass m deviates by a share, its centre of mass c by a share of its distance and a little more, its inertia by
+twice the share. In terms of the inertial parameters phi these are Gaussian deviations B d, d ~ N(0, spread^2).
+Directions that the readings do not show are left out.
 """
 
 from __future__ import annotations
@@ -99,9 +100,11 @@ def _apart(c: np.ndarray) -> np.ndarray:
 
 
 def _six(i: np.ndarray) -> np.ndarray:
+    """The entries xx, xy, yy, xz, yz, zz of a symmetric matrix (3, 3), in Pinocchio's order."""
     return np.asarray(i[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
 
 
 def _symmetric(six: np.ndarray) -> np.ndarray:
+    """The matrix (3, 3) of these entries."""
     xx, xy, yy, xz, yz, zz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,13 +1,13 @@
-"""Noise of the readings: white, with memory, and a model discrepancy that repeats of a motion share.
+"""Noise of the readings: a white part, a part with memory, and a model discrepancy that repeats of a motion share.
 
     y_k = w_k + x_k + d_c(phase),   w_k ~ N(0, white^2 / weight_k^2),
     x_{k+1} = e^{-h/memory} x_k + ...,   x ~ N(0, wave^2)
 
-w and x are independent between runs. d_c is a random smooth function of a distinct motion's phase with standard
-deviation `misfit`: what every model of an arm gets wrong there. Repeats of that motion share it, so ten repeats of a
-misfit are one piece of evidence. Whitening is the Kalman filter of w and x, then a low-rank step for d_c: the same
-linear map for residuals and for the columns of their derivatives, so that ordinary least squares on what comes out is
-the likelihood of the law.
+w and x are independent between runs. d_c is a random smooth function of the phase of a distinct motion, with standard
+deviation `misfit`. It represents what every model of an arm gets wrong there. All repeats of the motion share it, so
+ten repeats of a misfit are one piece of evidence. Whitening is the Kalman filter of w and x, followed by a low-rank
+step for d_c. The same linear map applies to residuals and to the columns of their derivatives, so ordinary least
+squares on its results maximises the likelihood.
 """
 
 from __future__ import annotations
@@ -32,7 +32,11 @@ SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings of a slow meter; its
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations white, wave and misfit [W], and the wave's memory [s]."""
+    """The noise of a meter.
+
+    Attributes:
+        white, wave, misfit: standard deviations [W]. memory: [s] of the wave.
+    """
 
     white: float
     wave: float = 0.0
@@ -90,6 +94,7 @@ class Whitener:
         return out.reshape(x.shape)
 
     def _filtered(self, flat: np.ndarray) -> np.ndarray:
+        """Innovations of the Kalman filter of w and x, scaled to variance 1, column by column."""
         from scipy.linalg import solve_banded
 
         if self.noise.wave == 0:

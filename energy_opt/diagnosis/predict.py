@@ -1,4 +1,4 @@
-"""What a model says the meter shows at the samples, with exact derivatives by every parameter of every effect."""
+"""The readings that a model predicts at the samples, with exact derivatives by every parameter of every effect."""
 
 from __future__ import annotations
 
@@ -33,12 +33,14 @@ HOURS = 4 * 3600.0  # [s] a set that lasts as long may show the time of day
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the meter shows under a model, at M readings from K nodes.
+    """Readings under a model: M readings from K nodes.
 
     Attributes:
-        metered: (K,) W, what the meter has of the true power at the nodes.
-        reading: (M,) W. jacobian: (M, P) by `PowerModel.values`. pushed: (M, c) by further torques, see `predict`.
-        power: (K,) true power before the meter, W. tau, tau_m: (K, n) torque of the rigid body and of the motors, N m.
+        metered: (K,) [W] the meter's view of the power at the nodes.
+        reading: (M,) [W]. jacobian: (M, P) by `PowerModel.values`. pushed: (M, c) by the amounts of further torques,
+            see `predict`.
+        power: (K,) [W] true power before the meter. tau, tau_m: (K, n) [N m] torque of the rigid body and of the
+            motors.
         by_tau: (K, n) d power / d tau.
     """
 
@@ -121,6 +123,9 @@ def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]
 
 
 def _rigid_torque(rigid: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Rigid torque and its derivatives. Torque is linear in inertial parameters and in gravity, so regressors of the
+    samples are multiplied with the changes that the effects make.
+    """
     body = s.body
     if not rigid.effects:
         return s.free_torque + s.gravity_torque @ body.gravity, np.zeros((*s.q.shape, 0))
@@ -277,6 +282,7 @@ def _named(past: dict[str, ca.SX]) -> dict[str, Any]:
 
 
 def _returned(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:
+    """Power (K,) [W] that the model's store gives back, run by run."""
     steps = [np.gradient(s.t[samples]) for samples in s.slices]
     return np.concatenate([returned_power(model, h, bus[samples]) for h, samples in zip(steps, s.slices, strict=True)])
 

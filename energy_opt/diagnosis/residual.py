@@ -1,4 +1,4 @@
-"""What a hypothesis leaves in the readings, and the signals that it goes with."""
+"""The residual of a hypothesis, and the signals that it correlates with."""
 
 from __future__ import annotations
 
@@ -22,7 +22,11 @@ MOST = 8
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left goes with a signal (of a joint): share of it, and its rms [W]."""
+    """A signal that a part of the residual follows.
+
+    Attributes:
+        signal: its name. joint: name, or None. strength: share of the residual. watts: rms of this part [W].
+    """
 
     signal: str
     joint: str | None
@@ -31,10 +35,13 @@ class Remainder:
 
 
 def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Remainder]:
-    """Signals that the residual of a fit follows, strongest first, by the share of it that a function of each holds.
+    """Signals that the residual of a fit follows, the strongest first.
 
-    A share is what the function foresees of parts of runs that it was not fitted to, unless it is one of `free`, which
-    the search took in.
+    The strength of a signal is the share that a function of it predicts in parts of runs that it was not fitted to; or,
+    for functions in `free`, which the search has accepted, the share that it removes where it is fitted.
+
+    Args:
+        f: the fit. free: accepted free functions. joints: names.
     """
     samples = f.world.samples
     rest = f.residual * samples.weight

@@ -147,7 +147,7 @@ class MoveGroup(Request):
         main=True,
     )  # fmt: skip
     goal: Positions | Pose | AnyOf | None = option(
-        None, "joint positions at the end, as --start; given several times: the cheapest of them", "Q", several=True,
+        None, "joint positions at the end, in the same form; given several times: the cheapest of them", "Q", several=True,
         main=True,
     )  # fmt: skip
     path: AnyPath | None = option(
@@ -171,7 +171,7 @@ class PoseGroup(Request):
         "in that object's frame; or the name of a pose in the scene file; or a file FILE.yaml", "POSE",
     )  # fmt: skip
     goal_pose: AnyPose | None = option(
-        None, "pose of the tool, in place of --goal; the cheapest joint positions are chosen", "POSE", main=True
+        None, "pose of the tool at the goal; the cheapest joint positions that reach it are chosen", "POSE", main=True
     )
     via_pose: Sequence[AnyPose] = option((), "pose that the tool passes (with reshape; repeatable)", "POSE", many=True)
     free: Sequence[str] = option(

@@ -147,9 +147,8 @@ class MoveGroup(Request):
         main=True,
     )  # fmt: skip
     goal: Positions | Pose | AnyOf | None = option(
-        None, "joint positions at the end, in the same form; given several times: the cheapest of them", "Q", several=True,
-        main=True,
-    )  # fmt: skip
+        None, "joint positions at the end; given several times: the cheapest of them", "Q", several=True, main=True
+    )
     path: AnyPath | None = option(
         None, "waypoints [rad, m] or a trajectory, in place of --start and --goal", "FILE", main=True
     )

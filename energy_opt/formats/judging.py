@@ -22,16 +22,18 @@ class Judging:
     Attributes:
         scorer: gives torque and power under the model. limits: those to keep. cell: bodies to keep clear of; None:
             none. samples: number of places of the certificate; None: the usual density.
+            holder: gives what limits are compared with; None: `scorer`.
     """
 
     scorer: Scorer
     limits: tuple[Limit, ...]
     cell: Cell | None = None
     samples: int | None = None
+    holder: Scorer | None = None
 
     def __call__(self, trajectory: Trajectory) -> Certificate:
         """The certificate of a trajectory whose samples are joined by quintics."""
-        return self._clear(certify(trajectory, self.scorer, self.limits, self.samples), trajectory)
+        return self._clear(certify(trajectory, self.holder or self.scorer, self.limits, self.samples), trajectory)
 
     def at_steps(self, trajectory: Trajectory, rate: float | None) -> Certificate:
         """The certificate of positions that a controller takes one by one.
@@ -41,7 +43,7 @@ class Judging:
         Args:
             trajectory: the positions. rate: [Hz] of the steps; None: differences are not compared.
         """
-        whole = certify(trajectory, self.scorer, self.limits, samples_only=True)
+        whole = certify(trajectory, self.holder or self.scorer, self.limits, samples_only=True)
         others = tuple(found for found in whole.found if found.limit not in KINDS)
         steps = () if rate is None else (worst_step(trajectory, rate, self.scorer.robot.limits),)
         return self._clear(replace(whole, found=(*others, *steps)), trajectory)

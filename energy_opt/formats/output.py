@@ -44,14 +44,16 @@ class Written:
         """As it is in result.json."""
         return {name: getattr(self, name) for name in ("file", "format", "rate", "valid", "worst")}
 
-    def __str__(self) -> str:
-        if self.valid:
-            return self.text
+    @property
+    def broken(self) -> str:
+        """What breaks the limit that it uses most."""
         w = self.worst
-        why = str(w["joint"])
-        if w["limit"] != "clearance":
-            why = f"{w['limit']} of {why} is {w['value']:.6g} at {w['time']:.4g} s, its bound is {w['bound']:.6g}"
-        return f"{self.text}; THIS FILE DOES NOT HOLD: {why}"
+        if w["limit"] == "clearance":
+            return str(w["joint"])
+        return f"{w['limit']} of {w['joint']} is {w['value']:.6g} at {w['time']:.4g} s, its bound is {w['bound']:.6g}"
+
+    def __str__(self) -> str:
+        return self.text if self.valid else f"{self.text}; THIS FILE DOES NOT HOLD: {self.broken}"
 
 
 def wanted(names: Sequence[str], joints: int | None = None) -> list[Format]:

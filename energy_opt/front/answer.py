@@ -91,7 +91,9 @@ class Answer(Result, Answered):
 
         with written_whole(out, ANSWER) as aside:
             files = () if self.controllers is None else tuple(self.controllers(self, aside))
-            found = replace(self, files=files, written=tuple(row.document() for row in files))
+            bad = "; ".join(f"{Path(row.file).name}: {row.broken}" for row in files if not row.valid)
+            message = self.message or (bad and f"not every file holds the limits; {bad}")
+            found = replace(self, files=files, written=tuple(row.document() for row in files), message=message)
             put(found, self.arm, found.document(), aside, self.cell)
         return found
 

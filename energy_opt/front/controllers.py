@@ -137,8 +137,9 @@ class Controllers:
         from energy_opt.motion.judge.energy import Scorer
 
         planner = self.planner
-        scorer = Scorer(planner.robot, planner.model)
-        return Judging(scorer, planner.limits(move), planner.cell, planner.settings.verify_samples)
+        limits = (planner if self.robust is None else self.robust.planner).limits(move)
+        scorer, all_ = Scorer(planner.robot, planner.model), None if self.robust is None else self.robust.planner.scorer
+        return Judging(scorer, limits, planner.cell, planner.settings.verify_samples, all_)
 
     def write(self, move: Move, result: Result, moves: StandardMoves | None, out: Path) -> list[Written]:
         """Write the files of --write and --as into `out`, and read each back and judge it.

@@ -16,7 +16,8 @@ class Dense:
     """A trajectory on a grid that is `factor` times denser than its samples, by Pinocchio's torque and the exact laws.
 
     time (M,) [s] from 0; q, v, a, jerk (M, n); rigid (M, n) [N m] the rigid body's torque, effort (M, n) the motors';
-    power (M,) [W] and its parts by effect (M, parts). Every `factor`-th of them is a row.
+    power (M,) [W] and its parts by effect (M, parts); powers (M, K) [W] under each member of a mixture. Every
+    `factor`-th of them is a sample.
     """
 
     trajectory: Trajectory
@@ -31,6 +32,7 @@ class Dense:
     effort: np.ndarray
     power: np.ndarray
     parts: np.ndarray
+    powers: np.ndarray
     _tools: dict[Tool, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict, repr=False)
 
     @property

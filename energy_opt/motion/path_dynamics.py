@@ -56,10 +56,10 @@ def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
 
 @lru_cache(maxsize=16)
 def _exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
-    """(q, v, a, tau, t, p) -> power [W] by the exact laws."""
+    """(q, v, a, tau, t, p) -> power [W] by the exact laws, and that under each member of a mixture."""
     function, _ = drive_function(shared_by.model, n, holds=True)
     inputs = function.sx_in()
-    return ca.Function("exact_power", inputs, [function(*inputs)[1]])
+    return ca.Function("exact_power", inputs, [function(*inputs)[k] for k in (1, 3)])
 
 
 def has_torque_effects(model: PowerModel) -> bool:
@@ -119,11 +119,18 @@ class PathDynamics:
 
     def power(self, a: np.ndarray, b: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
         """Power (M,) [W] by the exact laws, at path accelerations a, squared speeds b and times (M,), 0 by default."""
+        return self._powers(a, b, time)[0].ravel()
+
+    def powers(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """The same under each member of a mixture, (M, K) [W]."""
+        return self._powers(a, b)[1]
+
+    def _powers(self, a: np.ndarray, b: np.ndarray, time: np.ndarray | None = None) -> list[np.ndarray]:
         a, b = a[:, None], b[:, None]
         t = np.zeros_like(b) if time is None else time[:, None]
         columns = (self.q, self.q1 * np.sqrt(b), self.q1 * a + self.q2 * b, self.M * a + self.C * b + self.G, t)
         law = Batch(_exact_power(SharedByStructure(self.model), self.robot.n), len(self.s))
-        return law(*columns, self.model.values(self.robot.n))[0].ravel()
+        return law(*columns, self.model.values(self.robot.n))
 
     def tool_motion(self, tool: Tool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A tool's poses (M, 4, 4) in the base frame, and how its origin moves there.

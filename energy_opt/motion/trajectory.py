@@ -175,7 +175,8 @@ class Trajectory:
         marks = np.unique(whole(marks))
         keep = np.concatenate([[True], np.diff(marks) > CLOSEST]) & (marks < last - CLOSEST)
         time = np.append(marks[keep], last)
-        now, then = (self._summed(self.time[0] + t) for t in (time, time - width))
+        end = time.astype(np.longdouble) + self.time[0]  # an error of time is one of q times error / width
+        now, then = (self._summed(t) for t in (end, end - width))
         q, v, a = (np.asarray((x - y) / width, dtype=float) for x, y in zip(now, then, strict=True))
         still = self._still(time - width, time)  # exactly, not but for rounding
         q[still], v[still], a[still] = (
@@ -198,19 +199,20 @@ class Trajectory:
         return moved[after] <= moved[first]
 
     def _summed(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Integral of the position from the first row on, position and velocity (M, n); at rest beyond both ends."""
+        """Integral of the position from the first row on, position and velocity (M, n) at `time` (M,), in long double;
+        at rest beyond both ends."""
         inside = np.clip(time, self.time[0], self.time[-1])
-        step = np.diff(self.time).astype(np.longdouble)[:, None]
+        step = np.diff(self.time.astype(np.longdouble))[:, None]
         q, v, a = (x.astype(np.longdouble) for x in (self.position, self.velocity, self.acceleration))
         pieces = step * (q[:-1] + q[1:]) / 2 + step**2 * (v[:-1] - v[1:]) / 10 + step**3 * (a[:-1] + a[1:]) / 120
         whole_pieces = np.concatenate([np.zeros_like(q[:1]), np.cumsum(pieces, axis=0)])
         k = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, len(self.time) - 2)
-        h, x = step[k], ((inside - self.time[k]).astype(np.longdouble))[:, None] / step[k]
+        h, x = step[k], (inside - self.time[k])[:, None] / step[k]
         data = np.stack([q[k], q[k + 1], h * v[k], h * v[k + 1], h**2 * a[k], h**2 * a[k + 1]])
         c = np.tensordot(_HERMITE.astype(np.longdouble), data, axes=1)
         part = h * sum(c[d] * x ** (d + 1) / (d + 1) for d in range(6))
-        beyond = (time - inside).astype(np.longdouble)[:, None]
-        position, velocity, _, _ = self.sample(inside)
+        beyond = (time - inside)[:, None]
+        position, velocity, _, _ = self.sample(inside.astype(float))
         velocity = np.where(beyond == 0, velocity, 0.0)
         return whole_pieces[k] + part + beyond * position, position, velocity
 

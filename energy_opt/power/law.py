@@ -52,6 +52,7 @@ class DriveTerms:
         conservative: the part [W] whose integral depends on the ends only: the power of the rigid body's torque, of
             rotors and of springs, times the share that drives and supply let pass.
         bus: sum of the joints' drive powers [W].
+        powers: (K, 1) [W] at the meter under each member of a mixture; `power` of one model.
     """
 
     tau_m: ca.SX
@@ -59,6 +60,7 @@ class DriveTerms:
     parts: dict[str, ca.SX]
     conservative: ca.SX
     bus: ca.SX
+    powers: ca.SX
 
 
 def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT, holds: bool = False) -> DriveTerms:
@@ -80,6 +82,7 @@ def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT, h
         {name: sum((w * terms.parts.get(name, 0) for w, terms in members), ca.SX(0)) for name in names},
         sum((w * terms.conservative for w, terms in members), ca.SX(0)),
         members[0][1].bus,
+        ca.vertcat(*(terms.power for _, terms in members)),
     )
 
 
@@ -156,13 +159,13 @@ def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks, holds: 
     for effect, values in named:
         passed *= effect.passed(values)
     stored = sum((parts[effect.name] for effect, _ in named if effect.stores), parts["mechanical"])
-    return DriveTerms(tau_m, power, parts, passed * stored, bus)
+    return DriveTerms(tau_m, power, parts, passed * stored, bus, power)
 
 
 def drive_function(
     model: PowerModel, joints: int, kinks: Kinks = EXACT, past: bool = False, holds: bool = False
 ) -> tuple[ca.Function, tuple[str, ...]]:
-    """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order.
+    """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts, powers), and the names of the parts in order.
 
     Args:
         model, joints: the effects, and the number of joints. kinks, holds: as `drive_terms`.
@@ -179,9 +182,9 @@ def drive_function(
     function = ca.Function(
         "drive",
         inputs,
-        [terms.tau_m, terms.power, parts, *([terms.bus] if past else [])],
+        [terms.tau_m, terms.power, parts, terms.powers, *([terms.bus] if past else [])],
         ["q", "v", "a", "tau", "t", *known, "p"],
-        ["tau_m", "power", "parts", *(["bus"] if past else [])],
+        ["tau_m", "power", "parts", "powers", *(["bus"] if past else [])],
     )
     return function, tuple(terms.parts)
 

@@ -16,11 +16,12 @@ from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.limits.tool import ToolSpeed
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.motion.plan.robust import Rival, RobustPlanner
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.power import PowerModel
+from energy_opt.power import PowerModel, source_method_2
 from energy_opt.power.known import named_model
-from energy_opt.robot import Robot, tool_of
+from energy_opt.robot import Robot, load_robot, tool_of
 
 STANDBY, COPPER = 88.04, 0.0036  # of the source paper's model
 MOVE = {"starts": 1, "controls": 16, "compile": "never"}
@@ -117,6 +118,33 @@ def test_the_fastest_under_a_power_limit_is_nearly_time_optimal(panda: Robot, mo
     while peaks(panda, plain.slowed(factor * plain.duration).trajectory(panda.joints))[0] > 100.0:
         factor *= 1.3
     assert found.duration < 0.7 * factor * plain.duration  # slowing evenly takes far longer
+
+
+@pytest.mark.parametrize("mode", ["retime", pytest.param("reshape", marks=pytest.mark.slow)])
+def test_a_plan_under_several_models_holds_power_under_each(panda: Robot, model: PowerModel, mode: str) -> None:
+    """Braking, the model that returns energy draws less, and holding a pose without friction it draws more: the mean
+    of the models' powers was held, and one of them was above the limit."""
+    careful = named_model("careful", "panda")
+    planner = RobustPlanner(panda, [Rival("paper", model), Rival("careful", careful)], settings=Settings(**MOVE))
+    limit = 0.95 * planner.solve(Move(START, GOAL, mode, duration=1.6)).certificate.peak_power
+    held = RobustPlanner(
+        panda, [Rival("paper", model), Rival("careful", careful)], settings=Settings(max_power=limit, **MOVE)
+    ).solve(Move(START, GOAL, mode, duration=1.6))
+    t = np.linspace(0.0, 1.6, 8001)
+    powers = [
+        peaks(panda, held.trajectory)[0],
+        Scorer(panda, careful).drive(*held.trajectory.sample(t)[:3], t)[1].max(),
+    ]
+    assert held.status == "solved" and 0.995 * limit < max(powers) <= limit * (1 + 1e-6)
+
+
+def test_a_retiming_holds_velocity_where_the_tool_s_speed_bounds_the_path_beside() -> None:
+    """The bounds of control values left room for velocity there, and no constraint held it: not converged."""
+    start = [1.407925, -0.713441, -1.677542, 1.339433, -0.972954, 1.207727, -0.820439]
+    goal = [1.352286, 1.047011, -1.103465, 0.515126, -0.518626, 0.286569, 0.417176]
+    xarm7 = load_robot("xarm7")
+    result = Planner(xarm7, source_method_2("xarm7"), Settings(tool_speed=1.224)).solve(Move(start, goal, "retime"))
+    assert result.status == "solved", result.message
 
 
 def test_tool_speed_keeps_retiming_convex(panda: Robot, model: PowerModel) -> None:

@@ -197,6 +197,16 @@ def test_a_mean_over_time_is_smoother_and_nowhere_faster() -> None:
     assert np.abs(j1).max() == pytest.approx(6 / width, rel=1e-3)
 
 
+def test_a_mean_over_microseconds_late_in_a_cycle_keeps_the_jerk() -> None:
+    """Errors of time are errors of position times so many per width: the jerk came to 25 times what it is."""
+    end, acceleration, width = 9.1979, 0.00655, 8.1e-5
+    time = np.linspace(0, end, 2300)
+    a, v = np.full((2300, 1), acceleration), acceleration * (time - end)[:, None]
+    out = Trajectory(("a",), time, 1.872117 + v**2 / acceleration / 2, v, a).on_nanoseconds().averaged(width)
+    jerk = out.sample(np.linspace(end + 1e-7, end + width - 1e-7, 50))[3]
+    assert np.abs(jerk).max() == pytest.approx(acceleration / width, rel=0.02)
+
+
 def test_a_mean_over_time_stands_exactly_still_where_the_motion_does() -> None:
     x = np.linspace(0, 1, 41)[:, None]
     q, v, a = x**2 * (3 - 2 * x) / 3 + 0.1, 2 * x * (1 - x), 2 - 4 * x

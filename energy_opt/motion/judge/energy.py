@@ -81,7 +81,7 @@ class Scorer:
         return TorqueBound(self.model, self.robot.body)
 
     def law_of(self, name: str) -> ca.Function:
-        """The law's output "tau_m" or "power" as a function of (q, v, a, tau, t), of models without a memory."""
+        """The law's output "tau_m" or "powers" as a function of (q, v, a, tau, t), of models without a memory."""
         if name not in self._laws:
             n = self.robot.n
             q, v, a, tau = (ca.SX.sym(word, n) for word in ("q", "v", "a", "tau"))
@@ -105,16 +105,16 @@ class Scorer:
         idle, back = idle_time(t, v), np.zeros(len(q))
         if store_of(self.model) is None or len(q) < 2:
             return idle, back
-        return idle, returned_power(self.model, np.gradient(t), self._law(q, v, a, t, idle, back)[4])
+        return idle, returned_power(self.model, np.gradient(t), self._law(q, v, a, t, idle, back)[5])
 
     def _law(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray, idle: np.ndarray, back: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Rigid-body torque, motor torque, power, its parts, and the power (N,) at the DC link."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Rigid-body torque, motor torque, power, its parts, powers, and the power (N,) at the DC link."""
         tau = rigid_torque(self.model, self.robot.body, q, v, a)
         law = Batch(self._drive, len(q))
-        tau_m, power, parts, bus = law(q, v, a, tau, t[:, None], idle[:, None], back[:, None], self._values)
-        return tau, tau_m, power[:, 0], parts, bus[:, 0]
+        tau_m, power, parts, powers, bus = law(q, v, a, tau, t[:, None], idle[:, None], back[:, None], self._values)
+        return tau, tau_m, power[:, 0], parts, powers, bus[:, 0]
 
     def alone(self, dense: Dense, joint: int) -> np.ndarray:
         """Parts of the power (N, len(self.parts)) [W] on a dense grid as if only one joint moved and had a torque."""
@@ -178,7 +178,7 @@ class Scorer:
             v,
             a,
             jerk,
-            *self._law(q, v, a, time, *self._past(q, v, a, time))[:4],
+            *self._law(q, v, a, time, *self._past(q, v, a, time))[:5],
         )
 
     def between(self, dense: Dense, time: np.ndarray) -> Dense:
@@ -188,7 +188,7 @@ class Scorer:
         before = np.searchsorted(dense.time, time, side="right") - 1
         still = (np.abs(v).max(axis=1) <= MOVING_SPEED) & (idle[before] >= 0)
         idle = np.where(still, idle[before] + time - dense.time[before], -1.0)
-        driven = self._law(q, v, a, time, idle, np.interp(time, dense.time, back))[:4]
+        driven = self._law(q, v, a, time, idle, np.interp(time, dense.time, back))[:5]
         return Dense(dense.trajectory, dense.body, 1, time, q, v, a, jerk, *driven)
 
     def energy(self, trajectory: Trajectory) -> Energy:

@@ -182,12 +182,12 @@ class Proof:
         power = isinstance(limit, Power)
         if power and self._scorer.remembers:
             return found, False
-        function = self._scorer.law_of("power" if power else "tau_m")
+        function = self._scorer.law_of("powers" if power else "tau_m")
         torque, error, rates = self._torque()
         bound = limit.scale if isinstance(limit, Power) else limit.bound
         count = len(self._begin)
         piece, low, high, looked = np.arange(count), np.zeros(count), np.ones(count), 0
-        middle = self._dense.power[:, None] if power else self._dense.effort
+        middle = self._dense.powers if power else self._dense.effort
         middle = middle[self._dense.factor // 2 :: self._dense.factor]
         while len(piece):
             looked += len(piece)
@@ -212,7 +212,7 @@ class Proof:
             worse = limit.worst(there)
             if _excess(worse) > _excess(found):
                 found = worse
-            middle = there.power[:, None] if power else there.effort
+            middle = there.powers if power else there.effort
         return found, True
 
     def _inputs(

@@ -67,7 +67,10 @@ class Violation:
 
 @dataclass(frozen=True)
 class State:
-    """A motion at one instant as CasADi columns: q, v, a (n, 1); the motors' torque (n, 1); power [W]; time [s]."""
+    """A motion at one instant as CasADi columns: q, v, a (n, 1); the motors' torque (n, 1); power [W]; time [s].
+
+    `powers` (K, 1) [W]: under each of the models that are planned with; None where that is not known.
+    """
 
     q: ca.SX
     v: ca.SX
@@ -75,6 +78,7 @@ class State:
     effort: ca.SX
     power: ca.SX
     t: ca.SX
+    powers: ca.SX | None = None
 
 
 @dataclass(frozen=True)
@@ -223,6 +227,10 @@ class Limit:
 
     def scaled(self, share: float) -> Self:
         """The limit with `share` of its bound, where a bound can be made smaller at all."""
+        return self
+
+    def for_models(self, count: int) -> Self:
+        """The limit for plans under so many models at once."""
         return self
 
     def fixed(self, d: PathDynamics) -> Fixed | None:

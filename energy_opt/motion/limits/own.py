@@ -181,7 +181,7 @@ class OwnLimit(Limit):
 class Power(OwnLimit):
     """A bound [W] of the arm's electrical power at the meter, without the meter's faults; controllers trip on it.
 
-    Power that flows back is never too much.
+    Power that flows back is never too much. Where a plan is made under several models, it is a bound under each.
     """
 
     name, unit, binds = "power", "W", "arm"
@@ -198,14 +198,24 @@ class Power(OwnLimit):
         """The limit of the setting `max_power`; None if it is not set."""
         return None if settings.max_power is None else cls(settings.max_power).for_robot(robot)
 
+    def for_models(self, count: int) -> Self:
+        """The limit for plans under so many models at once: the bound holds under each."""
+        out = copy.copy(self)
+        out.scale = np.repeat(self.scale[:1], count)
+        return out
+
     def value(self, x: State) -> ca.SX:
-        """The arm's power [W]."""
-        return x.power
+        """The arm's power [W], under each model that is planned with: (K, 1)."""
+        return ca.repmat(x.power, len(self.scale)) if x.powers is None else x.powers
+
+    def worst(self, x: Dense) -> Violation:
+        """The place of a sampled motion with the highest power under any model."""
+        return worst_of(self, x, x.powers, np.resize(self.scale, x.powers.shape[1]), self.peaked(x) - 1)
+
+    def peaked(self, x: Dense) -> np.ndarray:
+        """Power over bound, (M, K)."""
+        return np.asarray(x.powers / self.scale[0])
 
     def _along(self, d: PathDynamics, a: np.ndarray, b: np.ndarray, signed: bool) -> np.ndarray:
-        """Power over bound, (M, 1), without a compiled formula."""
-        return d.power(a, b)[:, None] / self.scale
-
-    def _shares(self, *columns: np.ndarray) -> np.ndarray:
-        """Power over bound, (M, 1)."""
-        return columns[4] / self.scale
+        """Power over bound, (M, K), without a compiled formula."""
+        return d.powers(a, b) / self.scale

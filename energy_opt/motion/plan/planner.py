@@ -122,7 +122,8 @@ class Planner:
     def limits(self, move: Move | None = None) -> tuple[Limit, ...]:
         """The limits in force: the robot's, those that the settings ask for, and the move's own."""
         held = limits_of(self.robot, self.settings, move, rigid_inputs(self.model, self.robot.body)[1])
-        return tuple(limit.scaled(self._shares.get(limit.name, 1.0)) for limit in held)
+        count = len(self.model.weighted)
+        return tuple(limit.for_models(count).scaled(self._shares.get(limit.name, 1.0)) for limit in held)
 
     def within(self, shares: Mapping[str, float]) -> Planner:
         """A planner of the same moves that uses these shares of the limits' bounds, by their names; builds nothing."""

@@ -272,8 +272,13 @@ class RobustPlanner:
         return weights, [self._judges[k].model for k in worst]
 
     def _worst(self, values: np.ndarray) -> list[int]:
-        """For every model the judge in its place with the largest value; itself where none is larger."""
+        """For every model the judge in its place with the largest value; itself where none is larger.
+
+        Under a limit of power always itself.
+        """
         own = range(len(self.rivals))
+        if self._planner.settings.max_power is not None:  # power is held under the members of what is planned with
+            return list(own)
         return [max(np.flatnonzero(self._places == k).tolist(), key=lambda i: (values[i], i == k)) for k in own]
 
     def _stated(self, answer: _Answer) -> Result:
@@ -299,14 +304,14 @@ class RobustPlanner:
         )
 
     def _above(self, trajectory: Trajectory) -> list[str]:
-        """What to say of models under which peaks of power [W] are above the limit, which is held in their mean."""
+        """What to say of corners of assumed friction under which peaks of power [W] are above the limit."""
         limit = self._planner.settings.max_power
         if limit is None:
             return []
         peaks = [certify(trajectory, scorer, ()).peak_power for scorer in self._scorers]
         return [
-            f"under the model {rival.name!r} power reaches {peak:.5g} W; the limit of {limit:g} W is held in the mean "
-            "of the models: plan under that model alone, or with so much less"
+            f"under {rival.name!r} power reaches {peak:.5g} W; the limit of {limit:g} W is held under the models "
+            "themselves: measure friction with `diagnose`, or give a lower limit"
             for rival, peak in zip(self._judges, peaks, strict=True)
             if peak > limit * (1 + ALLOWED)
         ]

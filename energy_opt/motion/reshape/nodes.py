@@ -111,7 +111,7 @@ def node_functions(
         "path_length": lambda: ca.dot(x.q1, x.q1),
         "time": lambda: x.duration,
     }[objective]()
-    state = State(x.q, v, a, terms.tau_m, terms.power, x.t)
+    state = State(x.q, v, a, terms.tau_m, terms.power, x.t, terms.powers)
     constraints, values = [], []
     for limit in limits:
         if limit.scale.size:

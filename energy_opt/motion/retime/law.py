@@ -127,7 +127,7 @@ def law(shared_by: SharedByStructure, n: int, tangents: bool = False) -> Law:
     signals = Signals(q, q1 * rate, q1 * a + q2 * b, tau, at[-1])
     kinks = Tangents if tangents else AlongPath
     drive = drive_terms(shared_by.model, signals, p, kinks(rate, ca.sqrt(unit), width), holds=True)
-    state = State(signals.q, signals.v, signals.a, drive.tau_m, drive.power, signals.t)
+    state = State(signals.q, signals.v, signals.a, drive.tau_m, drive.power, signals.t, drive.powers)
     return Law(z, at, ca.vertcat(p, unit, width), state)
 
 

@@ -109,6 +109,8 @@ class PathLimits:
                 self.on_pieces.append(OnPieces(limit, pieces, at, functions))
         speeds = [line for held in self.at_points if (line := held.limit.linear(dynamics, typical)) and line.of_speed]
         self.speed_bound = np.min([line.fastest for line in speeds], axis=0)
+        even = [held.limit.linear(dynamics, typical) for held in self.at_points if held.bounds_speed]
+        self.even_bound = min((float(line.fastest.min()) for line in even if line is not None), default=np.inf)
         # where |ra a| <= 1 is the same everywhere: the steepest path acceleration that all such limits allow
         slopes = [held.limit.linear(dynamics, typical) for held in self.at_points if held.bounds_slope]
         steepest = max((float(np.abs(line.ra[0]).max()) for line in slopes if line is not None), default=0.0)

@@ -184,9 +184,10 @@ class Retiming:
     def _upper(self) -> np.ndarray:
         """Bounds of the free control values: the largest that the velocity limits allow anywhere near.
 
-        On a straight path these are the velocity limits; elsewhere they leave room, and constraints do the rest. There,
-        too, the control polygon's slope is twice the path acceleration at a knot, so that control values rise from
-        either end no faster than the acceleration limits allow; of that a little more is left, so that it never binds.
+        On a straight path these are the velocity limits, which no constraint holds then; elsewhere they leave room, and
+        constraints do the rest. There, too, the control polygon's slope is twice the path acceleration at a knot, so
+        that control values rise from either end no faster than the acceleration limits allow; of that a little more is
+        left, so that it never binds.
         """
         first = self.limits.lift.first
         count = len(self.shortest.control)
@@ -194,7 +195,7 @@ class Retiming:
         for k in range(3):
             np.maximum.at(most, first + k, self.speed_bound)
             np.minimum.at(least, first + k, self.speed_bound)
-        upper = 2 * most - least
+        upper = np.minimum(2 * most - least, self.limits.even_bound)
         if np.isfinite(self.limits.steepest):
             g = greville(self.shortest.knots)
             for end, away in zip(self.ends, (g, 1 - g), strict=True):

@@ -21,7 +21,7 @@ import numpy as np
 from energy_opt.effects import EXACT, Signals
 from energy_opt.motion.path import JointPath
 from energy_opt.numerics.batch import Batch
-from energy_opt.power import PowerModel, drive_function, drive_terms
+from energy_opt.power import PowerModel, drive_terms
 from energy_opt.power.law import rigid_torque
 from energy_opt.robot import Robot, Tool
 
@@ -57,9 +57,10 @@ def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
 @lru_cache(maxsize=16)
 def _exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
     """(q, v, a, tau, t, p) -> power [W] by the exact laws, and that under each member of a mixture."""
-    function, _ = drive_function(shared_by.model, n, holds=True)
-    inputs = function.sx_in()
-    return ca.Function("exact_power", inputs, [function(*inputs)[k] for k in (1, 3)])
+    q, v, a, tau = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau"))
+    t, p = ca.SX.sym("t"), shared_by.model.symbols(n)
+    terms = drive_terms(shared_by.model, Signals(q, v, a, tau, t), p, holds=True)
+    return ca.Function("exact_power", [q, v, a, tau, t, p], [terms.power, terms.powers])
 
 
 def has_torque_effects(model: PowerModel) -> bool:

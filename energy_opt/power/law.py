@@ -165,12 +165,12 @@ def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks, holds: 
 def drive_function(
     model: PowerModel, joints: int, kinks: Kinks = EXACT, past: bool = False, holds: bool = False
 ) -> tuple[ca.Function, tuple[str, ...]]:
-    """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts, powers), and the names of the parts in order.
+    """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order.
 
     Args:
         model, joints: the effects, and the number of joints. kinks, holds: as `drive_terms`.
         past: whether the function also takes `idle` [s] and `returned` [W] (see `Signals`) before p, and also returns
-            the power of the bus [W].
+            `bus` and `powers` of `DriveTerms`.
     """
     q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
     known = {name: ca.SX.sym(name) for name in ("idle", "returned")} if past else {}
@@ -182,9 +182,9 @@ def drive_function(
     function = ca.Function(
         "drive",
         inputs,
-        [terms.tau_m, terms.power, parts, terms.powers, *([terms.bus] if past else [])],
+        [terms.tau_m, terms.power, parts, *([terms.bus, terms.powers] if past else [])],
         ["q", "v", "a", "tau", "t", *known, "p"],
-        ["tau_m", "power", "parts", "powers", *(["bus"] if past else [])],
+        ["tau_m", "power", "parts", *(["bus", "powers"] if past else [])],
     )
     return function, tuple(terms.parts)
 

@@ -113,7 +113,7 @@ class Scorer:
         """Rigid-body torque, motor torque, power, its parts, powers, and the power (N,) at the DC link."""
         tau = rigid_torque(self.model, self.robot.body, q, v, a)
         law = Batch(self._drive, len(q))
-        tau_m, power, parts, powers, bus = law(q, v, a, tau, t[:, None], idle[:, None], back[:, None], self._values)
+        tau_m, power, parts, bus, powers = law(q, v, a, tau, t[:, None], idle[:, None], back[:, None], self._values)
         return tau, tau_m, power[:, 0], parts, powers, bus[:, 0]
 
     def alone(self, dense: Dense, joint: int) -> np.ndarray:

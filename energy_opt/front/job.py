@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import Infeasible
 from energy_opt.folders import written_whole
 from energy_opt.formats import Format
-from energy_opt.formats.output import Files, Written
+from energy_opt.formats.output import Files, Shares, Written
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of
@@ -19,8 +18,9 @@ from energy_opt.front.jobs import content_of, job_from, job_settings, resolved_j
 from energy_opt.front.rivals import rivals_of, said, with_careful
 from energy_opt.front.workcell import WORKCELL, CellAnswer, run_workcell_job
 from energy_opt.jobs import JobResult, run_job, run_posed
-from energy_opt.jobs.models import compared, grounded, mean_of, stated
+from energy_opt.jobs.models import compared, grounded, held, mean_of, stated
 from energy_opt.jobs.output import with_room, write_programs
+from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.worth import per_year_words
 from energy_opt.requests.moves import JobRequest
@@ -98,9 +98,9 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
     job, _ = job_from(request), request.worth
     rivals, kind = rivals_of(request, job.robot, desk)
     model = rivals[0].model
-    held = model.get("payload")
-    if held is not None and (request.payload is not None or "payload" not in content_of(request)[0]):
-        mass, (x, y, z) = float(held.values["mass"][0]), held.values["com"].tolist()
+    carried = model.get("payload")
+    if carried is not None and (request.payload is not None or "payload" not in content_of(request)[0]):
+        mass, (x, y, z) = float(carried.values["mass"][0]), carried.values["com"].tolist()
         job = job_from(request, (mass, x, y, z), job.robot)
     formats = check_written(request, job.robot.n)
     settings = job_settings(request)
@@ -115,11 +115,21 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
     with desk.working() as (stopped, show):
         usual: dict[str, Any] = {"cell": cell, "stopped": stopped, "progress": show}
         try:
-            result = first = run_posed(job, mean_of(rivals), settings, **known, **usual)
-            again = partial(run_job, first.job, mean_of(rivals), settings, **usual)
-            result = with_room(
-                result, Files(formats, request.rate), lambda shares: replace(again(room=shares), choice=first.choice),
-            )  # fmt: skip
+            first = run_posed(job, mean_of(rivals), settings, **known, **usual)
+
+            def roomy(result: JobResult, model: PowerModel) -> JobResult:
+                def again(shares: Shares) -> JobResult:
+                    return replace(run_job(first.job, model, settings, room=shares, **usual), choice=first.choice)
+
+                return with_room(result, Files(formats, request.rate), again)
+
+            def under(model: PowerModel) -> JobResult:
+                found = replace(run_job(first.job, model, settings, **usual), choice=first.choice)
+                return roomy(found, model)
+
+            result = roomy(first, mean_of(rivals))
+            if kind is not None:
+                result = held(result, rivals, under)
         except Infeasible as error:
             desk.failed(ANSWER, error, robot=job.robot.name, cycle_time=job.cycle_time, request=document)
             raise

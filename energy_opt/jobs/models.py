@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -68,6 +68,43 @@ def mean_of(rivals: Sequence[Rival]) -> PowerModel:
     return rivals[0].model if len(rivals) == 1 else Mixture.of([rival.model for rival in rivals])
 
 
+def held(result: JobResult, rivals: Sequence[Rival], again: Callable[[PowerModel], JobResult]) -> JobResult:
+    """The job, or one that is planned again under the corner of assumed friction where the evenly slowed cycle wins.
+
+    Args:
+        rivals: the result was planned under the mean of these.
+        again: plans the job under another model. The corner takes the place of its own model in the mean.
+    """
+    costly = _costlier(result, rivals)
+    if not costly or result.interrupted:
+        return result
+    place, corner = costly[0]
+    others = [corner if k == place else rival for k, rival in enumerate(rivals)]
+    found = replace(again(mean_of(others)), baselines=result.baselines, bound=result.bound)
+    return found if found.solved and not _costlier(found, rivals) else result
+
+
+def _judges(result: JobResult, rivals: Sequence[Rival]) -> list[tuple[int, Rival]]:
+    """The models, then the corners of their assumed friction, each with the number of its model."""
+    robot = result.job.robot
+    corners = [
+        (k, Rival(f"{r.name}, {name}", m)) for k, r in enumerate(rivals) for name, m in friction_range(r.model, robot)
+    ]
+    return [*enumerate(rivals), *corners]
+
+
+def _costlier(result: JobResult, rivals: Sequence[Rival]) -> list[tuple[int, Rival]]:
+    """Those under which the cycle costs more than the evenly slowed one, the worst first."""
+    judges = _judges(result, rivals)
+    records = compared(result, [judge for _, judge in judges]).models
+    found = [
+        (row["saving_joules"], k)
+        for k, row in enumerate(records)
+        if row["saving_joules"] is not None and exceeds(row["total"], row["total"] + row["saving_joules"])
+    ]
+    return [judges[k] for _, k in sorted(found)]
+
+
 def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     """A job that was planned under the mean of `rivals`, stated under the first of them.
 
@@ -75,20 +112,14 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     the evenly slowed one. The bound is of the mean, not of the energy that is stated: it is in `robust`.
     """
     job = result.job
-    corners = [Rival(f"{r.name}, {name}", m) for r in rivals for name, m in friction_range(r.model, job.robot)]
-    records = compared(result, [*rivals, *corners]).models
+    costly = _costlier(result, rivals)
     slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
-    costlier = [
-        row["name"]
-        for row in records
-        if slowed is not None and exceeds(row["total"], row["total"] + row["saving_joules"])
-    ]
     plan, warnings = result.plan, result.warnings
-    if costlier and slowed is not None:
+    if costly and slowed is not None:
         plan = slowed
         warnings = (
             *warnings,
-            f"no cycle was found that costs less than the evenly slowed one under {costlier[0]!r} too",
+            f"no cycle was found that costs less than the evenly slowed one under {costly[0][1].name!r} too",
         )
     totals = [row["total"] for row in compared(replace(result, plan=plan), rivals).models]
     robust = {"kind": "mean", "total": sum(totals) / len(totals), "lower_bound": result.bound}
@@ -102,4 +133,4 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
         result, plan=plan.under(job, scorers), scorers=scorers, bound=None, robust=robust, warnings=warnings,
         baselines=tuple(under(b.name, b.plan) for b in result.baselines),
     )  # fmt: skip
-    return compared(stated, [*rivals, *corners])
+    return compared(stated, [judge for _, judge in _judges(stated, rivals)])

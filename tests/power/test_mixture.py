@@ -139,16 +139,15 @@ def test_the_worst_of_the_models_is_no_worse_than_of_the_mean(panda: Robot) -> N
     assert worst["worst"] <= worst["mean"] + 1e-9
 
 
-def test_power_above_its_limit_under_one_of_the_models_is_told(panda: Robot) -> None:
+def test_power_is_within_its_limit_under_every_model(panda: Robot) -> None:
     heavy = PowerModel("panda", (Standby(power=88.04), CopperLoss(r_over_kt2=0.02)))
     rivals = [Rival("plain", source_method_2()), Rival("heavy", heavy)]
     settings = Settings(compile="never", max_power=130.0)
     result = RobustPlanner(panda, rivals, "mean", settings).solve(Move(START, GOAL, "retime", duration=2.0))
-    said = [warning for warning in result.warnings if "power reaches" in warning]
     fine = np.linspace(0.0, 2.0, 8001)
     _, power, _ = Scorer(panda, heavy).drive(*result.trajectory.sample(fine)[:3], fine)
-    assert len(said) == 1 and f"'heavy' power reaches {power.max():.5g} W" in said[0] and power.max() > 130.0
-    assert result.certificate.peak_power < 130.0 and result.status == "solved"
+    assert 129.0 < power.max() <= 130.0 * (1 + 1e-6) and result.status == "solved"
+    assert not any("power reaches" in warning for warning in result.warnings)
 
 
 def test_a_plan_of_the_source_model_says_what_friction_makes_of_it(panda: Robot) -> None:

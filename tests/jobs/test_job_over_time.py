@@ -93,7 +93,7 @@ def test_a_job_under_several_models_states_what_its_mean_is_held_against(tmp_pat
         (["job.toml", "--start", "0,1,-1,0,0,0"], "--start belongs to one move"),
         (["job.toml", "--cycle", "3"], "--cycle belongs to one move"),
         (["job.toml", "--mode", "retime"], "--mode belongs to one move"),
-        (["--robot", "z1", "--resume"], "--resume is of a job"),
+        (["--robot", "z1", "--resume"], "--resume belongs to a job"),
         ([], "--robot is missing"),
     ],
 )

@@ -146,9 +146,9 @@ class Worker:
                 guess = blind.sketch(move) if first is None else first.trajectory
             except Infeasible:
                 break
-            motion = blind.settle(move, guess)
+            motion, _ = blind.settle(move, guess)
             if motion is not guess and _touching(cell, motion):
-                motion = planner.settle(move, motion)
+                motion, _ = planner.settle(move, motion)
             if motion is not guess and not _touching(cell, motion):
                 return Answer(motion, blind.score(motion), "sketch", "not_converged")
         motion = blind.solve(replace(move, mode="retime", path=leg.path, via=())).trajectory

@@ -20,12 +20,12 @@ from energy_opt.cell.cell import Cell, Contact
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Move
-from energy_opt.motion.reshape.evaluation import OpenGoal
+from energy_opt.motion.reshape.open import Open
 from energy_opt.motion.result import Result
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.chosen import Candidate, Chosen
 from energy_opt.poses.estimate import curves, fastest
-from energy_opt.poses.freedom import Bent, PosedGoal, has_freedom, improved, inside, is_free, used
+from energy_opt.poses.freedom import WIDE, Bent, PosedGoal, has_freedom, improved, inside, is_free, used
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Target, unreached
@@ -41,7 +41,7 @@ FREE = 60  # goals without contact among which is chosen
 
 Solve = Callable[[Move, Sequence[Trajectory]], Result]
 Sketch = Callable[[Move, Sequence[Trajectory]], Trajectory]
-Settle = Callable[[Move, Trajectory, OpenGoal, bool], Trajectory]
+Settle = Callable[[Move, Trajectory, Open, bool], tuple[Trajectory, tuple[np.ndarray, ...]]]
 
 
 Solved = tuple[Candidate, Result]
@@ -56,7 +56,9 @@ class Chooser:
         cell: what goals must keep clear of; None for nothing.
         solver: solves a move, given motions to start from; sketch: guesses the answer with no regard to bodies: a goal
             whose sketch takes more than the best answer is not solved in full.
-        settle: moves a motion to the nearest optimum of curve and goal, clear of bodies if so asked.
+        settle: moves a motion to the nearest optimum of curve and what is open, clear of bodies if so asked; it gives
+            the positions at via points too.
+        start, via: poses that the move begins at and passes, whose freedom is used too.
     """
 
     def __init__(
@@ -69,10 +71,13 @@ class Chooser:
         settle: Settle,
         seed: int = 0,
         worst: bool = False,
+        start: Pose | None = None,
+        via: Sequence[Pose] = (),
     ) -> None:
         self.tool, self.scorers, self.seed, self._worst = tool, list(scorers), seed, worst
         self.cell = cell if cell is not None and cell.checks else None
         self._solver, self._sketch, self._settle = solver, sketch, settle
+        self._start, self._via = start, tuple(via)
         self.solves = self.screened = 0
 
     def choose(self, move: Move, goals: Sequence[Target]) -> Chosen:
@@ -118,7 +123,7 @@ class Chooser:
         rest = [c for goal, c in others.items() if all(goal != x.goal.tobytes() for x in listed)]
         rest.sort(key=lambda c: (c.energy is None, c.status != "looked_at", c.estimate))
         return Chosen(
-            replace(move, goal=answer[0].goal), answer[1], tuple([*listed, *rest][:LISTED]),
+            answer[0].moved(move), answer[1], tuple([*listed, *rest][:LISTED]),
             nearest if near is None else near[0], None if near is None else near[1], self.solves, self.screened,
         )  # fmt: skip
 
@@ -209,35 +214,49 @@ class Chooser:
     def _attempt(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> Solved | Infeasible:
         self.solves += 1
         try:
-            result = self._solver(replace(move, goal=goal.goal), warm)
+            result = self._solver(goal.moved(move), warm)
         except Infeasible as error:
             return error
         return replace(goal, energy=self._energy(result.trajectory), status=result.status), result
 
     def _settled(self, move: Move, goal: Candidate, motion: Trajectory, clear: bool) -> list[Sketched]:
-        """The optimum of curve and goal near a motion, within what the pose leaves free; none where it costs no less.
+        """The optimum of curve and poses near a motion, within what these leave free; none where it costs no less.
 
-        The tolerance is used up in the direction in which the motion, bent to other ends, costs less.
+        The goal's tolerance is used up in the direction in which the motion, bent to other ends, costs less.
         """
-        pose = goal.pose
-        if pose is None or not has_freedom(self.tool, pose):
+        pose, at = goal.pose, goal.moved(move)
+        if not (self._open(at, pose).any or (pose is not None and max(pose.tolerance) > WIDE)):
             return []
         self.screened += 1
-        wanted, end = pose, goal.goal
+        wanted, cell = pose, self.cell if clear else None
         found: list[Sketched] = []
         for shifted in range(2):
-            open_goal = PosedGoal(self.tool, pose, end, self._work)
-            if open_goal.count or shifted:
-                motion = self._settle(replace(move, goal=end), motion, open_goal, clear)
-                end = motion.position[-1]
-            if inside(self.tool, wanted, end) and is_free(self.cell if clear else None, end):
-                found.append((replace(goal, goal=end, energy=self._energy(motion), status="screened"), motion))
+            open_ = self._open(at, pose)
+            if open_.any or shifted:
+                motion, via = self._settle(at, motion, open_, clear)
+                at = replace(at, start=motion.position[0], goal=motion.position[-1], via=via)
+            reached = wanted is None or inside(self.tool, wanted, at.goal)
+            if reached and all(is_free(cell, q) for q in (at.start, *at.via, at.goal)):
+                better = replace(goal, goal=at.goal, start=at.start, via=at.via)
+                found.append((replace(better, energy=self._energy(motion), status="screened"), motion))
             bent = partial(Bent(self.scorers, motion, move.duration is not None), None)
-            moved = None if shifted else used(self.tool, pose, end, bent)
+            moved = None if shifted or pose is None else used(self.tool, pose, at.goal, bent)
             if moved is None:
                 break
-            pose, end = moved
+            pose, at = moved[0], replace(at, goal=moved[1])
         return sorted(found, key=_cost)[:1]
+
+    def _open(self, move: Move, goal: Pose | None) -> Open:
+        """What a move's poses leave open."""
+
+        def surface(pose: Pose | None, q: np.ndarray) -> PosedGoal | None:
+            if pose is None or not has_freedom(self.tool, pose):
+                return None
+            found = PosedGoal(self.tool, pose, q, self._work)
+            return found if found.count else None
+
+        via = tuple(map(surface, self._via, move.via))
+        return Open(surface(self._start, move.start), surface(goal, move.goal), via)
 
     def _work(self, q: np.ndarray) -> np.ndarray:
         return np.asarray(np.mean([scorer.potential(q) for scorer in self.scorers], axis=0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ class Candidate:
         status: "solved" and so on as results have it; "screened" with the energy of a sketch, which knows no
             bodies; "looked_at", "not_looked_at", "colliding", "too_fast" or "infeasible".
         pose: the pose that it reaches; None where it was given by its joints.
+        start, via: (n,) where the move begins and what it passes, where these were optimized with the goal.
     """
 
     goal: np.ndarray
@@ -27,6 +28,14 @@ class Candidate:
     energy: float | None = None
     status: str = "looked_at"
     pose: Pose | None = None
+    start: np.ndarray | None = None
+    via: tuple[np.ndarray, ...] = ()
+
+    def moved(self, move: Move) -> Move:
+        """The move that ends there."""
+        if self.start is None:
+            return replace(move, goal=self.goal)
+        return replace(move, start=self.start, goal=self.goal, via=self.via)
 
     def document(self) -> dict[str, object]:
         """As it is in result.json; what a sketch takes is an estimate."""

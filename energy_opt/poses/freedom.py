@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.cell import Cell
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.reshape.evaluation import bending
+from energy_opt.motion.reshape.open import bending
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.estimate import energies
 from energy_opt.poses.inverse import SMALL, ToolKinematics, jacobian_of, solve
@@ -65,7 +65,7 @@ def directions(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
 
 
 class PosedGoal:
-    """A goal that moves with the curve that leads to it: an `OpenGoal` on which the tool keeps a pose.
+    """Positions at which the tool keeps a pose, among which an end or a via point of a curve moves: a `Surface`.
 
     With e(q) what the pose is missed by, J its derivative, n_i the tangents, the surface bends by -J^+ e''[n_i, n_j].
 

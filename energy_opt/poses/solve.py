@@ -43,7 +43,9 @@ def solve_to(
     scorers = [Scorer(robot, model) for model in models]
     if ends.start is not None or ends.via:
         move = _placed(ends, move, tool, scorers, cell, settings)
-    chooser = Chooser(tool, scorers, cell, planner.solve, planner.sketch, planner.settle, settings.seed, worst)
+    chooser = Chooser(
+        tool, scorers, cell, planner.solve, planner.sketch, planner.settle, settings.seed, worst, ends.start, ends.via
+    )
     return chooser.choose(move, ends.goals)
 
 

@@ -14,6 +14,8 @@ from energy_opt.front.rivals import rivals_from
 from energy_opt.motion import Move, Planner, Settings, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.candidates import task_of
+from energy_opt.motion.reshape.model import AXES
+from energy_opt.motion.reshape.open import Open
 from energy_opt.motion.reshape.task import Line
 from energy_opt.poses.estimate import straight
 from energy_opt.poses.freedom import Bent, PosedGoal, improved, inside, used
@@ -102,9 +104,9 @@ def program() -> Program:
 def test_derivatives_by_the_goal_are_those_of_differences(program: Program) -> None:
     planner, move, sketch, goal = program
     context = planner.context(move)
-    task = replace(task_of(context, move, sketch.duration, move.duration), open=goal)
+    task = replace(task_of(context, move, sketch.duration, move.duration), open=Open(goal=goal))
     level = context.reshaper("energy").fine(0)
-    model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset, goal=goal)
+    model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset, open_=task.open)
     point = model.at_curve(task.curve(level.shape, Line.of(sketch)))
     along = np.zeros(model.shape.size + model.border)
     along[model.shape.size :][model.toward] = 1.0
@@ -115,6 +117,63 @@ def test_derivatives_by_the_goal_are_those_of_differences(program: Program) -> N
     assert model.gradient(point) @ along == pytest.approx((cost(1e-4) - cost(-1e-4)) / 2e-4, rel=1e-5)
     bend = (cost(4e-3) + cost(-4e-3) - 2 * cost(0.0)) / 16e-6
     assert along @ model.hessian(point, {}).times(along) == pytest.approx(bend, rel=1e-2)
+
+
+@pytest.fixture(scope="module")
+def through(program: Program) -> tuple[Move, Open]:
+    """The same move, begun at a pose and through one, all with the redundancy as their freedom."""
+    planner, move, sketch, goal = program
+    tool, via = ToolKinematics(planner.robot), sketch.sample(np.array([0.9]))[0][0] + 0.1
+    start, on_way = (PosedGoal(tool, pose_at(tool, q), q, planner.scorer.potential) for q in (move.start, via))
+    return replace(move, via=(via,)), Open(start, goal, (on_way,))
+
+
+def test_derivatives_by_start_and_via_point_are_those_of_differences(
+    program: Program, through: tuple[Move, Open]
+) -> None:
+    planner, sketch = program[0], program[2]
+    move, open_ = through
+    context = planner.context(move)
+    task = replace(task_of(context, move, sketch.duration, move.duration), open=open_)
+    level = context.reshaper("energy").fine(1)
+    model = task.model(level)
+    point = model.at_curve(task.curve(level.shape, Line.of(sketch)))
+    force, rng = np.zeros(7 + AXES), np.random.default_rng(2)
+    force[:6] = rng.normal(size=6)
+    pull = force[: len(point.passed[0].slope)] @ point.passed[0].slope
+    hessian, gradient = model.hessian(point, {"via": force}), model.gradient(point)
+
+    def lagrangian(step: np.ndarray) -> tuple[float, float]:
+        at = model.at(*model.moved(point, step))
+        return at.cost, float(at.via[0] @ pull)
+
+    assert model.border == 3
+    for column in range(3):  # the start's freedom, the goal's, the via point's time
+        step = np.zeros(model.shape.size + 3)
+        step[: model.shape.size] = 0.1 * rng.normal(size=model.shape.size) if column == 2 else 0.0
+        step[model.shape.size + column] = 1.0 if column < 2 else 0.02
+        (here, pulled), *around = (lagrangian(size * step) for size in (0.0, 1e-4, -1e-4, 4e-3, -4e-3))
+        assert gradient @ step == pytest.approx((around[0][0] - around[1][0]) / 2e-4, rel=1e-4, abs=1e-5)
+        bend = sum(map(sum, around[2:])) - 2 * (here + pulled)
+        assert step @ hessian.times(step) == pytest.approx(bend / 16e-6, rel=2e-2)
+
+
+@pytest.mark.slow
+def test_no_step_of_start_or_via_point_leads_to_a_cheaper_answer(program: Program, through: tuple[Move, Open]) -> None:
+    planner, sketch = program[0], program[2]
+    move, open_ = through
+    fixed = planner.score(planner.settle(move, sketch, Open(goal=open_.goal))[0]).total
+    answer, via = planner.settle(move, sketch, open_)
+    assert planner.score(answer).total < fixed - 0.1
+    best = replace(move, start=answer.position[0], goal=answer.position[-1], via=via)
+    for q, place in ((move.start, best.start), (move.via[0], via[0])):
+        assert np.abs(by_pinocchio(planner.robot, place) - by_pinocchio(planner.robot, q)).max() < 1e-8
+    least = planner.score(planner.settle(best, answer)[0]).total
+    for size in (0.05, -0.05):
+        start = open_.start.reached(best.start, size * open_.start.along(best.start)[0])
+        on_way = open_.via[0].reached(via[0], size * open_.via[0].along(via[0])[0])
+        for other in (replace(best, start=start), replace(best, via=(on_way,))):
+            assert planner.score(planner.settle(other, answer)[0]).total > least - 1e-5
 
 
 @pytest.mark.parametrize(("name", "inside"), [("ur5e", True), ("panda", False)])
@@ -129,7 +188,7 @@ def test_no_step_along_the_freedom_leads_to_a_cheaper_answer(name: str, inside: 
         )
         goal = PosedGoal(tool, pose_at(tool, move.goal, free=(Freedom("rx"),)), move.goal, planner.scorer.potential)
         sketch = planner.sketch(move)
-    answer = planner.settle(move, sketch, goal)
+    answer, _ = planner.settle(move, sketch, Open(goal=goal))
     q = answer.position[-1]
 
     def energy(step: np.ndarray) -> float:

@@ -28,9 +28,9 @@ from energy_opt.motion.plan.candidates import unseen
 from energy_opt.motion.plan.choice import instead
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.single import Single
-from energy_opt.motion.plan.sketch import settled, sketched
+from energy_opt.motion.plan.sketch import Settled, settled, sketched
 from energy_opt.motion.plan.ways import check_free, first_path
-from energy_opt.motion.reshape.evaluation import OpenGoal
+from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
@@ -220,12 +220,12 @@ class Planner:
             return self.solve(move, warm).trajectory
         return sketched(replace(self.context(move), cell=None), move, warm)
 
-    def settle(self, move: Move, motion: Trajectory, goal: OpenGoal | None = None, clear: bool = True) -> Trajectory:
-        """The optimum near a motion; where its goal is open, that too is where it costs least; `clear`: of bodies."""
+    def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
+        """The optimum near a motion; what is open too is where it costs least; `clear`: of bodies."""
         if move.mode == "retime" or self.settings.objective != "energy" or unseen(move):
-            return motion
+            return motion, move.via
         context = self.context(move)
-        return settled(context if clear else replace(context, cell=None), move, motion, goal)
+        return settled(context if clear else replace(context, cell=None), move, motion, open_)
 
     def _long_turns(self, move: Move) -> list[str]:
         """What to say of joints without an end that reach the same pose by turning the other way."""

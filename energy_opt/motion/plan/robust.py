@@ -30,7 +30,8 @@ from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.blend import blended, least_weights
 from energy_opt.motion.plan.planner import Planner
-from energy_opt.motion.reshape.evaluation import OpenGoal
+from energy_opt.motion.plan.sketch import Settled
+from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import Optimality, Result
 from energy_opt.motion.retime.solve import GLOBAL_GAP
 from energy_opt.motion.trajectory import Trajectory
@@ -178,9 +179,9 @@ class RobustPlanner:
         """A guess of the answer under the models' mean; see `Planner.sketch`."""
         return self.planner.sketch(move, warm)
 
-    def settle(self, move: Move, motion: Trajectory, goal: OpenGoal, clear: bool = True) -> Trajectory:
+    def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
         """See `Planner.settle`; under the models' mean."""
-        return self.planner.settle(move, motion, goal, clear)
+        return self.planner.settle(move, motion, open_, clear)
 
     def solve_by(self, find: Callable[[Planner], Result]) -> Result:
         """As `solve`, of what `find` makes with a planner of the models' mean; it has the last word.

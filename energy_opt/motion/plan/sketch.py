@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import first_line, least_energy_timing, reference_time, task_of
 from energy_opt.motion.plan.context import Context
 from energy_opt.motion.plan.single import first_timing
 from energy_opt.motion.reshape.clear import ClearSearch
-from energy_opt.motion.reshape.evaluation import OpenGoal
+from energy_opt.motion.reshape.curve import Curve
+from energy_opt.motion.reshape.open import Open
 from energy_opt.motion.reshape.search import EXACT, ITERATIONS, trajectory_of
-from energy_opt.motion.reshape.task import FEASIBLE, Line
+from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory
 
+Settled = tuple[Trajectory, tuple[np.ndarray, ...]]  # a motion, and where it passes the via points
 SETTLED, FIRST = 1e-6, 0.05  # relative tolerance beside bodies, and the first step there [rad, m]
 BEYOND = 0.5  # share of a bound: a full search, or another end of the move, may still repair so much
 
@@ -44,16 +48,17 @@ def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> T
     return trajectory_of(found.curve, context.robot.joints)
 
 
-def settled(context: Context, move: Move, motion: Trajectory, goal: OpenGoal | None) -> Trajectory:
+def settled(context: Context, move: Move, motion: Trajectory, open_: Open) -> Settled:
     """The optimum that is near a motion, which is bent where its ends are others than the move's.
 
     Beside bodies it keeps the usual distances; nothing is proven. The motion itself where the search comes to nothing.
+    With it, where it passes the via points.
 
     Args:
-        goal: of which the freedom is among the variables, so that curve and goal are optimized together.
+        open_: of what the freedom is among the variables, so that it is optimized together with the curve.
     """
     task = task_of(context, move, motion.duration, move.duration)
-    task = replace(task, open=goal)
+    task = replace(task, open=open_)
     reshaper = context.reshaper("energy")
     level = reshaper.fine(task.vias)
     line = Line.of(motion)
@@ -62,8 +67,15 @@ def settled(context: Context, move: Move, motion: Trajectory, goal: OpenGoal | N
     curve = task.curve(level.shape, replace(line, q=bent))
     if context.cell is None:
         best = reshaper.solved(curve, task, context.stopped)
-        return motion if best.broken > FEASIBLE else trajectory_of(best.curve, context.robot.joints)
+        return (motion, move.via) if best.broken > FEASIBLE else _settled(context, best.curve, task)
     scale = 1 / max(abs(level.excess(curve, task.parameters, task.limits)[0] - task.offset * curve.duration), 1e-6)
     search = ClearSearch(context.cell, context.robot.joints, level, task, scale, context.stopped)
     found = search.descent(curve, ITERATIONS, FIRST, SETTLED, EXACT, slack=0.0)
-    return trajectory_of(search.curve_of(found), context.robot.joints)
+    return _settled(context, search.curve_of(found), task)
+
+
+def _settled(context: Context, curve: Curve, task: Task) -> Settled:
+    via = list(task.ends.via)
+    for k, (surface, q) in enumerate(zip(task.open.via, curve.position(curve.via_u), strict=False)):
+        via[k] = via[k] if surface is None else surface.reached(q, np.zeros(len(q)))
+    return trajectory_of(curve, context.robot.joints), tuple(via)

@@ -106,7 +106,7 @@ class ClearSearch:
         self.margins = Margins(cell, ends)
         self.wanted = self.margins.wanted
         self.near, self._many = (Near(cell.bodies, ends, self.wanted) for _ in range(2))
-        self._model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset, goal=task.open)
+        self._model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset, open_=task.open)
         self._model.scale = self.scale = scale
         self.iterations = 0
 
@@ -157,6 +157,7 @@ class ClearSearch:
         places = Places.evenly(len(self.wanted))
         dense = (np.arange(DENSE) + 0.5) / DENSE
         now: Descent | None = None
+        again = FINE
         for turn in range(ROUNDS):
             model, first = self._with(places), now is None
             point = model.at_curve(curve, trust if first else NEARBY)
@@ -166,7 +167,7 @@ class ClearSearch:
                     model, now, iterations, trust, tolerance=tolerance, give=give, slack=SLACK, stopped=self.stopped
                 )
             else:
-                descend(model, now, AGAIN, NEARBY, tolerance=FINE, slack=SLACK, stopped=self.stopped)
+                descend(model, now, AGAIN, NEARBY, tolerance=again, slack=SLACK, stopped=self.stopped)
             if now.point.cost + 10 * model.broken(now.point, GIVE, SLACK) > known:
                 break
             curve = self.curve_of(now)
@@ -176,7 +177,7 @@ class ClearSearch:
                 if not places.look(dense[k[bad]]) or turn > 1:
                     places.keep(self.near.pair[number[bad]])
             elif model.excess(now.point) > FEASIBLE / 10 or np.abs(now.point.via).max(initial=0.0) > MET:
-                pass
+                again = EXACT  # steps that win little are taken too
             else:
                 proof = self.proof(curve)
                 if proof.proven:

@@ -1,15 +1,15 @@
 """A reshaping problem at a curve: its cost and gradient, shares of limits, and what is near.
 
 Unknowns are the free control points, point by point, and
-behind them T, unless it is given, the goal's steps along what a pose leaves free, and the via points' times.
+behind them T, unless it is given, the ends' steps along what their poses leave free, and the via points' times.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
@@ -18,43 +18,11 @@ from energy_opt.motion.limits.clearance import ClearanceConstraints
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions
+from energy_opt.motion.reshape.open import FIXED, Open, Passed, passed
 from energy_opt.numerics.batch import Batch
 
 NEAREST, ARM = 0.01, 0.5  # [m] nearer bodies get constraints, and more for each rad that joints will turn
 DIFFERENCE = 1e-5  # [rad, m] of what ending somewhere costs
-
-
-def bending(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray, along: np.ndarray, step: float = 1e-3) -> np.ndarray:
-    """Second derivatives (k, k, ...) at q (n,) of a function of positions (M, n), along k directions (k, n)."""
-    i, j = np.triu_indices(len(along))
-    one, other = step * along[i], step * along[j]
-    around = np.vstack([q + a * one + b * other for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))])
-    value = f(around)
-    value = value.reshape(4, len(i), *value.shape[1:])
-    out = np.zeros((len(along), len(along), *value.shape[2:]))
-    out[i, j] = out[j, i] = (value[0] - value[1] - value[2] + value[3]) / (4 * step**2)
-    return out
-
-
-class OpenGoal(Protocol):
-    """A goal that may move on a surface of positions, `count` directions wide: those at which the tool has its pose."""
-
-    count: int
-
-    def along(self, q: np.ndarray) -> np.ndarray:
-        """Orthonormal tangents (count, n) at q (n,), which follow q smoothly."""
-
-    def bend(self, q: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Second derivatives (count, count, n) of the surface by steps along the tangents."""
-
-    def reached(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The positions (n,) on the surface, within its ranges, that are next to q + step (n,)."""
-
-    def work(self, q: np.ndarray) -> np.ndarray:
-        """What ending at positions q (K, n) costs beside the objective's integral, (K,)."""
-
-    def ranges(self, q: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What is bounded: values (R,), their slopes (R, count) along the tangents, and lowest and highest values."""
 
 
 @dataclass
@@ -71,7 +39,8 @@ class Point:
     hot: np.ndarray  # (nodes, columns) signed shares
     hot_slope: np.ndarray  # (nodes, nz, columns)
     via: np.ndarray  # (vias, n) what is off
-    along: np.ndarray  # (directions, n) of the goal
+    passed: list[Passed]
+    along: np.ndarray  # (directions, n) of the ends
     placed: list[tuple[int, PlaceConstraints, np.ndarray, np.ndarray]] = field(
         default_factory=list
     )  # limit, constraints, q, values
@@ -82,15 +51,17 @@ class Evaluation:
 
     Args:
         width: what widths of smoothed kinks are multiplied by; offset: what it costs per second whatever the path.
-        goal: where the goal is free to move; the move then ends at rest.
+        open: what may move on surfaces.
     """
 
     def __init__(
         self, shape: Shape, nodes: NodeFunctions, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray,
-        durations: tuple[float, float], offset: float = 0.0, width: float = 1.0, goal: OpenGoal | None = None,
+        durations: tuple[float, float], offset: float = 0.0, width: float = 1.0, open_: Open = FIXED,
     ) -> None:  # fmt: skip
         s = self.shape = shape
-        self.goal, directions = goal, 0 if goal is None else goal.count
+        self.open, self.moving = open_, open_.ends
+        self.of = np.repeat(np.arange(len(self.moving)), [surface.count for _, surface in self.moving]).astype(int)
+        directions = len(self.of)
         self.ends, self.limits, self.offset, self.scale = ends, tuple(limits), offset, 1.0
         self.fixed = durations[0] == durations[1]
         self.durations = durations
@@ -121,13 +92,18 @@ class Evaluation:
         stacked = s.stacked.reshape(len(u), 3, -1)[self._quad].reshape(3 * len(self._quad), -1)
         self._down = stacked.T[s.pinned : controls - s.pinned].copy()
         self._down_all = stacked.T.copy()
-        self._goal_z = s.stacked[:, -s.pinned :].sum(axis=1).reshape(len(u), 3)  # by what is the goal
-        if goal is not None:
+        self.share = np.zeros((len(self.moving), controls))  # of control points that are the end
+        for k, (end, _) in enumerate(self.moving):
+            self.share[k, : s.pinned] = 1.0 if end == 0 else 0.0
+            self.share[k, controls - s.pinned :] = 0.0 if end == 0 else 1.0
+        self.end_z = (self.share @ s.stacked.T).reshape(-1, len(u), 3)
+        if self.moving:
             linear = self._linear_all.toarray().reshape(-1, controls, n)
-            self._goal_linear = self._per[:, None] * linear[:, -s.pinned :].sum(axis=1)
-            u = np.linspace(0, 1, 6 * controls)[:, None]  # how the curve follows what the goal bends off its tangent
+            self.end_linear = self._per[:, None] * np.einsum("lci,kc->kli", linear, self.share)
+            u = np.linspace(0, 1, 6 * controls)[:, None]  # how the curve follows what an end bends off its tangent
             pinned = np.zeros((s.pinned, 1)), np.ones((s.pinned, 1))
-            self._carried = s.basis.fit(u[:, 0], u**3 * (10 - 15 * u + 6 * u**2), *pinned)[:, 0]
+            goal = s.basis.fit(u[:, 0], u**3 * (10 - 15 * u + 6 * u**2), *pinned)[:, 0]
+            self._carried = [1 - goal if end == 0 else goal for end, _ in self.moving]
 
     def _set_linear(self) -> None:
         """Rows of bounds on derivatives: as functions of all control points, and their squares."""
@@ -159,17 +135,19 @@ class Evaluation:
         rate, slope = self._cost(z[self._quad], self._u[self._quad], self._values)
         cost = self.scale * (float(self._weight @ rate[:, 0]) - self.offset * duration)
         linear = self._per * (self._linear_all @ points.ravel()) / duration**self.order
-        if self.goal is not None:
-            cost += self.scale * float(np.diff(self.goal.work(np.stack([self.ends.goal, points[-1]])))[0])
+        for end, surface in self.moving:
+            begun = self.ends.goal if end else self.ends.start
+            cost += self.scale * self._sign(end) * float(np.diff(surface.work(np.stack([begun, points[end]])))[0])
         hot, hot_slope = np.zeros((len(z), 0)), np.zeros((len(z), 3 * n + 1, 0))
         if self._limited is not None:
             value, jac = self._limited(z, self._u, self._values)
             hot = value / self._hot_scale
             hot_slope = jac.reshape(len(z), -1, len(self._hot_scale)).copy()
-        via = s.basis.matrix(via_u) @ points - self.ends.via if s.vias else np.zeros((0, n))
-        along = np.zeros((0, n)) if self.goal is None else self.goal.along(points[-1])
+        at_via = s.basis.matrix(via_u) @ points if s.vias else np.zeros((0, n))
+        via, bounds = passed(self.open, self.ends.via, at_via)
+        along = np.vstack([np.zeros((0, n)), *(surface.along(points[end]) for end, surface in self.moving)])
         slope = self.scale * self._weight[:, None] * slope
-        out = Point(points, duration, via_u, z, cost, slope, linear, hot, hot_slope, via, along)
+        out = Point(points, duration, via_u, z, cost, slope, linear, hot, hot_slope, via, bounds, along)
         held: list[Limit] = list(self.limits)
         if self.clearance is not None:
             reach = min(self.clearance.reach, NEAREST + ARM * far)
@@ -180,6 +158,11 @@ class Evaluation:
                 q = self._matrix(rows.u) @ points
                 out.placed.append((number, rows, q, rows.value(q)))
         return out
+
+    @staticmethod
+    def _sign(end: int) -> float:
+        """What ending somewhere costs, beginning there gives back."""
+        return 1.0 if end else -1.0
 
     def at_curve(self, curve: Curve, far: float = np.inf) -> Point:
         """Everything at a curve."""
@@ -213,10 +196,10 @@ class Evaluation:
         if not self.fixed:
             duration = float(np.clip(duration + border[0], *self.durations))
             points += (duration - point.duration) * self._pinned_slope
-        if self.goal is not None:
-            step = border[self.toward] @ point.along
-            points[-s.pinned :] += step
-            points += self._carried[:, None] * (self.goal.reached(point.points[-1], step) - points[-1])
+        for k, (end, surface) in enumerate(self.moving):
+            step = border[self.toward][self.of == k] @ point.along[self.of == k]
+            points += self.share[k][:, None] * step
+            points += self._carried[k][:, None] * (surface.reached(point.points[end], step) - points[end])
         return points, duration, np.clip(point.via_u + border[len(border) - s.vias :], 0, 1)
 
     def broken(self, point: Point, give: float, slack: float) -> float:
@@ -248,19 +231,20 @@ class Evaluation:
         if not self.fixed:
             pinned = 0.0 if self._still else float(np.sum((self._down_all @ by_node) * self._pinned_slope))
             out[s.size] = point.slope[:, -1].sum() + pinned
-        if self.goal is not None:
-            out[s.size :][self.toward] = point.along @ self._by_goal(point)
+        if self.moving:
+            by_end = np.stack([self.by_end(point, k) for k in range(len(self.moving))])
+            out[s.size :][self.toward] = np.sum(point.along * by_end[self.of], axis=1)
         assert s.vias == 0 or self.border
         return out
 
-    def _by_goal(self, point: Point) -> np.ndarray:
-        """The cost's gradient (n,) by the goal, the free control points held."""
-        assert self.goal is not None
-        n, q = self.shape.joints, point.points[-1]
+    def by_end(self, point: Point, k: int) -> np.ndarray:
+        """The cost's gradient (n,) by the k-th end that may move, the free control points held."""
+        end, surface = self.moving[k]
+        n, q = self.shape.joints, point.points[end]
         steps = DIFFERENCE * np.eye(n)
-        plus, minus = self.goal.work(np.vstack([q + steps, q - steps])).reshape(2, n)
-        work = self.scale * (plus - minus) / (2 * DIFFERENCE)
-        return work + self._goal_z[self._quad].ravel() @ point.slope[:, :-1].reshape(-1, n)
+        plus, minus = surface.work(np.vstack([q + steps, q - steps])).reshape(2, n)
+        work = self.scale * self._sign(end) * (plus - minus) / (2 * DIFFERENCE)
+        return np.asarray(work + self.end_z[k][self._quad].ravel() @ point.slope[:, :-1].reshape(-1, n))
 
     def hot_share(self, point: Point) -> np.ndarray:
         """Shares of bounds at nodes as far as they count, (nodes, columns)."""

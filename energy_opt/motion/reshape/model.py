@@ -10,14 +10,16 @@ from functools import cached_property
 
 import numpy as np
 
-from energy_opt.motion.reshape.evaluation import Evaluation, OpenGoal, Point, bending
+from energy_opt.motion.reshape.evaluation import Evaluation, Point
 from energy_opt.motion.reshape.layout import LOCAL
+from energy_opt.motion.reshape.open import bending
 from energy_opt.numerics.batch import Batch
 from energy_opt.numerics.quadratic import Banded, Constraints, add_nodes, add_places
 
 SPARE = 0.02  # beyond what a step can reach by its first derivative
 HOT = 0.8  # share of a bound from which what is limited at a node gets a row
 
+AXES = 6  # ranges of a via point's pose, at most
 LINEAR, AT_NODES, VIA, AT_PLACES = range(4)  # kinds of constraints: their names are kind + 4 times a number
 
 
@@ -64,14 +66,15 @@ class Model(Evaluation):
         if linear is not None and not self.fixed:
             k = self.order
             out.corner[0, 0] -= float(np.sum(np.abs(linear) * k * (k - 1))) / point.duration**2
-        if self.goal is not None:
+        for number, (end, surface) in enumerate(self.moving):
             at_nodes = np.matmul(point.hot_slope[:, :-1], lam[:, :, None]).reshape(len(lam), 3, n)
-            force = self._by_goal(point) + np.einsum("kd,kdi->i", self._goal_z, at_nodes)
+            force = self.by_end(point, number) + np.einsum("kd,kdi->i", self.end_z[number], at_nodes)
             if linear is not None:
-                force = force + (linear / point.duration**self.order) @ self._goal_linear
-            q = point.points[-1]
-            out.corner[self.toward, self.toward] += self.goal.bend(q, point.along) @ force
-            out.corner[self.toward, self.toward] += self.scale * bending(self.goal.work, q, point.along)
+                force = force + (linear / point.duration**self.order) @ self.end_linear[number]
+            q, along = point.points[end], point.along[self.of == number]
+            which = self.toward.start + np.flatnonzero(self.of == number)
+            bend = surface.bend(q, along) @ force + self._sign(end) * self.scale * bending(surface.work, q, along)
+            out.corner[np.ix_(which, which)] += bend
         for number, rows, q, _ in point.placed:
             lam_place = multipliers.get(f"place {number}")  # how ends that move stretch with T is left out
             if lam_place is not None and lam_place.any():
@@ -82,25 +85,31 @@ class Model(Evaluation):
         return out
 
     def _behind(self, point: Point, which: np.ndarray) -> np.ndarray:
-        """d z/d(T and the goal's steps) at nodes, (K, nz, columns)."""
+        """d z/d(T and the ends' steps) at nodes, (K, nz, columns)."""
         nz, count = point.z.shape[1], len(point.along)
-        by_goal = np.zeros((len(which), nz, count))
+        by_end = np.zeros((len(which), nz, count))
         if count:
-            by_goal[:, :-1] = np.einsum("kd,ci->kdic", self._goal_z[which], point.along).reshape(-1, nz - 1, count)
-        return by_goal if self.fixed else np.concatenate([self._z_slope[which, :, None], by_goal], axis=2)
+            at = self.end_z[self.of][:, which]
+            by_end[:, :-1] = np.einsum("ckd,ci->kdic", at, point.along).reshape(-1, nz - 1, count)
+        return by_end if self.fixed else np.concatenate([self._z_slope[which, :, None], by_end], axis=2)
 
     def _add_via_curvature(self, out: Banded, point: Point, lam: np.ndarray) -> None:
         s, n = self.shape, self.shape.joints
         inner = slice(s.pinned, s.basis.controls - s.pinned)
         slope = s.basis.matrix(point.via_u, 1)
         bend = s.basis.matrix(point.via_u, 2) @ point.points
-        lam = lam.reshape(s.vias, n)
-        for i in range(s.vias):
-            column = self.border - s.vias + i
-            out.border[:, column] += np.outer(slope[i, inner], lam[i]).ravel()
-            out.corner[column, column] += float(bend[i] @ lam[i])
+        window, local = self._placing(point.via_u)
+        for i, passed in enumerate(point.passed):
+            column, by = self.border - s.vias + i, lam[i * (n + AXES) :][: len(passed.slope)]
+            force, bent = by @ passed.slope, np.tensordot(by[: len(passed.bend)], passed.bend, axes=1)
+            speed = slope[i] @ point.points
+            if bent.any():
+                add_places(out.band, bent[None], local[i : i + 1], window[i : i + 1], n)
+            out.border[:, column] += np.outer(slope[i, inner], force).ravel()
+            out.border[:, column] += np.outer(s.basis.matrix(point.via_u[i : i + 1])[0, inner], bent @ speed).ravel()
+            out.corner[column, column] += float(bend[i] @ force + speed @ bent @ speed)
             if not self.fixed:
-                cross = float(slope[i] @ self._pinned_slope @ lam[i])
+                cross = float(slope[i] @ self._pinned_slope @ force)
                 out.corner[0, column] += cross
                 out.corner[column, 0] += cross
 
@@ -119,8 +128,9 @@ class Model(Evaluation):
         if not self.fixed:
             sign = np.sign(share) if side is None else side[which]
             border[:, 0] = self._linear_slope[which] * time - self.order[which] * sign / point.duration
-        if self.goal is not None:
-            border[:, self.toward] = (time[:, None] * self._goal_linear[which]) @ point.along.T
+        if self.moving:
+            by_end = np.einsum("cli,ci->lc", self.end_linear[self.of][:, which], point.along)
+            border[:, self.toward] = time[:, None] * by_end
         return Constraints.of(
             self.shape.joints, self.border, first=self._linear_first[which], joint=self._linear_joint[which],
             coefficient=self._linear_local[which] * (time * self._per[which])[:, None], border=border,
@@ -161,9 +171,9 @@ class Model(Evaluation):
             near = np.flatnonzero(off < reach)
             place, gradient = placed.place[near], gradient[near]
             edge = np.zeros((len(place), self.border))
-            if self.goal is not None:
-                at_goal = self._matrix(placed.u)[:, -s.pinned :].sum(axis=1)[place]
-                edge[:, self.toward] = at_goal[:, None] * (gradient @ point.along.T)
+            if self.moving:
+                at_end = (self._matrix(placed.u) @ self.share.T)[place]
+                edge[:, self.toward] = at_end[:, self.of] * (gradient @ point.along.T)
             if not self.fixed and not self._still:
                 edge[:, 0] = np.sum(gradient * (self._matrix(placed.u) @ self._pinned_slope)[place], axis=1)
             window, local = self._placing(placed.u)
@@ -173,7 +183,7 @@ class Model(Evaluation):
                 keys=(placed.keys[near].astype(np.int64) * 64 + number) * 4 + AT_PLACES,
             )  # fmt: skip
             out = out.joined(at_places)
-        return out if self.goal is None else out.joined(self._goal_bounds(point, self.goal))
+        return out.joined(self._end_bounds(point)) if self.moving else out
 
     def _via_rows(self, point: Point) -> Constraints:
         """Constraints that via points are passed."""
@@ -182,26 +192,37 @@ class Model(Evaluation):
         begin = s.first(point.via_u)
         local = np.take_along_axis(basis, begin[:, None] + np.arange(LOCAL), axis=1)
         edge = np.zeros((s.vias, n, self.border))
-        edge[:, :, self.toward] = basis[:, -s.pinned :].sum(axis=1)[:, None, None] * point.along.T
+        edge[:, :, self.toward] = (basis @ self.share.T)[:, None, self.of] * point.along.T
         for i in range(s.vias):
             edge[i, :, self.border - s.vias + i] = speed[i]
         if not self.fixed:
             edge[:, :, 0] = basis @ self._pinned_slope
+        counts = [len(passed.slope) for passed in point.passed]
+        keys = [i * (n + AXES) + np.arange(count) for i, count in enumerate(counts)]
+        wide = [np.einsum("a,rj->raj", local[i], passed.slope).reshape(-1, s.width)
+                for i, passed in enumerate(point.passed)]  # fmt: skip
         return Constraints.of(
-            n, self.border, wide_first=np.repeat(begin - s.pinned, n), border=edge.reshape(-1, self.border),
-            wide=(local[:, None, :, None] * np.eye(n)[None, :, None, :]).reshape(s.vias * n, s.width),
-            floor=-point.via.ravel(), ceiling=-point.via.ravel(), keys=np.arange(s.vias * n) * 4 + VIA,
+            n, self.border, wide_first=np.repeat(begin - s.pinned, counts), wide=np.vstack(wide),
+            border=np.vstack([passed.slope @ edge[i] for i, passed in enumerate(point.passed)]),
+            floor=np.concatenate([passed.low for passed in point.passed]),
+            ceiling=np.concatenate([passed.high for passed in point.passed]), keys=np.concatenate(keys) * 4 + VIA,
         )  # fmt: skip
 
-    def _goal_bounds(self, point: Point, goal: OpenGoal) -> Constraints:
-        """Constraints on the goal's steps: joints' ranges and those of what the pose leaves free."""
-        q, along = point.points[-1], point.along
-        value, slope, low, high = goal.ranges(q, along)
-        value, slope = np.concatenate([q, value]), np.vstack([along.T, slope])
-        low, high = (np.concatenate(bounds) for bounds in zip(self.box, (low, high), strict=True))
+    def _end_bounds(self, point: Point) -> Constraints:
+        """Constraints on the steps of ends that may move: joints' ranges and those of what a pose leaves free."""
+        parts = []
+        for k, (end, surface) in enumerate(self.moving):
+            q, along = point.points[end], point.along[self.of == k]
+            value, slope, low, high = surface.ranges(q, along)
+            border = np.zeros((len(q) + len(value), len(self.of)))
+            border[:, self.of == k] = np.vstack([along.T, slope])
+            parts.append(
+                (border, np.concatenate([q, value]), *map(np.concatenate, zip(self.box, (low, high), strict=True)))
+            )
+        of_steps, value, low, high = (np.concatenate(part) for part in zip(*parts, strict=True))
         count = len(value)
         border = np.zeros((count, self.border))
-        border[:, self.toward] = slope
+        border[:, self.toward] = of_steps
         none = np.zeros(count, dtype=np.int64)
         return Constraints.of(
             self.shape.joints, self.border, first=none, joint=none, coefficient=np.zeros((count, LOCAL)), border=border,
@@ -214,7 +235,7 @@ class Model(Evaluation):
         keys, values = keys[order], values[order]
         name, kind = np.divmod(keys, 4)
         out: dict[str, np.ndarray] = {}
-        if not self.fixed or self.goal is not None:
+        if not self.fixed or self.moving:
             out["linear"] = np.zeros(len(point.linear))
             np.add.at(out["linear"], name[kind == LINEAR], values[kind == LINEAR])
         if (kind == AT_NODES).any():
@@ -222,7 +243,7 @@ class Model(Evaluation):
             np.add.at(flat, name[kind == AT_NODES], values[kind == AT_NODES])
             out["hot"] = flat.reshape(point.hot.shape)
         if (kind == VIA).any():
-            out["via"] = np.zeros(point.via.size)
+            out["via"] = np.zeros(len(point.via) * (self.shape.joints + AXES))
             out["via"][name[kind == VIA]] = values[kind == VIA]
         for number, rows, _, _ in point.placed:
             wanted = (rows.keys.astype(np.int64) * 64 + number) * 4 + AT_PLACES

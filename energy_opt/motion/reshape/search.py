@@ -199,7 +199,7 @@ class Reshaper:
             found = replace(min(found, more, key=task.rank), converged=settled)
         found = replace(found, iterations=spent + found.iterations)
         done = found.broken <= FEASIBLE and (found.converged or self._nodes.kinked or not self._polished)
-        if stopped() or done or task.open is not None or near:
+        if stopped() or done or task.open.any or near:
             return found
         polished = task.polished(level, found)
         best, spent = min(polished, found, key=task.rank), found.iterations + polished.iterations

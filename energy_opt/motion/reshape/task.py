@@ -9,10 +9,10 @@ import numpy as np
 
 from energy_opt.motion.limits.base import Limit, values_of
 from energy_opt.motion.reshape.curve import Curve, Outcome, fitted
-from energy_opt.motion.reshape.evaluation import OpenGoal
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.nodes import NodeFunctions
+from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.reshape.polish import polished
 from energy_opt.motion.reshape.sqp import begin, descend
 from energy_opt.motion.trajectory import Trajectory
@@ -28,10 +28,10 @@ class Level:
 
     def model(
         self, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray, durations: tuple[float, float],
-        offset: float, width: float = 1.0, goal: OpenGoal | None = None,
+        offset: float, width: float = 1.0, open_: Open = FIXED,
     ) -> Model:  # fmt: skip
         """The problem for sequential quadratic programming."""
-        return Model(self.shape, self._nodes, ends, limits, parameters, durations, offset, width, goal)
+        return Model(self.shape, self._nodes, ends, limits, parameters, durations, offset, width, open_)
 
     def shares(
         self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
@@ -95,8 +95,8 @@ class Line:
 class Task:
     """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that no path changes.
 
-    `width` multiplies the widths over which kinks, as of dry friction, are smoothed. Where the goal is `open`, it moves
-    with the curve to where that costs least.
+    `width` multiplies the widths over which kinks, as of dry friction, are smoothed. What is `open` moves with the
+    curve to where that costs least.
     """
 
     ends: Ends
@@ -105,7 +105,7 @@ class Task:
     durations: tuple[float, float]
     offset: float
     width: float = 1.0
-    open: OpenGoal | None = None
+    open: Open = FIXED
 
     @property
     def fixed(self) -> bool:

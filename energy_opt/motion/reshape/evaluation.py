@@ -136,8 +136,8 @@ class Evaluation:
         cost = self.scale * (float(self._weight @ rate[:, 0]) - self.offset * duration)
         linear = self._per * (self._linear_all @ points.ravel()) / duration**self.order
         for end, surface in self.moving:
-            begun = self.ends.goal if end else self.ends.start
-            cost += self.scale * self._sign(end) * float(np.diff(surface.work(np.stack([begun, points[end]])))[0])
+            before = self.ends.goal if end else self.ends.start
+            cost += self.scale * self._sign(end) * float(np.diff(surface.work(np.stack([before, points[end]])))[0])
         hot, hot_slope = np.zeros((len(z), 0)), np.zeros((len(z), 3 * n + 1, 0))
         if self._limited is not None:
             value, jac = self._limited(z, self._u, self._values)

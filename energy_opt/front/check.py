@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -178,17 +179,12 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         return []
     if kind.startswith("energy-opt/log/"):
         return _set(file, request, notes)
-    if kind == "energy-opt/job/2":
-        from energy_opt.workcell import check_workcell
-
-        return check_workcell(file)
     if kind.startswith("energy-opt/job/"):
         from energy_opt.jobs import check_job
+        from energy_opt.workcell import check_workcell
 
-        def load(name: str) -> Robot:
-            return robot_of(request, name)
-
-        return check_job(file, load, allow_outside=request.allow_outside)
+        check = check_workcell if kind == "energy-opt/job/2" else check_job
+        return check(file, partial(robot_of, request), allow_outside=request.allow_outside)
     from energy_opt.batches.suite import check_suite
 
     return check_suite(file, allow_outside=request.allow_outside, allow_large=request.allow_large)

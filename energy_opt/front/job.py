@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.errors import Infeasible
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.folders import written_whole
 from energy_opt.formats import Format
 from energy_opt.formats.output import Files, Shares, Written
@@ -95,6 +95,8 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
 
     if content_of(request)[0].get("format") == WORKCELL:
         return run_workcell_job(request, desk)
+    if request.jitter is not None:
+        raise BadInput("--jitter is of several robots (format = 'energy-opt/job/2')")
     job, _ = job_from(request), request.worth
     rivals, kind = rivals_of(request, job.robot, desk)
     model = rivals[0].model

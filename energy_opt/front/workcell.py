@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.folders import written_whole
 from energy_opt.front.controllers import check_rate_of
 from energy_opt.front.desk import Answered, Desk
-from energy_opt.front.given import cell_of, several
+from energy_opt.front.given import cell_of, robot_of, several
 from energy_opt.front.jobs import content_of, job_settings
 from energy_opt.front.rivals import rivals_from
 from energy_opt.jobs.models import mean_of
@@ -19,10 +21,11 @@ from energy_opt.power.worth import per_year_words
 from energy_opt.reports.workcell import BRIEF
 from energy_opt.requests.moves import JobRequest
 from energy_opt.results import exit_of
-from energy_opt.robot import Robot, load_robot
+from energy_opt.robot import Robot
 
 WORKCELL = "energy-opt/job/2"
 ANSWER = "job.json"
+OF_ONE_ROBOT = ("robot", "payload", "base")  # options that are refused here
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -76,25 +79,37 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
     from energy_opt.workcell.run import run_workcell
 
     content, path = content_of(request)
-    cell = workcell_of(content, path)
+    given = next((name for name in OF_ONE_ROBOT if getattr(request, name) is not None), None)
+    if given is not None:
+        raise BadInput(f"--{given} is of one robot; in a job of several, [[robot]] has its own")
+    if request.robust not in (None, "mean"):
+        raise BadInput(
+            f"--robust {request.robust} is of one robot; a job of several is planned under the mean of the models"
+        )
+    kind = None if request.robust is None else "mean"
+    cell = workcell_of(content if request.jitter is None else {**content, "jitter": request.jitter}, path)
     check_rate_of(request)
-    formats = formats_of(cell, list(request.write), path, load_robot, request.allow_outside)
-    given = next(iter(several(request.model)), None)
+    load = partial(robot_of, request)
+    formats = formats_of(cell, list(request.write), path, load, request.allow_outside)
 
     def model_of(name: str | None, robot: Robot) -> PowerModel:
         beside = None if name is None else path.parent / name
-        named = given or (beside if beside is not None and beside.is_file() else name)
-        return mean_of(rivals_from([] if named is None else [named], None, robot)[0])
+        own = beside if beside is not None and beside.is_file() else name
+        return mean_of(rivals_from(several(request.model) or ([] if own is None else [own]), kind, robot)[0])
 
     asked = replace(request, job=content, folder=str(path.parent.resolve()))
     _ = request.worth  # numbers that are none are refused before the work
-    desk.take(ANSWER, asked)
+    document = desk.take(ANSWER, asked)
     settings = job_settings(request)
     with desk.working() as (stopped, show):
-        result = run_workcell(
-            cell, path, load=load_robot, model_of=model_of, settings=settings, request=cell_of(request),
-            stopped=stopped, progress=show,
-        )  # fmt: skip
+        try:
+            result = run_workcell(
+                cell, path, load=load, model_of=model_of, settings=settings, request=cell_of(request),
+                stopped=stopped, progress=show,
+            )  # fmt: skip
+        except Infeasible as error:
+            desk.failed(ANSWER, error, cycle_time=cell.cycle_time, request=document)
+            raise
         answer = desk.keep(CellAnswer(result=result, request=asked, stamp=desk.stamped({}), formats=formats))
     for row in answer.files:
         if row.written.format != "csv" or not row.written.valid:

@@ -139,6 +139,9 @@ class JobRequest(
     _: KW_ONLY
     starts: int | None = option(None, "largest number of starting points of each move (24)", "N", kind=int, main=True)
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
+    jitter: float | None = option(
+        None, "how early or late each of several robots may be [s] (the job's, 0.02)", "S", kind=float, main=True
+    )
     resume: bool = option(False, "continue an earlier run into the same --out", kind=bool, main=True, written=False)
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
 

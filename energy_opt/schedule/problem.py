@@ -41,12 +41,13 @@ class Mode:
 
 @dataclass(frozen=True)
 class Move:
-    """A motion. Its duration [s] lies in [least, most]; `curve` gives its energy."""
+    """A motion. Its duration [s] lies in [least, most]; `curve` gives its energy; today it takes `as_is`, if known."""
 
     name: str
     least: float
     most: float
     curve: Curve
+    as_is: float | None = None
 
 
 @dataclass(frozen=True)
@@ -158,6 +159,23 @@ class Problem:
             tuple(replace(lag, begin=at(lag.begin), end=at(lag.end)) for lag in self.lags),
             tuple(replace(e, first=moved(e.first), second=moved(e.second)) for e in self.exclusions),
         )
+
+    def said(self, constraint: Lag | Exclusion) -> str:
+        """A lag or an exclusion in words."""
+
+        def named(r: int, first: int, last: int | None = None) -> str:
+            steps, ring = self.rings[r].steps, self.rings[r].name
+            own = f"{ring}.{steps[first].name}"
+            return own if last in (None, first) else f"{own} to {ring}.{steps[last].name}"
+
+        if isinstance(constraint, Exclusion):
+            one, two = (named(run.ring, run.first, run.last) for run in (constraint.first, constraint.second))
+            return f"{one} and {two} not at once"
+        one, two = named(*constraint.begin), named(*constraint.end)
+        most = constraint.most if constraint.within is None else constraint.within
+        late = f"{constraint.length:g} s or more" if most is None else f"{constraint.length:g} to {most:g} s"
+        cycles = f" less {constraint.height} cycles" if constraint.height else ""
+        return f"{two} {late}{cycles} after {one} {'ends' if constraint.begin_ends else 'begins'}"
 
     @property
     def as_listed(self) -> Problem:

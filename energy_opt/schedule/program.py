@@ -18,6 +18,7 @@ Tangents lie below a convex curve, so the program's optimum is a lower bound of 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -119,7 +120,7 @@ class Program:
 
     def _steps(self) -> None:
         cycle = self.problem.cycle_time
-        far = cycle * (len(self.problem.rings) + 1)
+        far = self._far
         for r, ring in enumerate(self.problem.rings):
             for k, step in enumerate(ring.steps):
                 at = (r, k)
@@ -156,7 +157,7 @@ class Program:
 
     def _begin(self, r: int, group: Group) -> int:
         """The variable of a group's begin; where the first robot's cycle begins with it, that is 0."""
-        far = self.problem.cycle_time * (len(self.problem.rings) + 1)
+        far = self._far
         fixed = 0.0 if r == 0 and group.blocks[0][0] == 0 else far
         return self._variable(-fixed, fixed)
 
@@ -193,17 +194,25 @@ class Program:
             self.constraints.append((_sum(start_j, _minus(end_i), {y: -cycle}), -cycle, np.inf))
             self.constraints.append((_sum(start_i, _minus(end_j), {y: cycle}), 0.0, np.inf))
 
+    @cached_property
+    def _far(self) -> float:
+        """Starts are not farther from 0 than this [s], as far as lags over several cycles need it."""
+        cycle = self.problem.cycle_time
+        fixed = ((lag.length, lag.height) for lag in self.problem.lags if lag.height is not None)
+        return cycle * (len(self.problem.rings) + 1) + sum(abs(length - cycle * height) for length, height in fixed)
+
     def _cycles(self) -> int:
-        most = 2 * (len(self.problem.rings) + 2)
+        most = 2 * np.ceil(self._far / self.problem.cycle_time) + 2
         return self._variable(-most, most, integer=True)
 
     def _lags(self) -> None:
         cycle = self.problem.cycle_time
         for lag in self.problem.lags:
             terms: Terms = _sum({self.start[lag.end]: 1.0}, {self.start[lag.begin]: -1.0})
-            height = lag.height or 0
+            height: float = lag.height or 0
             if lag.height is None:
                 terms = _sum(terms, {self._cycles(): cycle})
+                height = np.floor(lag.length / cycle)  # whole cycles that the lag itself has
             if lag.within is not None:
                 self.constraints.append((terms, -np.inf, lag.within - cycle * height))
             if lag.begin_ends:

@@ -13,12 +13,13 @@ from time import monotonic
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.schedule.problem import Move, Problem, Ring, Wait, in_blocks, possible
+from energy_opt.schedule.problem import Exclusion, Lag, Move, Problem, Ring, Wait, in_blocks, possible
 from energy_opt.schedule.program import Program
 
 SMALL = 1e-9  # of a curve's energy: a tangent nearer than this to the curve adds nothing
 EARLIEST = 5.0  # [s] for moving starts forward, which changes no energy
-ROUNDED = 1e-7  # [s] by which a wait may differ there: durations add up to the cycle in floating-point numbers only
+ROUNDED = 1e-7  # [s] by which a robot's longest wait may differ there: durations add up to the cycle but for rounding
+EXPLAINED = 10.0  # [s] for finding out which constraints are in conflict
 ROUNDS = 100  # of added tangents; each halves the remaining error at least
 
 
@@ -182,11 +183,13 @@ def held(schedule: Schedule) -> Problem:
     rings = []
     for ring, lengths, modes in zip(schedule.problem.rings, schedule.durations, schedule.modes, strict=True):
         steps: list[Move | Wait] = []
+        waits = [length for step, length in zip(ring.steps, lengths.tolist(), strict=True) if isinstance(step, Wait)]
         for step, length, mode in zip(ring.steps, lengths.tolist(), modes, strict=True):
             if isinstance(step, Move):
                 steps.append(replace(step, least=length, most=length))
                 continue
-            span = {"least": max(0.0, length - ROUNDED), "most": length + ROUNDED}
+            slack = ROUNDED if length == max(waits) else 0.0
+            span = {"least": max(0.0, length - slack), "most": length + slack}
             steps.append(replace(step, **span, modes=tuple(m for m in step.modes if m.name == mode)))
         rings.append(Ring(ring.name, tuple(steps)))
     return replace(schedule.problem, rings=tuple(rings))
@@ -211,5 +214,20 @@ def _why(impossible: bool, problem: Problem, seconds: float) -> Infeasible:
                 limit="duration",
             )
     if impossible:
-        return Infeasible("no schedule keeps all lags and zones within the cycle time", limit="duration")
+        conflict = "; ".join(map(problem.said, _conflict(problem)))
+        these = f"; these cannot be kept together: {conflict}" if conflict else ""
+        return Infeasible(f"no schedule keeps all lags and zones within the cycle time{these}", limit="duration")
     return Infeasible(f"no schedule was found in {seconds:g} s", limit="duration")
+
+
+def _conflict(problem: Problem) -> list[Lag | Exclusion]:
+    """Lags and exclusions that no schedule keeps together, of which none can be left out, as far as time allows."""
+    begin, kept = monotonic(), problem
+    for one in (*problem.lags, *problem.exclusions):
+        lags = tuple(lag for lag in kept.lags if lag is not one)
+        fewer = replace(kept, lags=lags, exclusions=tuple(pair for pair in kept.exclusions if pair is not one))
+        program = Program(fewer)
+        program.cost = [0.0] * len(program.cost)
+        if monotonic() - begin < EXPLAINED and program.solve(EXPLAINED / 5, 0.0).impossible:
+            kept = fewer
+    return [*kept.lags, *kept.exclusions]

@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Regeneration
-from energy_opt.errors import Infeasible
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.jobs.cycle import Answer, standing_power
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of
@@ -31,7 +31,7 @@ from energy_opt.schedule.curves import SAME
 from energy_opt.workcell.arm_move import ArmMove, nearest
 from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of
 from energy_opt.workcell.curves import ADDED, mode_of
-from energy_opt.workcell.file import RobotTable, StepTable, WorkCell, step_name
+from energy_opt.workcell.file import MOTORS, RobotTable, StepTable, WorkCell, step_name
 from energy_opt.workcell.motion import Part, at_rest
 
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
@@ -40,7 +40,6 @@ BLEND, ROOM = 4e-3, 1.05  # [s] over which the acceleration rises at a move's en
 WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and limits are kept by all files
 USED = dict.fromkeys(("velocity", "acceleration", "jerk", "effort"), 0.9999)  # of limits: programs round numbers, too
 AT_ENDS = 1e-6  # [rad/s^2] of acceleration at a move's ends that counts as none
-MOTORS = "motors"  # the mode in which the motors hold the arm
 AT_REST = np.linspace(0, 1, 3)  # samples of a wait
 
 
@@ -67,7 +66,7 @@ class Arm:
         stopped: Callable[[], bool],
     ) -> None:
         self.table, self.name = table.model_copy(update={"step": explicit_steps(table)}), table.name
-        scene = request.scene if cell.scene is None else path.parent / cell.scene
+        scene = request.scene or (None if cell.scene is None else path.parent / cell.scene)
         self.request = replace(request, base=tuple(table.base), scene=scene, tool=table.tool or request.tool)
         named = poses_of_request(self.request)
         self._read = partial(job_of, cell, path=path, allow_outside=request.allow_outside, named=named)
@@ -175,8 +174,14 @@ class Arm:
         """
         for move in self.moves:
             if not move.slowed:
-                for factor in SLOWER:
-                    self._slowed(move, min(move.shortest * factor, move.longest))
+                today = self.table.step[move.place].as_is
+                if today is not None and not move.shortest * (1 - SAME) <= today <= move.longest * (1 + SAME):
+                    raise BadInput(
+                        f"robot {self.name}: {move.leg.name}: as_is = {today:g}; its limits allow durations between "
+                        f"{move.shortest:.6g} and {move.longest:.6g} s"
+                    )
+                for duration in (*(move.shortest * factor for factor in SLOWER), *(() if today is None else (today,))):
+                    self._slowed(move, min(duration, move.longest))
             if not move.slowed:
                 raise Infeasible(f"{self.name}: {move.leg.name} keeps its limits at no duration", limit="duration")
 
@@ -236,22 +241,30 @@ class Arm:
                     points = [(hold[k], taken(known[nearest(known, hold[k])]))]
                 curve = Hull.of(points)
                 least, most = float(curve.durations[0]), float(curve.durations[-1])
-                steps.append(Move(name, least, most, curve))
+                steps.append(Move(name, least, most, curve, table.as_is))
             if step.stop and not (step.wait is not None and table.span[1] > table.span[0]):
                 steps.append(Wait(ADDED.format(name), 0.0, self.job.cycle_time, self.modes_at(k)))
         return Ring(self.name, tuple(steps))
 
     def modes_at(self, k: int) -> tuple[Mode, ...]:
-        """The modes in which the arm may wait at the end of step k; held by its motors first."""
-        step, table = self.job.steps[k], self.table.step[k]
-        modes = [Mode(MOTORS, standing_power(self.worker.scorers, step, False))]
-        if step.brakes:
-            modes.append(Mode("brakes", standing_power(self.worker.scorers, step, True)))
+        """The modes in which the arm may wait at the end of step k; held by its motors first.
+
+        Raises:
+            BadInput: none of those that the step lists is possible there.
+        """
+        table, here = self.table.step[k], (self._pose(k), self.names[k])
+        modes = [Mode(MOTORS, standing_power(self.worker.scorers, self.job.steps[k], False))]
         for mode in self.modes.values():
-            if mode.name != MOTORS and (mode.posture == "any" or self._pose(k) in mode.posture):
+            if mode.name != MOTORS and (mode.posture == "any" or any(name in mode.posture for name in here)):
                 modes.append(mode_of(mode, table.power.get(mode.name)))
-        allowed = table.modes
-        return tuple(mode for mode in modes if allowed is None or mode.name in allowed) or tuple(modes[:1])
+        modes += [Mode(name, power) for name, power in table.power.items() if name not in self.modes]
+        possible = tuple(mode for mode in modes if table.modes is None or mode.name in table.modes)
+        if not possible:
+            raise BadInput(
+                f"robot {self.name}: step {self.names[k]}: none of modes = {table.modes} is possible here; `posture` "
+                "of each names other poses"
+            )
+        return possible
 
     @property
     def names(self) -> list[str]:
@@ -260,9 +273,9 @@ class Arm:
 
     @property
     def postures(self) -> list[str]:
-        """Names of the poses in which the arm may wait: its own, and those that a mode names."""
+        """Names of the poses in which the arm may wait: its own, and those that a mode names (not its steps)."""
         named = (pose for mode in self.modes.values() if mode.posture != "any" for pose in mode.posture)
-        return list(dict.fromkeys([*self.table.poses, *named]))
+        return [pose for pose in dict.fromkeys([*self.table.poses, *named]) if pose not in self.names]
 
     def _pose(self, k: int) -> object:
         """What the file calls the pose of the arm after step k."""

@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.request import CellRequest
+from energy_opt.errors import BadInput
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.file import job_of as read_job
+from energy_opt.poses.given import poses_of_request
 from energy_opt.poses.pose import Pose
 from energy_opt.robot import Robot
-from energy_opt.workcell.file import PoseTable, RobotTable, StepTable, WorkCell, step_name
+from energy_opt.workcell.file import PoseTable, RobotTable, StepTable, WorkCell, load_workcell, step_name
 
 
 def explicit_steps(table: RobotTable) -> list[StepTable]:
@@ -55,7 +58,33 @@ def job_of(
         "poses": {name: _plain(place) for name, place in {**cell.poses, **table.poses}.items()},
         "step": [_step(k, step) for k, step in enumerate(table.step)],
     }
-    return read_job(document, path, load, allow_outside=allow_outside, named=named)
+    try:
+        return read_job(document, path, load, allow_outside=allow_outside, named=named)
+    except BadInput as error:
+        raise BadInput(str(error).replace(f"{path}: ", f"{path}: robot {table.name}: ")) from None
+
+
+def check_workcell(path: Path, load: Callable[[str], Robot], allow_outside: bool = False) -> list[str]:
+    """Every fault of a job file of format 2, one line each; empty where it is usable.
+
+    Args:
+        load: makes a robot out of its name or of the path of its URDF.
+        allow_outside: URDFs and scenes may lie outside the file's folder.
+    """
+    try:
+        cell = load_workcell(path)
+    except BadInput as error:
+        return str(error).splitlines()
+    scene = CellRequest(scene=None if cell.scene is None else path.parent / cell.scene, allow_outside=allow_outside)
+    faults: list[str] = []
+    for table in cell.robot:
+        try:
+            named = poses_of_request(scene)
+            if table.robot is not None:
+                job_of(cell, table.model_copy(update={"step": explicit_steps(table)}), load, path, allow_outside, named)
+        except BadInput as error:
+            faults += [line for line in str(error).splitlines() if line not in faults]
+    return faults
 
 
 def _step(k: int, step: StepTable) -> dict[str, Any]:

@@ -58,7 +58,7 @@ def ring_of(cell: WorkCell, robot: RobotTable) -> Ring:
                 f"robot {robot.name}: step {name}: its curve is not convex between {least:g} and {most:g} s; "
                 "expected a fit of energy over duration whose slope never decreases"
             )
-        steps.append(Move(name, least, max(least, most), curve))
+        steps.append(Move(name, least, max(least, most), curve, step.as_is))
     return Ring(robot.name, tuple(steps), tuple(groups_of(robot)))
 
 

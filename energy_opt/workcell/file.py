@@ -22,6 +22,14 @@ LONGEST = 1e7  # [s] of a cycle and a wait: more is a slip of units
 
 Seconds = Annotated[Number, Field(ge=0, le=LONGEST)]
 Span = tuple[Seconds, Seconds]
+MOTORS = "motors"  # the mode in which the motors of a known arm hold it; its power model says what that takes
+OF_ARMS = {"free", "pose_tolerance", "mode", "min_duration", "max_duration", "stop"}  # keys of a known arm's moves
+FOREIGN = {  # keys that do not belong to a step, by what it does
+    "to": {"duration"},
+    "pose": {"duration"},
+    "wait": {*OF_ARMS, "duration", "as_is"},
+    "curve": {*OF_ARMS, "payload", "power", "modes"},
+}
 Positions = list[Number] | dict[str, Number] | Name
 PoseNumbers = Annotated[list[Number], Field(min_length=6, max_length=7)] | Name  # [m, rad], or "OBJECT: ..."
 
@@ -34,7 +42,7 @@ class ModeTable(Table):
     least: Seconds = 0.0
     enter: tuple[Seconds, Number] = (0.0, 0.0)
     leave: tuple[Seconds, Number] = (0.0, 0.0)
-    posture: Literal["any"] | list[Name] = "any"
+    posture: Literal["any"] | Annotated[list[Name], Field(min_length=1)] = "any"
 
 
 class PoseTable(Table):
@@ -49,7 +57,10 @@ Places = dict[Name, list[Number] | Name | PoseTable | dict[str, Number]]
 
 
 class StepTable(Table):
-    """One step of a robot: a move of a known arm (`to` or `pose`), one known by its `curve`, or a `wait`."""
+    """One step of a robot: a move of a known arm (`to` or `pose`), one known by its `curve`, or a `wait`.
+
+    `as_is` is how long a move takes today [s], for the lever of that name.
+    """
 
     name: Name | None = None
     to: Positions | None = None
@@ -64,6 +75,7 @@ class StepTable(Table):
     mode: Literal["retime", "reshape"] | None = None
     min_duration: Seconds = 0.0
     max_duration: Seconds | None = None
+    as_is: Seconds | None = None
     payload: Number | tuple[Number, Number, Number, Number] | None = None
     stop: bool = True
     zone: Name | None = None
@@ -78,8 +90,13 @@ class StepTable(Table):
             raise ValueError(
                 "expected one of `to`, `pose`, `wait` or `curve`" + (f"; found {', '.join(kinds)}" if kinds else "")
             )
+        foreign = self.model_fields_set & FOREIGN[kinds[0]]
+        if foreign:
+            raise ValueError(f"`{min(foreign)}` does not belong to a step with `{kinds[0]}`")
         if self.curve is not None and self.duration is None:
             raise ValueError("a curve needs `duration = [least, most]` [s]")
+        if self.as_is is not None and self.curve is not None and not self.span[0] <= self.as_is <= self.span[1]:
+            raise ValueError(f"as_is = {self.as_is:g} is outside duration = [{self.span[0]:g}, {self.span[1]:g}]")
         if self.lag is not None and self.after is None:
             raise ValueError("`lag` belongs to `after`")
         for key in ("wait", "duration", "lag"):
@@ -231,11 +248,6 @@ def workcell_of(document: Mapping[str, Any], path: Path) -> WorkCell:
     return cell
 
 
-def check_workcell(path: Path) -> list[str]:
-    """Every fault of a job file of format 2, one line each; empty where it is usable."""
-    return [f"{path}: {fault}" for fault in _read(read_toml(Path(path)))[1]]
-
-
 def _read(document: Mapping[str, Any]) -> tuple[WorkCell | None, list[str]]:
     if document.get("format") != FORMAT:
         return None, [f"format = {document.get('format')!r}; expected {FORMAT!r}"]
@@ -253,7 +265,7 @@ def _wrong_names(cell: WorkCell | None) -> list[str]:
         where = f"robot {robot.name}"
         steps = [step_name(k, step) for k, step in enumerate(robot.step)]
         faults += [f"{where}: two steps are named {n!r}" for n in sorted({n for n in steps if steps.count(n) > 1})]
-        modes = {mode.name for mode in (*cell.mode, *robot.mode)}
+        modes = {mode.name for mode in (*cell.mode, *robot.mode)} | ({MOTORS} if robot.robot is not None else set())
         for k, step in enumerate(robot.step):
             known = modes | set(step.power)
             for mode in step.modes or ():
@@ -263,6 +275,10 @@ def _wrong_names(cell: WorkCell | None) -> list[str]:
                 faults.append(f"{where}: step {steps[k]}: a wait needs a [[mode]], or power = {{ NAME = W }}")
             if step.moves and robot.robot is None:
                 faults.append(f"{where}: step {steps[k]}: a move needs the arm: robot = NAME_OR_URDF in [[robot]]")
+            if step.curve is not None and robot.robot is not None:
+                faults.append(f"{where}: step {steps[k]}: a curve belongs to a robot without an arm (no `robot = ...`)")
+            if MOTORS in step.power and robot.robot is not None:
+                faults.append(f"{where}: step {steps[k]}: power: the arm's power model says what its motors take")
             if step.any_order and not step.moves and robot.robot is not None:
                 faults.append(f"{where}: step {steps[k]}: any_order belongs to a move; its waits go with it")
             if step.after is not None:
@@ -271,7 +287,18 @@ def _wrong_names(cell: WorkCell | None) -> list[str]:
             if tied := sorted(i for i, j in group.before if i == j):
                 names_ = " and ".join(steps[group.blocks[b][0]] for b in tied)
                 faults.append(f"{where}: steps {names_}: each is `after` another")
-    own = {robot.name: {*cell.poses, *robot.poses, *(step.name or "" for step in robot.step)} for robot in cell.robot}
+    for where, tables in [("", cell.mode), *((f"robot {robot.name}: ", robot.mode) for robot in cell.robot)]:
+        named = [mode.name for mode in tables]
+        faults += [f"{where}two modes are named {n!r}" for n in sorted({n for n in named if named.count(n) > 1})]
+    own = {
+        robot.name: {
+            *cell.poses,
+            *robot.poses,
+            *(["home"] if robot.home else []),
+            *(step.name or "" for step in robot.step),
+        }
+        for robot in cell.robot
+    }
     placed = [("", mode, set().union(*own.values())) for mode in cell.mode]
     placed += [(f"robot {robot.name}: ", mode, own[robot.name]) for robot in cell.robot for mode in robot.mode]
     for where, table, there in placed:

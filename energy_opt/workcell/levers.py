@@ -1,6 +1,7 @@
 """What each lever saves, one after the other, at the same cycle time.
 
-as_is   every move as fast as it can be, waits at full readiness (the first mode that a wait has)
+as_is   every move as long as the file says that it takes today, else as fast as it can be, waits at full readiness
+        (the first mode that a wait has)
 speeds  durations of the moves chosen
 modes   modes of the waits chosen, too
 order   the order of steps chosen, too, where a group of them leaves it free
@@ -11,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.schedule import Move, Problem, Ring, Schedule, Wait, solve
@@ -52,34 +55,40 @@ def pull(problem: Problem, *, seconds: float) -> Levers:
     Raises:
         Infeasible: no schedule keeps cycle time, lags and zones, whatever the durations.
     """
-    best = solve(problem, seconds=seconds)
-    brief = seconds / 4
-    fast, ready = _full_speed(problem), _first_mode
+    best, brief = solve(problem, seconds=seconds), seconds / 4
+    steps: list[tuple[str, Schedule]] = []
+    alone: tuple[tuple[str, Schedule], ...] = ()
     relaxed = False
-    try:
-        as_is = solve(ready(fast), seconds=brief)
-    except Infeasible:
-        relaxed, fast = True, _longer_waits(fast)
-        try:
-            as_is = solve(ready(fast), seconds=brief)
-        except Infeasible:
-            return Levers((("modes", best),), (), False)
-    steps = [("as_is", as_is)]
+    for change in (_today, _longer):
+        with suppress(Infeasible):
+            fast = _each(_each(problem, _today), change)
+            steps.append(("as_is", solve(_each(fast, _ready), seconds=brief)))
+            alone, relaxed = (("modes", solve(fast, seconds=brief)),), change is _longer
+            break
+    before = [] if relaxed else [schedule for _, schedule in steps]  # possible with the next lever, too
     with suppress(Infeasible):  # where a wait's first mode is impossible for so long
-        steps.append(("speeds", solve(ready(problem), seconds=brief)))
-    return Levers((*steps, ("modes", best)), (("modes", solve(fast, seconds=brief)),), relaxed)
+        before = [min([solve(_each(problem, _ready), seconds=brief), *before], key=_energy)]
+        steps.append(("speeds", before[0]))
+    return Levers((*steps, ("modes", min([best, *before], key=_energy))), alone, relaxed)
 
 
-def _full_speed(problem: Problem) -> Problem:
-    return _each(problem, lambda step: replace(step, most=step.least) if isinstance(step, Move) else step)
+def _today(step: Move | Wait) -> Move | Wait:
+    if isinstance(step, Wait):
+        return step
+    taken = step.least if step.as_is is None else min(max(step.as_is, step.least), step.most)
+    return replace(step, least=taken, most=taken)
 
 
-def _first_mode(problem: Problem) -> Problem:
-    return _each(problem, lambda step: replace(step, modes=step.modes[:1]) if isinstance(step, Wait) else step)
+def _ready(step: Move | Wait) -> Move | Wait:
+    return replace(step, modes=step.modes[:1]) if isinstance(step, Wait) else step
 
 
-def _longer_waits(problem: Problem) -> Problem:
-    return _each(problem, lambda s: replace(s, most=problem.cycle_time) if isinstance(s, Wait) else s)
+def _longer(step: Move | Wait) -> Move | Wait:
+    return replace(step, most=np.inf) if isinstance(step, Wait) else step
+
+
+def _energy(schedule: Schedule) -> float:
+    return schedule.energy
 
 
 def _each(problem: Problem, change: Callable[[Move | Wait], Move | Wait]) -> Problem:

@@ -55,6 +55,8 @@ def document(result: CellResult) -> dict[str, Any]:
             warnings.append(f"{names}{bodies}: {between.verdict} at {between.time or 0.0:.4g} s")
     if result.levers.relaxed:
         warnings.append("at full speed no schedule keeps the bounds of the waits: as_is lets waits last longer")
+    if result.levers.steps[0][0] != "as_is":
+        warnings.append("at the durations of today, or at full speed, no schedule keeps lags and zones: no as_is lever")
     if cell.supply is None and schedule.gap > SETTLED:
         warnings.append(f"a gap of {100 * schedule.gap:.2g} % to the bound is left; more seconds may close it")
     return {

@@ -16,8 +16,8 @@ from energy_opt.formats.output import Written, unchanged, wanted
 from energy_opt.formats.program import Part, joined
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.robot import Robot, robot_named
-from energy_opt.workcell.arm import MOTORS, Arm
-from energy_opt.workcell.file import WorkCell
+from energy_opt.workcell.arm import Arm
+from energy_opt.workcell.file import MOTORS, WorkCell
 from energy_opt.workcell.motion import PeriodicMotion
 from energy_opt.workcell.run import CellResult
 

@@ -73,4 +73,8 @@ def _shifted(planning: Planning, planned: Planned) -> Planned:
     schedule = supply.in_phase(planned.schedule, apart)
     finer = supply.shifted(schedule)
     schedule = finer if apart(finer) else schedule
-    return planned if schedule is planned.schedule else replace(planning.proved(schedule), around=planned.around)
+    if schedule is planned.schedule:
+        return planned
+    first = schedule.starts[0][0]  # the cycle begins with the first step of the first robot
+    schedule = replace(schedule, starts=tuple(starts - first for starts in schedule.starts))
+    return replace(planning.proved(schedule), around=planned.around)

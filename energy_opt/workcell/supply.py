@@ -18,8 +18,8 @@ import numpy as np
 
 from energy_opt.schedule import Move, Schedule, Wait
 from energy_opt.schedule.check import keeps
-from energy_opt.workcell.arm import MOTORS, Arm
-from energy_opt.workcell.file import SupplyTable, WorkCell
+from energy_opt.workcell.arm import Arm
+from energy_opt.workcell.file import MOTORS, SupplyTable, WorkCell
 
 STEP, FINE = 5e-3, 1e-3  # [s] of the grid on which powers are added, while starts are shifted and in the result
 CYCLES = 3  # after which the state of the store repeats

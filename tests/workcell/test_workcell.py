@@ -17,10 +17,10 @@ from energy_opt.schedule import Hull, Mode, Move, Problem, Ring, Wait, solve
 SKODA = Path(__file__).parents[3] / "shared" / "data" / "skoda.json"
 
 
-def run(tmp_path: Path, document: dict) -> tuple[int, dict]:
+def run(tmp_path: Path, document: dict, *options: str) -> tuple[int, dict]:
     file = tmp_path / "cell.toml"
     file.write_bytes(tomli_w.dumps(document).encode())
-    code = main(["job", str(file), "--out", str(tmp_path / "out"), "--quiet", "--force"])
+    code = main(["job", str(file), "--out", str(tmp_path / "out"), "--quiet", "--force", *options])
     result = tmp_path / "out" / "job.json"
     return code, json.loads(result.read_text()) if result.is_file() else {}
 
@@ -64,11 +64,95 @@ def test_a_cell_that_cannot_be_says_why(tmp_path: Path, capsys: pytest.CaptureFi
     document = two_robots()
     for robot in document["robot"]:
         robot["step"][0] |= {"zone": "table", "duration": [6.0, 9.0]}
-    assert run(tmp_path, document)[0] == 3
-    assert "no schedule keeps all lags and zones" in capsys.readouterr().err
+    document["robot"][1]["step"][0] |= {"after": "a.rest", "lag": [0.0, 30.0]}  # always kept
+    code, found = run(tmp_path, document)
+    assert code == 3
+    said = capsys.readouterr().err
+    assert "no schedule keeps all lags and zones" in said
+    assert said.strip().endswith("these cannot be kept together: a.move and b.move not at once")
+    assert found["status"] == "infeasible" and found["request"]["job"] == document  # in place of an older answer
     document["robot"][0]["step"][0]["duration"] = [12.0, 13.0]
     assert run(tmp_path, document)[0] == 3
     assert "a: its steps take 12 s at least" in capsys.readouterr().err
+
+
+def test_a_lag_over_many_cycles_is_kept(tmp_path: Path) -> None:
+    document = two_robots(lag=[{"from": "a.move", "to": "b.move", "length": 3.0, "height": -30}])
+    document["robot"][1]["step"][0] |= {"after": "a.move", "lag": [1200.5, 1201.0]}
+    code, found = run(tmp_path, document)
+    assert code == 0
+    assert faults_of_schedule(document, found) == []
+    a, b = (robot["steps"][0] for robot in found["robots"])
+    assert b["start"] - a["start"] >= 303.0 - 1e-6
+
+
+def test_starts_are_exact_where_zones_meet(tmp_path: Path) -> None:
+    document = two_robots()
+    for robot in document["robot"]:
+        robot["step"].insert(0, {"name": "weld", "wait": [3.0, 9.0], "modes": ["motors"], "zone": "table"})
+    document["robot"][1]["step"][0] |= {"after": "a.weld", "lag": [0.0, 0.04]}  # no more than the jitter of both
+    code, found = run(tmp_path, document)
+    assert code == 0
+    assert found["robots"][1]["steps"][0]["start"] % 10.0 == pytest.approx(3.04, abs=1e-9)
+
+
+def test_durations_of_today_are_the_first_lever(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = two_robots()
+    document["robot"][0]["step"][0]["as_is"] = 4.0
+    code, found = run(tmp_path, document)
+    assert code == 0
+    today = (100 + 20 + 240 + 200 * 6) + (480 + 200 * 9)
+    assert found["levers"][0] == {"name": "as_is", "energy_total": pytest.approx(today), "moves": "curves"}
+    document["robot"][0]["step"][0]["as_is"] = 9.5
+    assert run(tmp_path, document)[0] == 2
+    assert "as_is = 9.5 is outside duration = [1, 9]" in capsys.readouterr().err
+
+
+def test_jitter_is_an_option_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = two_robots()
+    for robot in document["robot"]:
+        robot["step"][0] |= {"zone": "table", "duration": [4.0, 9.0]}
+    code, found = run(tmp_path, document, "--jitter", "0.4")
+    a, b = (robot["steps"][0] for robot in found["robots"])
+    assert code == 0 and found["jitter"] == 0.4
+    for one, two in ((a, b), (b, a)):
+        assert (two["start"] - one["start"]) % 10.0 >= one["duration"] + 0.8 - 1e-6
+    assert run(tmp_path, document, "--jitter", "0.6")[0] == 3
+    assert run(tmp_path, document, "--jitter", "-1")[0] == 2
+    assert "jitter = -1.0; expected 0 or more" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [("--robot", "panda"), ("--payload", "2"), ("--base", "0,0,1,0,0,0")])
+def test_options_of_one_robot_are_refused(
+    option: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, two_robots(), *option)[0] == 2
+    assert f"{option[0]} is of one robot" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("step", "more", "said"),
+    [
+        (0, {"power": {"motors": 3.0}}, "`power` does not belong to a step with `curve`"),
+        (0, {"stop": False}, "`stop` does not belong to a step with `curve`"),
+        (1, {"duration": [1.0, 2.0]}, "`duration` does not belong to a step with `wait`"),
+        (1, {"max_duration": 2.0}, "`max_duration` does not belong to a step with `wait`"),
+    ],
+)
+def test_a_key_of_another_kind_of_step_is_a_fault(
+    step: int, more: dict, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = two_robots()
+    document["robot"][0]["step"][step] |= more
+    assert run(tmp_path, document)[0] == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_mode_is_named_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = two_robots()
+    document["mode"].append({"name": "brakes", "power": 20.0})
+    assert run(tmp_path, document)[0] == 2
+    assert "two modes are named 'brakes'" in capsys.readouterr().err
 
 
 def test_a_mode_with_postures_is_possible_there_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -179,6 +179,75 @@ def test_an_arm_makes_way_where_both_must_move_at_once(tmp_path: Path) -> None:
     assert faults_of_cell(document, tmp_path / "out") == []
 
 
+def one_arm(**more: object) -> dict:
+    """An arm that moves to and fro in 6 s, with brakes in the pose `up`."""
+    steps = [
+        {"name": "pick", "to": "down"},
+        {"name": "grip", "wait": 0.5},
+        {"name": "place", "to": [0.6, 0.1, 0.0, -1.9, 0.0, 2.2, 0.7]},
+    ]
+    return {
+        "format": "energy-opt/job/2",
+        "cycle_time": 6.0,
+        "poses": {"down": [0.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7], "up": [0.0, 0.2, 0.0, -1.6, 0.0, 1.8, 0.7]},
+        "mode": [{"name": "brakes", "power": 60.0, "least": 1.0, "posture": ["up"]}],
+        "robot": [{"name": "a", "robot": "panda", "step": steps}],
+        **more,
+    }
+
+
+def written(folder: Path, document: dict) -> Path:
+    file = folder / "cell.toml"
+    file.write_bytes(tomli_w.dumps(document).encode())
+    return file
+
+
+@pytest.mark.parametrize(
+    ("step", "more", "said"),
+    [
+        (1, {"modes": ["brakes"]}, "robot a: step grip: none of modes = ['brakes'] is possible here"),
+        (1, {"power": {"motors": 9.0}}, "robot a: step grip: power: the arm's power model says"),
+        (1, {"wait": None, "duration": [1.0, 2.0], "curve": [[1, 9.0]]}, "a curve belongs to a robot without an arm"),
+        (0, {"to": [0.0, 0.5]}, "robot a: step 1 (pick): 2 values; the robot has 7 joints"),
+        (0, {"duration": [1.0, 2.0]}, "`duration` does not belong to a step with `to`"),
+        (0, {"as_is": 0.1}, "robot a: pick: as_is = 0.1; its limits allow durations between"),
+    ],
+)
+def test_what_an_arm_cannot_do_is_refused(
+    step: int, more: dict, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = one_arm()
+    steps = document["robot"][0]["step"]
+    steps[step] = {key: value for key, value in (steps[step] | more).items() if value is not None}
+    file = written(tmp_path, document)
+    assert main(["job", str(file), "--out", str(tmp_path / "out"), "--quiet", "--model", "careful"]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_check_reads_the_positions_of_every_arm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = one_arm()
+    assert main(["check", str(written(tmp_path, document))]) == 0
+    document["robot"].append({**document["robot"][0], "name": "b"})
+    document["robot"][1]["step"] = [{"name": "pick", "to": [9.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7]}]
+    assert main(["check", str(written(tmp_path, document))]) == 2
+    assert "robot b: step 1 (pick): panda_joint1 = 9 is outside" in "".join(capsys.readouterr())
+
+
+def test_an_arm_waits_in_the_modes_of_its_step_and_of_its_home(tmp_path: Path) -> None:
+    document = one_arm()
+    document["robot"][0] |= {"home": [0.6, 0.1, 0.0, -1.9, 0.0, 2.2, 0.7]}
+    document["robot"][0]["step"][2]["to"] = "home"
+    document["robot"][0]["step"][1] |= {"wait": [0.5, 2.0], "power": {"gripping": 20.0}}
+    document["mode"][0]["posture"] = ["home", "grip"]
+    options = ["--model", "careful", "--starts", "1", "--quiet", "--out", str(tmp_path / "out")]
+    assert main(["job", str(written(tmp_path, document)), *options]) == 0
+    steps = {s["name"]: s for s in json.loads((tmp_path / "out" / "job.json").read_text())["robots"][0]["steps"]}
+    assert steps["grip"]["mode"] == "gripping" and steps["grip"]["duration"] == pytest.approx(2.0)
+    assert steps["grip"]["energy_total"] == pytest.approx(40.0)
+    assert steps["wait after place"]["mode"] == "brakes"
+    assert steps["wait after pick"]["duration"] < 1e-6  # its motors take more than the brakes at home
+
+
 @pytest.mark.slow
 def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
     near = [0.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7]
@@ -204,6 +273,7 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
     code = main(["job", str(file), "--out", str(tmp_path / "out"), *options])
     found = json.loads((tmp_path / "out" / "job.json").read_text())
     assert code == 0, found["warnings"]
+    assert found["robots"][0]["steps"][0]["start"] == 0  # the cycle begins there, whatever was shifted for the supply
     assert found["clearance"]["verdict"] == "proven"
     assert [lever["name"] for lever in found["levers"]] == ["as_is", "speeds", "modes", "paths", "supply"]
     energies = [lever["energy_total"] for lever in found["levers"]]

@@ -8,6 +8,7 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.schedule import Schedule
+from energy_opt.schedule.check import keeps
 from energy_opt.workcell.plan import Planned, Planning
 from energy_opt.workcell.supply import FINE, Supplied, Supply
 
@@ -75,6 +76,15 @@ def _shifted(planning: Planning, planned: Planned) -> Planned:
     schedule = finer if apart(finer) else schedule
     if schedule is planned.schedule:
         return planned
-    first = schedule.starts[0][0]  # the cycle begins with the first step of the first robot
-    schedule = replace(schedule, starts=tuple(starts - first for starts in schedule.starts))
-    return replace(planning.proved(schedule), around=planned.around)
+    return replace(planning.proved(_from_zero(schedule)), around=planned.around)
+
+
+def _from_zero(schedule: Schedule) -> Schedule:
+    """The schedule from the first step of the first robot on, other robots not before it where lags allow it."""
+    cycle = schedule.problem.cycle_time
+    starts = [own - schedule.starts[0][0] for own in schedule.starts]
+    for r, own in enumerate(starts):
+        later = [*starts[:r], own + cycle, *starts[r + 1 :]]
+        if own[0] < 0 and keeps(schedule.problem, later, schedule.durations):
+            starts = later
+    return replace(schedule, starts=tuple(starts))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,12 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import load_robot
-from energy_opt.schedule import Hull, Mode, Move, Problem, Ring, Wait, solve
+from energy_opt.schedule import Hull, Lag, Mode, Move, Problem, Ring, Wait, solve
 from energy_opt.workcell.aside import others_during
 from energy_opt.workcell.between import TwoArms, prove_apart
 from energy_opt.workcell.file import workcell_of
 from energy_opt.workcell.motion import Part, PeriodicMotion
+from energy_opt.workcell.supplied import _from_zero
 from energy_opt.workcell.supply import Supply
 
 REST = np.array([0.0, -0.5, 0.0, -2.3, 0.0, 1.8, 0.8])
@@ -360,6 +362,15 @@ def test_an_arm_is_shifted_to_where_it_takes_what_the_other_brakes() -> None:
     assert apart.energy == pytest.approx(2 * 4 * 50 + 100, rel=0.03)  # half of one arm's braking drives the other
     assert apart.peak == pytest.approx(300.0, rel=0.02) and together.peak == pytest.approx(500.0, rel=0.02)
     assert supply.in_phase(schedule, lambda _: False) is schedule
+
+
+def test_what_was_shifted_begins_with_the_first_robot() -> None:
+    steps = (Move("move", 1.0, 1.0, Hull.of([(1.0, 150.0)])), Wait("wait", 0.0, 9.0, (Mode("motors", 50.0),)))
+    rings = tuple(Ring(name, steps) for name in "abc")
+    schedule = solve(Problem(4.0, rings, (Lag((2, 0), (0, 0), 0.5, 0),)))  # c begins before a, by its lag
+    shifted = replace(schedule, starts=tuple(np.array([at, at + 1.0]) for at in (0.4, 0.0, -0.1)))
+    starts = [float(own[0]) for own in _from_zero(shifted).starts]
+    assert starts == pytest.approx([0.0, 3.6, -0.5])
 
 
 def test_without_a_resistor_what_is_braked_must_fit() -> None:

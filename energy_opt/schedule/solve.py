@@ -55,12 +55,13 @@ class Schedule:
         return max(0.0, self.energy - self.bound) / max(abs(self.energy), 1e-12)
 
 
-def solve(problem: Problem, *, seconds: float = 60.0, gap: float = 1e-6) -> Schedule:
+def solve(problem: Problem, *, seconds: float = 60.0, gap: float = 1e-6, explain: bool = False) -> Schedule:
     """The schedule of least energy.
 
     Args:
         seconds: when to stop at the latest [s]; the gap that is left is then in the result.
         gap: relative distance of energy and bound at which to stop.
+        explain: where there is no schedule, look for the lags and exclusions that are in conflict, which takes time.
 
     Raises:
         Infeasible: no schedule keeps the cycle time, the lags and the zones; or none was found in `seconds`.
@@ -77,7 +78,7 @@ def solve(problem: Problem, *, seconds: float = 60.0, gap: float = 1e-6) -> Sche
         if found.x is None:
             if best is not None:
                 break
-            raise _why(found.impossible, problem, seconds)
+            raise _why(found.impossible, problem, seconds, explain)
         bound = max(bound, found.bound)
         now = _polished(program, found.x, begin + seconds)
         if best is None or now.energy < best.energy:
@@ -195,7 +196,7 @@ def held(schedule: Schedule) -> Problem:
     return replace(schedule.problem, rings=tuple(rings))
 
 
-def _why(impossible: bool, problem: Problem, seconds: float) -> Infeasible:
+def _why(impossible: bool, problem: Problem, seconds: float, explain: bool) -> Infeasible:
     for ring in problem.rings:
         least = sum(
             max(s.least, min(m.shortest for m in s.modes)) if isinstance(s, Wait) else s.least for s in ring.steps
@@ -214,7 +215,7 @@ def _why(impossible: bool, problem: Problem, seconds: float) -> Infeasible:
                 limit="duration",
             )
     if impossible:
-        conflict = "; ".join(map(problem.said, _conflict(problem)))
+        conflict = "; ".join(map(problem.said, _conflict(problem))) if explain else ""
         these = f"; these cannot be kept together: {conflict}" if conflict else ""
         return Infeasible(f"no schedule keeps all lags and zones within the cycle time{these}", limit="duration")
     return Infeasible(f"no schedule was found in {seconds:g} s", limit="duration")

@@ -55,7 +55,7 @@ def pull(problem: Problem, *, seconds: float) -> Levers:
     Raises:
         Infeasible: no schedule keeps cycle time, lags and zones, whatever the durations.
     """
-    best, brief = solve(problem, seconds=seconds), seconds / 4
+    best, brief = solve(problem, seconds=seconds, explain=True), seconds / 4
     steps: list[tuple[str, Schedule]] = []
     alone: tuple[tuple[str, Schedule], ...] = ()
     relaxed = False

@@ -110,7 +110,7 @@ def test_a_store_by_hand():
 
 
 def test_only_one_says_what_becomes_of_negative_power():
-    with pytest.raises(BadInput, match="both say"):
+    with pytest.raises(BadInput, match="both treat"):
         PowerModel("", (Regeneration(efficiency=0.5), DcLink(capacity=5.0)))
 
 

@@ -40,7 +40,8 @@ class Reached:
 
     Attributes:
         positions: (K, n) [rad, m] that reach the pose.
-        nearest: (n,) that comes nearest, where none reaches it; distance [m] and angle [rad] are what it misses by.
+        nearest: (n,) that comes nearest, where none reaches it; distance [m] and angle [rad] are what it misses by,
+            with `LENGTH` of the one as much as a radian of the other.
         beyond: the joint, and in words how far beyond which limit it would have to go; empty where nothing is reached
             without limits either.
     """
@@ -112,10 +113,11 @@ def reach(
     q, error = solve(tool, pose, at_first)
     good = error < SMALL
     if not good.any():
-        k = int(np.argmin(error))
-        off = tool.missed(pose, q[k : k + 1])
-        distance, angle = (float(np.linalg.norm(x)) for x in (off.shift, off.turn))
-        return Reached(np.zeros((0, len(low))), q[k], distance, angle, _beyond(tool, pose, at_first))
+        off = tool.missed(pose, q)
+        distance, angle = (np.linalg.norm(x, axis=1) for x in (off.shift, off.turn))
+        k = int(np.argmin((distance / LENGTH) ** 2 + angle**2))
+        beyond = _beyond(tool, pose, at_first)
+        return Reached(np.zeros((0, len(low))), q[k], float(distance[k]), float(angle[k]), beyond)
     found = distinct(turned_near(q[good], near, tool.robot))
     return Reached(found, found[0], 0.0, 0.0)
 

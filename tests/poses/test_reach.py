@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import least_squares
 from tool_poses import by_pinocchio, pose_at
 
 from energy_opt.poses.inverse import ToolKinematics, jacobian_of, reach, solve
@@ -23,8 +24,6 @@ def ur() -> ToolKinematics:
 
 def ur_branches(tool: ToolKinematics, pose: Pose) -> int:
     """How many branches there are, by exhaustion: a grid of starts over all joints, each brought to the pose."""
-    from scipy.optimize import least_squares
-
     found: list[np.ndarray] = []
     for start in product((-2.5, -0.8, 0.8, 2.5), (-2.2, -0.7), (-1.5, 1.5), (-1.0, 1.0), (-1.5, 1.5), (0.5,)):
         result = least_squares(lambda q: tool.missed(pose, q[None]).both[0], np.array(start), xtol=1e-14)
@@ -109,6 +108,21 @@ def test_a_pose_beyond_a_limit_alone_names_the_joint(name: str, joint: int, by: 
     wide = replace(limits, lower=limits.lower - 1.5, upper=limits.upper + 1.5)
     there = reach(ToolKinematics(replace(tool.robot, limits=wide)), pose).positions
     assert np.abs(there[:, k] - value).min() < 0.05
+
+
+@pytest.mark.parametrize(("name", "words"), [("xarm7", "0.9,0,0.9,0,0,0"), ("ur3e", "0.6,0.3,0.5,1,2,0")])
+def test_what_is_said_to_be_nearest_is(name: str, words: str) -> None:
+    """No start of SciPy's bounded least squares comes nearer, with 0.3 m as much as a radian."""
+    tool, pose = ToolKinematics(load_robot(name)), pose_from(words)
+    limits, said = tool.robot.limits, reach(tool, pose)
+    low, high = np.maximum(limits.lower, -7.0), np.minimum(limits.upper, 7.0)
+
+    def missed_by(q: np.ndarray) -> np.ndarray:
+        return tool.missed(pose, q[None]).both[0] / [0.3, 0.3, 0.3, 1, 1, 1]
+
+    starts = np.random.default_rng(8).uniform(low, high, (12, len(low)))
+    least = min(2 * least_squares(missed_by, q, bounds=(low, high), max_nfev=60).cost for q in starts)
+    assert (said.distance / 0.3) ** 2 + said.angle**2 < 1.01 * least
 
 
 def test_freedom_counts_within_its_range_and_not_beyond() -> None:

@@ -10,7 +10,7 @@ from energy_opt.diagnosis.candidates import candidates
 from energy_opt.diagnosis.evidence import Subset, noise_of
 from energy_opt.diagnosis.fit import Fit, fit
 from energy_opt.diagnosis.noise import Noise
-from energy_opt.diagnosis.search import Search, buildable, moved, root
+from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, moved, root
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
@@ -112,28 +112,35 @@ def _profiled(found: Search, f: Fit) -> float:
     return found.profiled[key]
 
 
+def structures(found: Search, f: Fit) -> list[int]:
+    """Free functions, as blocks of the bank around a fit, that are likelier beside its effects than noise.
+
+    By the evidence alone: no odds before the data count against a law that nobody listed. Functions of time do not
+    count, as a meter drifts.
+    """
+    bank = found.bank(f)
+    here = found.whole(bank)
+    least = bank.weigh(here).value + FREE_ODDS + RIVAL
+    free = (k for k, b in enumerate(bank.blocks) if b.name.startswith("free") and b.name != "free time")
+    return [k for k in free if k not in here and bank.weigh(here | {k}).value > least]
+
+
 def shaped_otherwise(found: Search, f: Fit) -> int | None:
     """Which effect of a fit has another law than the library's.
 
-    One whose shape ends at a bound of what is sensible: it then represents another law. Or one that a free function of
-    what it follows betters: the function is likelier beside the effect by the odds of a claim, and able to stand for
-    it, so that it follows the same signal, and what it adds is what the law's own shape lacks.
+    One whose shape ends at a bound of what is sensible: it then represents another law. Or one beside which there is a
+    structure that can stand for the effect, so that it follows the same signal: it adds what the law's shape lacks.
     """
-    for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
-        if c.term.name not in found.world.given and (c.shapes & ((z <= c.lower) | (z >= c.upper))).any():
+    causes = [k for k, c in enumerate(f.charts) if c.term.name not in found.world.given]
+    for k in causes:
+        c, z = f.charts[k], f.numbers[k]
+        if (c.shapes & ((z <= c.lower) | (z >= c.upper))).any():
             return k
-    if not f.free or found.score(f) < found.score(plain_fit(found, f)) + CLAIM:
+    if not causes:
         return None
-    drawn, at = f.jacobian[:, f.count : f.count + len(f.weights)], 0
-    gram = drawn.T @ drawn
-    gram += 1e-6 * float(np.trace(gram)) / len(gram) * np.eye(len(gram))
-    for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
-        own = f.jacobian[:, at : at + len(z)] @ (z - c.origin)
-        at += len(z)
-        left = own - drawn @ np.linalg.solve(gram, drawn.T @ own)
-        if c.term.name not in found.world.given and left @ left < LIKE * (own @ own):
-            return k
-    return None
+    plain = plain_fit(found, f)
+    left, bank = structures(found, plain), found.bank(plain)
+    return next((k for k in causes if any(bank.unlike(k, b) < LIKE for b in left)), None)
 
 
 def trifling(found: Search, named: Fit, best: Fit) -> bool:

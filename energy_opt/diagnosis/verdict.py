@@ -26,6 +26,7 @@ from energy_opt.diagnosis.claims import (
     other_drives,
     plain_fit,
     shaped_otherwise,
+    structures,
     trifling,
     widened,
     without,
@@ -35,7 +36,7 @@ from energy_opt.diagnosis.claims import (
 from energy_opt.diagnosis.clusters import FEWEST, clusters
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, mostly_explained, quality
-from energy_opt.diagnosis.evidence import drift_of, left_out, links_odds, noise_of
+from energy_opt.diagnosis.evidence import drift_of, foreseen_density, left_out, links_odds, noise_of
 from energy_opt.diagnosis.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis import Measured, Scale
 from energy_opt.diagnosis.links import links_of
@@ -52,6 +53,7 @@ ALIKE = 1.1  # times the error, within which a set foresees as well
 CHANCE = 2.0  # standard deviations
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
 NOISE = 1.2  # times the noise, below which a model's held-out error is noise
+AGAINST = 0.05  # of the odds by motions for an effect, that motions against it may have
 TURNS, EARLY = 5, 2  # of the search for the noise, and rounds of search in each: a misfit read as effects hides it
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
 SLOW = 0.1  # of a joint's velocity limit
@@ -95,6 +97,10 @@ class Judge:
         level = "standby" not in set(more.names) - set(less.names)
         after = self.of(more, True, level)
         return (self.of(less, level, level).squares - after.squares) * after.counts / 2
+
+    def odds(self, f: Fit) -> float:
+        """Logarithm of the density of what is held out, given a fit; 0 without any."""
+        return 0.0 if self.held is None else foreseen_density(f, self.held)
 
     def share(self, f: Fit) -> float:
         """Readings held out for one that was fitted; without any, 1: each motion was left out in turn."""
@@ -208,7 +214,8 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     accepted, claims = _borne_out(found, judge, *claimed(found, best))
     log.info("alternatives", extra={"share": 0.8})
     rivals: tuple[Fit, ...] = (accepted,)
-    unknown = bool(accepted.free) or judge.of(accepted).ratio >= NOISE
+    odd = bool(claims) and bool(structures(found, accepted))
+    unknown = odd or bool(accepted.free) or judge.of(accepted).ratio >= NOISE
     if claims and not accepted.free:
         rivals = alternatives(found, accepted)
         best = max((best, *rivals), key=found.score)
@@ -225,13 +232,14 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     after = judge.of(accepted)
     model = written(accepted)
-    if claims and judge.held is not None and after.rmse >= declared.rmse:
+    odd = odd and not set.intersection(*(set(f.names) for f in rivals)) - set(world.given)
+    if claims and (odd or (judge.held is not None and after.rmse >= declared.rmse)):
         accepted, claims = without_effects(found, accepted), ()
         rivals, model, after = (accepted,), written(accepted), judge.of(accepted)
-    if not claims and not world.given:
-        model, after = world.declared, declared
-    elif not claims:
+    if not claims:
         start = accepted
+        if not world.given:
+            model, after = world.declared, declared
     if not claims and not best.names and not best.free:  # nothing speaks against noise
         judge = Judge(judge.held, judge.most, judge.most, best)
         declared, after = judge.of_model(world.declared, nothing), judge.of_model(model, accepted)
@@ -243,7 +251,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     if len(rivals) > 1:
         verdict = "ambiguous"
     elif claims or linked:
-        verdict = "explained" if fits else "partly"
+        verdict = "explained" if fits and not (claims and structures(found, accepted)) else "partly"
     else:
         verdict = "nothing_missing" if fits else "unexplained"
     if idle and verdict != "ambiguous":
@@ -303,8 +311,7 @@ def _left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fi
     Laws that are the same to first order, as load friction and gears' efficiency are, tie where nothing is fitted yet:
     rounding decides at which of them the search ends.
     """
-    gains = [0.0 if judge.held is None else float(np.sum(judge.gains(f, rivals[0]))) for f in rivals]
-    odds = [found.score(f) + gain for f, gain in zip(rivals, gains, strict=True)]
+    odds = [found.score(f) + judge.odds(f) for f in rivals]
     order = sorted(range(len(rivals)), key=lambda k: -odds[k])
     return tuple(rivals[k] for k in order if odds[k] > odds[order[0]] - RIVAL)
 
@@ -315,6 +322,19 @@ def _by_chance(expected: float) -> float:
     A true effect's log likelihood ratio is about normal with this mean and twice as much variance.
     """
     return min(0.0, expected - CHANCE * (2 * max(expected, 0.0) + 1) ** 0.5)
+
+
+def contradicted(gains: np.ndarray) -> bool:
+    """Do some distinct motions speak against an effect of which others say that it is there?
+
+    Where a law holds, a motion's odds are e^k against it with a probability of e^-k at most (Markov's inequality of
+    likelihood ratios). A law that resembles another improves some motions and harms others.
+
+    Args:
+        gains: (C,) logarithm of the odds for the effect by each distinct motion, which was not fitted.
+    """
+    against = np.minimum(gains, 0.0)
+    return bool(np.min(against) < -CLAIM and -np.sum(against) > AGAINST * np.sum(np.maximum(gains, 0.0)))
 
 
 def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[Fit, tuple[Claim, ...]]:
@@ -336,8 +356,16 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
         if noisy and not mostly_explained(judge.of(start), left, bool(accepted.free)):
             return without_effects(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, start))) if noisy else 0.0
-        gains = [float(np.sum(judge.gains(plain, plain_fit(found, c.without)))) for c in claims]
-        spare = [g - max(whole, 0.0) - _by_chance(share * c.odds) for g, c in zip(gains, claims, strict=True)]
+        gains = [judge.gains(plain, plain_fit(found, c.without)) for c in claims]
+        spare = [
+            float(np.sum(g)) - max(whole, 0.0) - _by_chance(share * c.odds) for g, c in zip(gains, claims, strict=True)
+        ]
+        if judge.held is not None:
+            fitted = left_out(accepted)
+            gains = [
+                np.concatenate([g, (left_out(c.without) - fitted) / 2]) for g, c in zip(gains, claims, strict=True)
+            ]
+        spare = [-np.inf if contradicted(g) else x for g, x in zip(gains, spare, strict=True)]
         worst = int(np.argmin(spare))
         if spare[worst] > 0:
             return accepted, claims

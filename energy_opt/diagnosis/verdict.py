@@ -214,8 +214,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     accepted, claims = _borne_out(found, judge, *claimed(found, best))
     log.info("alternatives", extra={"share": 0.8})
     rivals: tuple[Fit, ...] = (accepted,)
-    odd = bool(claims) and bool(structures(found, accepted))
-    unknown = odd or bool(accepted.free) or judge.of(accepted).ratio >= NOISE
+    unknown = bool(accepted.free) or judge.of(accepted).ratio >= NOISE or bool(claims and structures(found, accepted))
     if claims and not accepted.free:
         rivals = alternatives(found, accepted)
         best = max((best, *rivals), key=found.score)
@@ -232,8 +231,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     after = judge.of(accepted)
     model = written(accepted)
-    odd = odd and not set.intersection(*(set(f.names) for f in rivals)) - set(world.given)
-    if claims and (odd or (judge.held is not None and after.rmse >= declared.rmse)):
+    if claims and judge.held is not None and after.rmse >= declared.rmse:
         accepted, claims = without_effects(found, accepted), ()
         rivals, model, after = (accepted,), written(accepted), judge.of(accepted)
     if not claims:

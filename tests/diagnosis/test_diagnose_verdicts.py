@@ -20,6 +20,7 @@ from energy_opt.diagnosis.joint_report import friction_findings
 from energy_opt.diagnosis.joint_side import joint_side
 from energy_opt.diagnosis.noise import Noise, Shared, Whitener
 from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis.verdict import contradicted
 from energy_opt.effects import Standby
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
@@ -251,11 +252,36 @@ def test_a_clean_arm_leaves_noise_and_files_that_agree(arm, seed, noise, verdict
 
 
 @pytest.mark.slow
+def test_an_effect_that_improves_some_motions_and_harms_others_is_not_claimed(tmp_path):
+    """Grease that thins when it is worked, beside a loss of motion: springs took up what viscous friction left."""
+    world = World("panda", 8210008, (0.0, 0.05), "white", "motion_power", unlisted="thixotropy")
+    truth = write_world(world, tmp_path / "set")
+    result = diagnose(read_set(truth.folder, truth.robot), truth.declared)
+    assert "gravity_spring" not in {x.name for x in result.effects} and result.verdict != "explained"
+
+
+@pytest.mark.parametrize(
+    ("gains", "against"),
+    [
+        ((2.0, 4.0, 30.0, -14.0, 117.0, -81.0, 43.0), True),
+        ((2.0, 4.0, 30.0, -6.0, 50.0), False),  # as chance has it
+        ((-19.0, 240.0, 13_000.0), False),  # small beside what other motions say
+    ],
+)
+def test_motions_veto_an_effect_that_they_are_worse_with(gains, against):
+    assert contradicted(np.array(gains)) is against
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("world", "true"),
     [
         (World("z1", 100002, (0.0, 0.05), "ar1", unlisted="dahl"), {"coulomb_friction", "asymmetric_friction"}),
+        (World("z1", 8200002, (0.0, 0.05), "ar1", unlisted="dahl"), {"coulomb_friction"}),
         (World("panda", 100008, (0.0, 0.05), "white", unlisted="field_weakening"), set()),
+        (World("panda", 9800008, (0.0, 0.05), "white", unlisted="field_weakening"), set()),
+        (World("z1", 8330002, (0.0, 0.0), "white", "payload"), {"payload"}),  # links can stand for it
+        (World("ur5", 8320001, (0.03, 0.05), "ar1", "viscous_friction"), {"viscous_friction"}),
         (World("z1", 220002, (0.03, 0.05), "ar1", "payload"), {"payload"}),
         (World("panda", 220004, (0.03, 0.05), "ar1", "armature"), {"armature"}),
         (World("xarm7", 220007, (0.03, 0.05), "ar1", "supply_efficiency"), {"supply_efficiency"}),

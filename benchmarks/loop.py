@@ -200,7 +200,7 @@ def settled(name: str, robot: str, seed: int, motions: int = 2) -> str:
         rivals = [" + ".join(names) or "nothing" for names in before.document["alternatives"]]
         if len(rivals) < 2:
             return f"{name} of {robot}: {before.document['verdict']}; nothing is open"
-        motion = propose(rivals_of(before.trace, body.n), body)
+        motion = propose(rivals_of(before.inference, body.n), body)
         if motion is None:
             return f"{name} of {robot}: open between {' or '.join(rivals)}; no motion tells them apart"
         t = motion.trajectory

@@ -312,6 +312,8 @@ class _Planes:
 
 def inside_at(bodies: Bodies, q: np.ndarray) -> set[int]:
     """Pairs with a mesh of which one body is inside of the other at q (n,)."""
+    if not len(bodies.pairs):
+        return set()
     scene = Scenery(bodies, q[None])
     pair = np.arange(len(bodies.pairs))
     floor, _, _ = scene.apart(np.zeros_like(pair), pair)

@@ -180,10 +180,10 @@ class Bank:
 
     def unlike(self, effect: int, block: int) -> float:
         """Share of the squares of what an effect of the fit does that another block's columns cannot represent."""
-        present, rows, free = self.blocks[effect].present, self._rows[effect], self._rows[block]
+        present, effect_at, free = self.blocks[effect].present, self._rows[effect], self._rows[block]
         assert present is not None
-        own = float(present @ self._aa[np.ix_(rows, rows)] @ present)
-        gram, both = self._aa[np.ix_(free, free)], self._aa[np.ix_(free, rows)] @ present
+        own = float(present @ self._aa[np.ix_(effect_at, effect_at)] @ present)
+        gram, both = self._aa[np.ix_(free, free)], self._aa[np.ix_(free, effect_at)] @ present
         gram = gram + 1e-6 * float(np.trace(gram)) / len(gram) * np.eye(len(gram))
         return 1 - float(both @ np.linalg.solve(gram, both)) / max(own, 1e-12)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,10 +35,11 @@ from energy_opt.diagnosis.claims import (
 )
 from energy_opt.diagnosis.clusters import FEWEST, clusters
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import Quality, mostly_explained, quality
-from energy_opt.diagnosis.evidence import drift_of, foreseen_density, left_out, links_odds, noise_of
+from energy_opt.diagnosis.errors import Quality, mostly_explained
+from energy_opt.diagnosis.evidence import links_odds, noise_of
 from energy_opt.diagnosis.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis import Measured, Scale
+from energy_opt.diagnosis.judge import Judge, by_chance_least, contradicted
 from energy_opt.diagnosis.links import links_of
 from energy_opt.diagnosis.noise import Noise, by_chance, standing_noise, weighted
 from energy_opt.diagnosis.predict import predict
@@ -50,61 +51,11 @@ from energy_opt.robot import Limits
 log = logging.getLogger(__name__)
 
 ALIKE = 1.1  # times the error, within which a set foresees as well
-CHANCE = 2.0  # standard deviations
 BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
 NOISE = 1.2  # times the noise, below which a model's held-out error is noise
-AGAINST = 0.05  # of the odds by motions for an effect, that motions against it may have
 TURNS, EARLY = 5, 2  # of the search for the noise, and rounds of search in each: a misfit read as effects hides it
 MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
 SLOW = 0.1  # of a joint's velocity limit
-
-
-@dataclass
-class Judge:
-    """The error of fits on the motions held out; without any, on training motions left out one by one.
-
-    Attributes:
-        held: runs never fitted. noise, most: of the meter at standstill, the likeliest and as much as may be.
-        drifts: the fit whose levels say how far the meter drifts: the likeliest one.
-    """
-
-    held: Samples | None
-    noise: Noise
-    most: Noise
-    drifts: Fit | None = None
-    seen: dict[tuple[int, bool, bool], tuple[Fit, Quality]] = field(default_factory=dict)
-
-    def of(self, f: Fit, level: bool = True, beside: bool = True) -> Quality:
-        """The error of the model that is written for a fit; with `level` the runs' common level goes to its standby.
-
-        `beside`: whether it does so in the model that this one is compared with.
-        """
-        key = id(f), level, beside
-        if key not in self.seen:
-            self.seen[key] = f, self.of_model(written(f, level=level), f, beside)
-        return self.seen[key][1]
-
-    def of_model(self, model: PowerModel, f: Fit, level: bool = False) -> Quality:
-        """The same of a model; `f` has the runs where none is held out. `level`: its standby has the common level."""
-        samples = self.held or f.world.samples
-        drift = drift_of(self.drifts, samples, level) if self.drifts is not None else np.zeros(len(samples.parts))
-        return quality(model, samples, self.noise, drift)
-
-    def gains(self, more: Fit, less: Fit) -> np.ndarray:
-        """Logarithm of the odds (C,) by which each motion is likelier under `more`; repeats count once."""
-        if self.held is None:
-            return (left_out(less) - left_out(more)) / 2
-        level = "standby" not in set(more.names) - set(less.names)
-        after = self.of(more, True, level)
-        return (self.of(less, level, level).squares - after.squares) * after.counts / 2
-
-    def odds(self, f: Fit) -> float:
-        """Logarithm of the density of what is held out, given a fit; 0 without any."""
-        return 0.0 if self.held is None else foreseen_density(f, self.held)
-
-    def share(self, f: Fit) -> float:
-        """Readings held out for one that was fitted; without any, 1: each motion was left out in turn."""
-        return 1.0 if self.held is None else len(self.held.power) / len(f.world.samples.power)
 
 
 @dataclass(frozen=True)
@@ -314,27 +265,6 @@ def _left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fi
     return tuple(rivals[k] for k in order if odds[k] > odds[order[0]] - RIVAL)
 
 
-def _by_chance(expected: float) -> float:
-    """How low a logarithm of odds may be by chance, where so much is expected; 0 where much is.
-
-    A true effect's log likelihood ratio is about normal with this mean and twice as much variance.
-    """
-    return min(0.0, expected - CHANCE * (2 * max(expected, 0.0) + 1) ** 0.5)
-
-
-def contradicted(gains: np.ndarray) -> bool:
-    """Do some distinct motions speak against an effect of which others say that it is there?
-
-    Where a law holds, a motion's odds are e^k against it with a probability of e^-k at most (Markov's inequality of
-    likelihood ratios). A law that resembles another improves some motions and harms others.
-
-    Args:
-        gains: (C,) logarithm of the odds for the effect by each distinct motion, which was not fitted.
-    """
-    against = np.minimum(gains, 0.0)
-    return bool(np.min(against) < -CLAIM and -np.sum(against) > AGAINST * np.sum(np.maximum(gains, 0.0)))
-
-
 def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[Fit, tuple[Claim, ...]]:
     """The claims that motions held out bear out: each lowers the error there.
 
@@ -355,15 +285,11 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
             return without_effects(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, start))) if noisy else 0.0
         gains = [judge.gains(plain, plain_fit(found, c.without)) for c in claims]
+        least = [max(whole, 0.0) + by_chance_least(share * c.odds) for c in claims]
         spare = [
-            float(np.sum(g)) - max(whole, 0.0) - _by_chance(share * c.odds) for g, c in zip(gains, claims, strict=True)
+            -np.inf if contradicted([*g, *judge.trained(accepted, c.without)]) else float(np.sum(g)) - x
+            for g, x, c in zip(gains, least, claims, strict=True)
         ]
-        if judge.held is not None:
-            fitted = left_out(accepted)
-            gains = [
-                np.concatenate([g, (left_out(c.without) - fitted) / 2]) for g, c in zip(gains, claims, strict=True)
-            ]
-        spare = [-np.inf if contradicted(g) else x for g, x in zip(gains, spare, strict=True)]
         worst = int(np.argmin(spare))
         if spare[worst] > 0:
             return accepted, claims

@@ -128,8 +128,8 @@ class PowerModel:
         return self
 
     def without(self, name: str) -> PowerModel:
-        """The model less the effect of that name."""
-        return PowerModel(self.robot, tuple(e for e in self.effects if e.name != name))
+        """The model less the effect of that name and those that need it."""
+        return PowerModel(self.robot, tuple(e for e in self.effects if e.name != name and name not in e.needs))
 
     @property
     def structure(self) -> tuple[tuple[str, ...], ...]:

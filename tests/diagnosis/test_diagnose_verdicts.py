@@ -18,10 +18,10 @@ from energy_opt.diagnosis import clusters, diagnose
 from energy_opt.diagnosis.errors import Quality, mostly_explained
 from energy_opt.diagnosis.joint_report import friction_findings
 from energy_opt.diagnosis.joint_side import joint_side
+from energy_opt.diagnosis.judge import contradicted
 from energy_opt.diagnosis.noise import Noise, Shared, Whitener
 from energy_opt.diagnosis.recordings import take_samples
-from energy_opt.diagnosis.verdict import contradicted
-from energy_opt.effects import Standby
+from energy_opt.effects import CopperLoss, Standby, WindingTemperature
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
 
@@ -130,6 +130,12 @@ def test_a_declared_model_without_copper_loss_is_no_fault(repeats):
     standby = PowerModel("z1", (Standby(power=ARMS["z1"].standby),))
     document = diagnose(repeats, standby).document
     assert "copper_loss" in document["model_effects"] and document["verdict"]
+
+
+def test_a_model_less_an_effect_is_less_those_that_need_it():
+    """Windings that warm up need a copper loss; shares of the residual are those of models without each effect."""
+    model = PowerModel("", (Standby(power=20.0), CopperLoss(r_over_kt2=[0.1]), WindingTemperature(rate=0.004)))
+    assert [e.name for e in model.without("copper_loss").effects] == ["standby"]
 
 
 def test_a_level_that_effects_add_is_taken_back_in_standby(tmp_path):
@@ -269,7 +275,7 @@ def test_an_effect_that_improves_some_motions_and_harms_others_is_not_claimed(tm
     ],
 )
 def test_motions_veto_an_effect_that_they_are_worse_with(gains, against):
-    assert contradicted(np.array(gains)) is against
+    assert contradicted(gains) is against
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,6 +10,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.fit import Nuisance
 from energy_opt.diagnosis.noise import Noise
@@ -255,3 +258,11 @@ def test_recorded_on_the_arm_it_settles_the_diagnosis(tmp_path: Path):
         assert after.document["verdict"] == "explained"
         assert [row["name"] for row in after.document["effects"]] == ["load_friction"]
         assert {"next1.csv", "next2.csv", "next3.csv"} <= set(after.document["split"]["holdout"])
+
+
+def test_an_arm_without_collision_bodies_is_clear(ur5, tmp_path):
+    urdf = re.sub(r"<collision.*?</collision>", "", Path(ur5.urdf).read_text(), flags=re.DOTALL)
+    (tmp_path / "bare.urdf").write_text(urdf)
+    bare = load_robot(str(tmp_path / "bare.urdf"))
+    time, still = np.linspace(0, 1, 11), np.zeros((11, 6))
+    assert load_cell(bare, CellRequest()).prove(time, still, still, still).proven

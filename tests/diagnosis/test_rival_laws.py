@@ -15,9 +15,10 @@ from energy_opt.diagnosis.claims import is_a_line
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import reading_of
 from energy_opt.diagnosis.fit import Free
+from energy_opt.diagnosis.judge import Judge
 from energy_opt.diagnosis.noise import Noise, meter_noise, standing_noise
 from energy_opt.diagnosis.usable import Foreseen, foreseen
-from energy_opt.diagnosis.verdict import Judge, _left_open
+from energy_opt.diagnosis.verdict import _left_open
 from energy_opt.diagnosis.words import headline
 from energy_opt.effects import Standby, StandbyDrift, ViscousFriction
 from energy_opt.measured import read_set

@@ -1,0 +1,92 @@
+"""How fits do on motions held out: their errors, their densities, and what these say of single effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from energy_opt.diagnosis.claims import CLAIM, written
+from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.errors import Quality, quality
+from energy_opt.diagnosis.evidence import drift_of, foreseen_density, left_out
+from energy_opt.diagnosis.fit import Fit
+from energy_opt.diagnosis.noise import Noise
+from energy_opt.power import PowerModel
+
+CHANCE = 2.0  # standard deviations
+AGAINST = 0.05  # of the odds by motions for an effect, that motions against it may have
+
+
+@dataclass
+class Judge:
+    """The error of fits on the motions held out; without any, on training motions left out one by one.
+
+    Attributes:
+        held: runs never fitted. noise, most: of the meter at standstill, the likeliest and as much as may be.
+        drifts: the fit whose levels say how far the meter drifts: the likeliest one.
+    """
+
+    held: Samples | None
+    noise: Noise
+    most: Noise
+    drifts: Fit | None = None
+    seen: dict[tuple[int, bool, bool], tuple[Fit, Quality]] = field(default_factory=dict)
+
+    def of(self, f: Fit, level: bool = True, beside: bool = True) -> Quality:
+        """The error of the model that is written for a fit; with `level` the runs' common level goes to its standby.
+
+        `beside`: whether it does so in the model that this one is compared with.
+        """
+        key = id(f), level, beside
+        if key not in self.seen:
+            self.seen[key] = f, self.of_model(written(f, level=level), f, beside)
+        return self.seen[key][1]
+
+    def of_model(self, model: PowerModel, f: Fit, level: bool = False) -> Quality:
+        """The same of a model; `f` has the runs where none is held out. `level`: its standby has the common level."""
+        samples = self.held or f.world.samples
+        drift = drift_of(self.drifts, samples, level) if self.drifts is not None else np.zeros(len(samples.parts))
+        return quality(model, samples, self.noise, drift)
+
+    def gains(self, more: Fit, less: Fit) -> np.ndarray:
+        """Logarithm of the odds (C,) by which each motion is likelier under `more`; repeats count once."""
+        if self.held is None:
+            return (left_out(less) - left_out(more)) / 2
+        level = "standby" not in set(more.names) - set(less.names)
+        after = self.of(more, True, level)
+        return (self.of(less, level, level).squares - after.squares) * after.counts / 2
+
+    def trained(self, more: Fit, less: Fit) -> np.ndarray:
+        """The same of each motion of the training set, by fits without it; none where `gains` has these."""
+        return np.zeros(0) if self.held is None else (left_out(less) - left_out(more)) / 2
+
+    def odds(self, f: Fit) -> float:
+        """Logarithm of the density of what is held out, given a fit; 0 without any."""
+        return 0.0 if self.held is None else foreseen_density(f, self.held)
+
+    def share(self, f: Fit) -> float:
+        """Readings held out for one that was fitted; without any, 1: each motion was left out in turn."""
+        return 1.0 if self.held is None else len(self.held.power) / len(f.world.samples.power)
+
+
+def by_chance_least(expected: float) -> float:
+    """How low a logarithm of odds may be by chance, where so much is expected; 0 where much is.
+
+    A true effect's log likelihood ratio is about normal with this mean and twice as much variance.
+    """
+    return min(0.0, expected - CHANCE * (2 * max(expected, 0.0) + 1) ** 0.5)
+
+
+def contradicted(gains: Sequence[float]) -> bool:
+    """Do some distinct motions speak against an effect of which others say that it is there?
+
+    Where a law holds, a motion's odds are e^k against it with a probability of e^-k at most (Markov's inequality of
+    likelihood ratios). A law that resembles another improves some motions and harms others.
+
+    Args:
+        gains: logarithm of the odds for the effect by each distinct motion, which was not fitted.
+    """
+    against = np.minimum(gains, 0.0)
+    return bool(np.min(against) < -CLAIM and -np.sum(against) > AGAINST * np.sum(np.maximum(gains, 0.0)))

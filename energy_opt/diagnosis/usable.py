@@ -77,9 +77,8 @@ def foreseen(
     The level that all motions share is taken out of their errors: two plans of the same time share it.
 
     Args:
-        noise: of the meter, whose share of an energy is taken off e^2, but for what chance leaves open in an rms of
-            so few; None takes none off, as where more than noise is left.
-        levels: (R,) W of every run by the meter's drift. offset: of its level from run to run, W.
+        noise: of the meter, whose share of an energy is taken off e^2; None takes none off, as where more than noise
+            is left. levels: (R,) W of every run by the meter's drift. offset: of its level from run to run, W.
         f: the fit that the model is of. rivals: models that explain the set as well or better.
         free: functions that no effect has, of the likeliest hypothesis: what these do to other motions is not known,
             unless they follow the position alone.
@@ -106,9 +105,8 @@ def foreseen(
     squares = (e - times * (e @ times) / max(float(times @ times), 1e-9)) ** 2
     if noise is not None:
         beside = float(np.mean(squares / np.maximum(by_noise, 1e-12)))
-        chance = (2 * len(e)) ** -0.5  # of an rms of so many values, by which it is known
-        noise_alone = beside < 1 + SURE * 2 * chance
-        squares = np.maximum(0.0 if noise_alone else squares - by_noise, chance * squares)
+        noise_alone = beside < 1 + SURE * (2 / len(e)) ** 0.5
+        squares = np.zeros(len(e)) if noise_alone else np.maximum(squares - by_noise, 0.0)
     rank = min(int(np.ceil((len(e) + 1) * STATED)), len(e))
     apart = max((float(np.mean(other**2)) for other in others), default=0.0)
     square = 2 * float(np.sort(squares)[rank - 1]) + hidden(f) + apart

@@ -19,13 +19,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import block_diag, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dposv
 
 from energy_opt.diagnosis.candidates import Candidate
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance, World, columns_of, linearised
+from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance
 from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, no_less, weighed
 from energy_opt.numerics.box import bounded_step
 
@@ -214,25 +214,6 @@ def left_out(f: Fit) -> np.ndarray:
         found = np.linalg.solve(whole - own.T @ own, right - own.T @ (white[samples] + own @ off))
         out.append(float(np.sum((white[samples] - own @ (found - off)) ** 2)))
     return np.array(out)
-
-
-def foreseen_density(f: Fit, held: Samples) -> float:
-    """Logarithm of the density of held-out readings, given a fit.
-
-    What the fit leaves open in its effects and links, and the new runs' levels, are integrated out: a law with one
-    number that the data hardly show is not worse for it.
-    """
-    w = f.world
-    there = World.of(held, w.declared, w.scale, replace(w.links, ways=held.deviating(w.links.basis)), w.whiten.noise)
-    theta = np.concatenate([*f.numbers, f.amounts, np.zeros(len(held.parts))])
-    *_, white = linearised(there, f.charts, columns_of(there, ()), theta)
-    open_ = np.r_[0 : f.count, f.count + len(f.weights) : len(f.theta) - len(f.levels)]
-    levels = there.before(f.nuisance)[len(f.amounts) :, len(f.amounts) :]
-    before = block_diag(np.linalg.inv(f.covariance[np.ix_(open_, open_)]), levels)
-    residual, jacobian = white[:, 0], white[:, 1:]
-    after, slope = before + jacobian.T @ jacobian, jacobian.T @ residual
-    value = float(slope @ np.linalg.solve(after, slope) - residual @ residual)
-    return (value + float(np.linalg.slogdet(before)[1] - np.linalg.slogdet(after)[1])) / 2
 
 
 def noise_of(f: Fit) -> Noise:

@@ -1,4 +1,4 @@
-"""How fits do on motions held out: their errors, their densities, and what these say of single effects."""
+"""How fits do on motions held out: their errors, and what these say of single effects."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.diagnosis.claims import CLAIM, written
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, quality
-from energy_opt.diagnosis.evidence import drift_of, foreseen_density, left_out
+from energy_opt.diagnosis.evidence import drift_of, left_out
 from energy_opt.diagnosis.fit import Fit
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.power import PowerModel
@@ -61,10 +61,6 @@ class Judge:
     def trained(self, more: Fit, less: Fit) -> np.ndarray:
         """The same of each motion of the training set, by fits without it; none where `gains` has these."""
         return np.zeros(0) if self.held is None else (left_out(less) - left_out(more)) / 2
-
-    def odds(self, f: Fit) -> float:
-        """Logarithm of the density of what is held out, given a fit; 0 without any."""
-        return 0.0 if self.held is None else foreseen_density(f, self.held)
 
     def share(self, f: Fit) -> float:
         """Readings held out for one that was fitted; without any, 1: each motion was left out in turn."""

@@ -260,7 +260,8 @@ def _left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fi
     Laws that are the same to first order, as load friction and gears' efficiency are, tie where nothing is fitted yet:
     rounding decides at which of them the search ends.
     """
-    odds = [found.score(f) + judge.odds(f) for f in rivals]
+    gains = [0.0 if judge.held is None else float(np.sum(judge.gains(f, rivals[0]))) for f in rivals]
+    odds = [found.score(f) + gain for f, gain in zip(rivals, gains, strict=True)]
     order = sorted(range(len(rivals)), key=lambda k: -odds[k])
     return tuple(rivals[k] for k in order if odds[k] > odds[order[0]] - RIVAL)
 

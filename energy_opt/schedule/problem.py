@@ -173,9 +173,9 @@ class Problem:
             return f"{one} and {two} not at once"
         one, two = named(*constraint.begin), named(*constraint.end)
         most = constraint.most if constraint.within is None else constraint.within
-        late = f"{constraint.length:g} s or more" if most is None else f"{constraint.length:g} to {most:g} s"
-        cycles = f" less {constraint.height} cycles" if constraint.height else ""
-        return f"{two} {late}{cycles} after {one} {'ends' if constraint.begin_ends else 'begins'}"
+        length = constraint.length - self.cycle_time * (constraint.height or 0)
+        late = f"{length:g} s or more" if most is None else f"{length:g} to {most:g} s"
+        return f"{two} {late} after {one} {'ends' if constraint.begin_ends else 'begins'}"
 
     @property
     def as_listed(self) -> Problem:

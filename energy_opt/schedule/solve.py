@@ -198,9 +198,18 @@ def held(schedule: Schedule) -> Problem:
 
 def _why(impossible: bool, problem: Problem, seconds: float, explain: bool) -> Infeasible:
     for ring in problem.rings:
-        least = sum(
+        shortest = [
             max(s.least, min(m.shortest for m in s.modes)) if isinstance(s, Wait) else s.least for s in ring.steps
-        )
+        ]
+        for step, needed in zip(ring.steps, shortest, strict=True):
+            if needed > step.most:
+                names = ", ".join(mode.name for mode in step.modes) if isinstance(step, Wait) else ""
+                return Infeasible(
+                    f"{ring.name}.{step.name} takes {step.most:.6g} s at most, its modes ({names}) {needed:.6g} s at "
+                    "least",
+                    limit="duration",
+                )
+        least = sum(shortest)
         if least > problem.cycle_time:
             return Infeasible(
                 f"{ring.name}: its steps take {least:.6g} s at least, the cycle has {problem.cycle_time:.6g} s",

@@ -74,6 +74,13 @@ def test_a_cell_that_cannot_be_says_why(tmp_path: Path, capsys: pytest.CaptureFi
     document["robot"][0]["step"][0]["duration"] = [12.0, 13.0]
     assert run(tmp_path, document)[0] == 3
     assert "a: its steps take 12 s at least" in capsys.readouterr().err
+    document = two_robots(lag=[{"from": "a.move", "to": "a.rest", "length": 21.0, "height": 1}])  # 11 s in one cycle
+    assert run(tmp_path, document)[0] == 3
+    assert "cannot be kept together: a.rest 11 s or more after a.move begins" in capsys.readouterr().err
+    document = two_robots()
+    document["robot"][1]["step"].append({"name": "grip", "wait": 1.0, "modes": ["brakes"]})
+    assert run(tmp_path, document)[0] == 3
+    assert "b.grip takes 1 s at most, its modes (brakes) 2 s at least" in capsys.readouterr().err
 
 
 def test_a_lag_over_many_cycles_is_kept(tmp_path: Path) -> None:

@@ -126,10 +126,7 @@ class Program:
                 at = (r, k)
                 # the cycle begins with the first step of the first robot
                 fixed = r == 0 and k == 0 and not any(group.blocks[0][0] == 0 for group in ring.groups)
-                first = k == 0 and far == 2 * cycle
-                self.start[at] = self._variable(
-                    0.0 if fixed or first else -far, 0.0 if fixed else cycle if first else far
-                )
+                self.start[at] = self._variable(0.0 if fixed else -far, 0.0 if fixed else far)
                 if isinstance(step, Move):
                     self.duration[at] = {self._variable(step.least, min(step.most, cycle)): 1.0}
                     self.energy[at] = self._variable(-np.inf, np.inf, cost=1.0)
@@ -199,15 +196,9 @@ class Program:
 
     @cached_property
     def _far(self) -> float:
-        """Starts are not farther from 0 than this [s].
-
-        Without lags over a fixed number of cycles each robot may be shifted by whole cycles: its first step begins in
-        the first one. Else as far as these lags need it.
-        """
+        """Starts are not farther from 0 than this [s], as far as lags over several cycles need it."""
         cycle = self.problem.cycle_time
-        fixed = [(lag.length, lag.height) for lag in self.problem.lags if lag.height is not None]
-        if not fixed:
-            return 2 * cycle
+        fixed = ((lag.length, lag.height) for lag in self.problem.lags if lag.height is not None)
         return cycle * (len(self.problem.rings) + 1) + sum(abs(length - cycle * height) for length, height in fixed)
 
     def _cycles(self) -> int:

@@ -6,9 +6,9 @@ a mixed-integer program; `solve.py` returns a schedule and a lower bound on the 
 
 from energy_opt.schedule.curves import Curve, Hull, Polynomial
 from energy_opt.schedule.problem import Exclusion, Group, Lag, Mode, Move, Problem, Ring, Run, Wait
-from energy_opt.schedule.solve import Schedule, solve
+from energy_opt.schedule.solve import UNDECIDED, Schedule, solve
 
 __all__ = [
-    "Curve", "Exclusion", "Group", "Hull", "Lag", "Mode", "Move", "Polynomial", "Problem", "Ring", "Run",
+    "UNDECIDED", "Curve", "Exclusion", "Group", "Hull", "Lag", "Mode", "Move", "Polynomial", "Problem", "Ring", "Run",
     "Schedule", "Wait", "solve",
 ]  # fmt: skip

@@ -20,6 +20,7 @@ SMALL = 1e-9  # of a curve's energy: a tangent nearer than this to the curve add
 EARLIEST = 5.0  # [s] for moving starts forward, which changes no energy
 ROUNDED = 1e-7  # [s] by which a robot's longest wait may differ there: durations add up to the cycle but for rounding
 EXPLAINED = 10.0  # [s] for finding out which constraints are in conflict
+UNDECIDED = "solve time"  # limit of an `Infeasible` that says only that none was found in time
 ROUNDS = 100  # of added tangents; each halves the remaining error at least
 
 
@@ -64,7 +65,8 @@ def solve(problem: Problem, *, seconds: float = 60.0, gap: float = 1e-6, explain
         explain: where there is no schedule, look for the lags and exclusions that are in conflict, which takes time.
 
     Raises:
-        Infeasible: no schedule keeps the cycle time, the lags and the zones; or none was found in `seconds`.
+        Infeasible: no schedule keeps the cycle time, the lags and the zones; or none was found in `seconds`: its limit
+            is then `UNDECIDED`.
     """
     begin = monotonic()
     program = Program(problem)
@@ -227,7 +229,7 @@ def _why(impossible: bool, problem: Problem, seconds: float, explain: bool) -> I
         conflict = "; ".join(map(problem.said, _conflict(problem))) if explain else ""
         these = f"; these cannot be kept together: {conflict}" if conflict else ""
         return Infeasible(f"no schedule keeps all lags and zones within the cycle time{these}", limit="duration")
-    return Infeasible(f"no schedule was found in {seconds:g} s", limit="duration")
+    return Infeasible(f"no schedule was found in {seconds:g} s", limit=UNDECIDED)
 
 
 def _conflict(problem: Problem) -> list[Lag | Exclusion]:

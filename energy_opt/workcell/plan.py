@@ -20,7 +20,7 @@ from itertools import combinations, product
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.schedule import Exclusion, Run, Schedule, solve
+from energy_opt.schedule import UNDECIDED, Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm
 from energy_opt.workcell.arm_move import nearest
 from energy_opt.workcell.aside import aside
@@ -300,16 +300,18 @@ class Planning(Stage):
         bodies = "" if between.pair is None else f" ({between.pair[0]} and {between.pair[1]})"
         self.exclusions = wanted
         problem = self.problem(True)
-        help_ = (
-            f"nor does a cycle of {LONGER[-1] * self.cell.cycle_time:.4g} s; other poses, or bases that are farther "
-            "apart, may give room"
-        )
+        poses = "other poses, or bases that are farther apart, may give room"
+        help_ = f"nor does a cycle of {LONGER[-1] * self.cell.cycle_time:.4g} s; {poses}"
         for longer in LONGER:
-            cycle = longer * self.cell.cycle_time
-            with suppress(Infeasible):
-                solve(replace(problem, cycle_time=cycle), seconds=self.seconds / len(LONGER))
-                help_ = f'with `zone = "{names[0]}-{names[1]}"` in both steps and cycle_time = {cycle:.4g} it works'
-                break
+            cycle, seconds = longer * self.cell.cycle_time, self.seconds / len(LONGER)
+            try:
+                solve(replace(problem, cycle_time=cycle), seconds=seconds)
+            except Infeasible as error:
+                if error.limit == UNDECIDED:
+                    help_ = f"for a longer cycle no schedule was found in {seconds:g} s; {poses}"
+                continue
+            help_ = f'with `zone = "{names[0]}-{names[1]}"` in both steps and cycle_time = {cycle:.4g} it works'
+            break
         near, asked = between.min_distance or 0.0, between.wanted or 0.0
         touch = f"touch at {time:.4g} s{bodies}"
         if near > 0:

@@ -105,7 +105,9 @@ def first_path(problem: Problem) -> dict[str, Any]:
     row: dict[str, Any] = {"kind": problem.kind, "proof_seconds": proof_seconds(problem)}
     begin = time.process_time()
     try:
-        planner = Planner(problem.robot, source_method_2(problem.robot.name), Settings(ways=1), cell=problem.cell)
+        planner = Planner(
+            problem.robot, source_method_2(problem.robot.name), Settings(initial_paths=1), cell=problem.cell
+        )
         move, source, _ = planner.first_path(Move(problem.start, problem.goal, "retime"))
     except Infeasible as error:
         return {**row, "source": "none", "seconds": time.process_time() - begin, "message": str(error)}
@@ -141,7 +143,7 @@ class Workers:
             model = source_method_2(robot.name)
             if payload:
                 model = model.replaced(Payload(mass=PAYLOAD[0], com=list(PAYLOAD[1:])))
-            settings = Settings(compile="always", seed=self.seed, ways=ways)
+            settings = Settings(compile="always", seed=self.seed, initial_paths=ways)
             self._known[key] = Planner(robot, model, settings)
             case = cases(robot, self._known[key], 1)[0]
             self._known[key].solve(case.move)

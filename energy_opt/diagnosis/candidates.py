@@ -83,7 +83,7 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
     """Effects that the model lacks, at values where they change next to nothing: all at once, a variant a round."""
     w, n = now.world, now.world.samples.n
     variants = [list(group) for _, group in groupby(kinds, key=lambda pair: pair[0])]
-    push = w.links.ways @ now.amounts
+    push = w.links.torques @ now.amounts
     for terms in zip_longest(*variants):
         whole, charts, driven = now.model, {}, False
         for kind, term in filter(None, terms):
@@ -95,7 +95,7 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
             parameters = [p for p, _, _ in entries(kind, n, len(idle))]
             if term.trial:
                 idle = np.where([p.shapes or p.steps for p in parameters], term.trial, idle)
-            z0 = kind.to_chart(idle, n)[c.rows]
+            z0 = kind.to_chart(idle, n)[c.kept]
             charts[kind.name] = (c, z0, [p.shapes and p.neutral != 0 for p in parameters])
             whole = whole.replaced(c.effect(z0))
         jacobian = predict(whole, w.samples, push).jacobian
@@ -105,7 +105,7 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
             if not columns.any():  # as a dwell that no run has
                 continue
             c = sized(c, columns, w.scale)
-            amount = ~np.array(shapes)[c.rows]
+            amount = ~np.array(shapes)[c.kept]
             way = np.eye(len(z0))[:, amount]
             covariance = np.linalg.inv(c.precision)[np.ix_(amount, amount)]
             low, high = (c.lower - z0)[amount], (c.upper - z0)[amount]
@@ -138,7 +138,7 @@ def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
     for tried in p.trials or (p.neutral + 0.05,):
         c = chart(Term(kind.name), w.declared, w.scale, n)
         if issubclass(kind, StoreEffect):
-            changed = predict(now.model.replaced(c.effect(np.array([tried]))), w.samples, w.links.ways @ now.amounts)
+            changed = predict(now.model.replaced(c.effect(np.array([tried]))), w.samples, w.links.torques @ now.amounts)
             columns = (changed.reading - now.prediction.reading)[:, None]
         else:
             columns = _metered(kind, now, tried)[:, None]

@@ -29,9 +29,9 @@ FEW_RUNS = 8  # of which none is left out; each is cut short instead
 def clusters(samples: Samples) -> list[list[int]]:
     """Runs in groups: repeats of one motion, or of one pose, together."""
     keys = []
-    for rows, kind in zip(samples.slices, samples.kinds, strict=True):
-        at = np.linspace(rows.start, rows.stop - 1, POINTS).round().astype(int)
-        keys.append((kind, samples.q[at], float(samples.t[rows.stop - 1] - samples.t[rows.start])))
+    for span, kind in zip(samples.slices, samples.kinds, strict=True):
+        at = np.linspace(span.start, span.stop - 1, POINTS).round().astype(int)
+        keys.append((kind, samples.q[at], float(samples.t[span.stop - 1] - samples.t[span.start])))
     out: list[list[int]] = []
     for k, (kind, path, lasts) in enumerate(keys):
         for group in out:
@@ -82,8 +82,8 @@ def shared_functions(samples: Samples) -> Shared:
             part = samples.parts[r]
             phase = (samples.at[part] - samples.at[part][0]) / max(float(np.ptp(samples.at[part])), 1e-9)
             columns[part, :count] = np.maximum(0.0, 1 - np.abs(phase[:, None] * (count - 1) - np.arange(count)))
-        rows = [np.arange(samples.parts[r].start, samples.parts[r].stop) for r in group]
-        motions.append((np.concatenate(rows), count))
+        span = [np.arange(samples.parts[r].start, samples.parts[r].stop) for r in group]
+        motions.append((np.concatenate(span), count))
     return Shared(columns[:, : max((count for _, count in motions), default=0)], tuple(motions))
 
 

@@ -178,11 +178,11 @@ class Samples:
         parts = [self._regressors(samples, last) for samples in pieces(len(self.q), PIECE)]
         return np.concatenate(parts)
 
-    def _regressors(self, rows: slice, columns: slice) -> np.ndarray:
+    def _regressors(self, span: slice, columns: slice) -> np.ndarray:
         """(k, n, parameters, 4): derivatives of torque by inertial parameters, without gravity, and for unit gravity
         along x, y and z.
         """
-        q, v, a, still = self.q[rows], self.v[rows], self.a[rows], np.zeros_like(self.v[rows])
+        q, v, a, still = self.q[span], self.v[span], self.a[span], np.zeros_like(self.v[span])
         own = [self.body.link_regressor(q, v, a, np.zeros(3))[:, :, columns]]
         own += [self.body.link_regressor(q, still, still, unit)[:, :, columns] for unit in np.eye(3)]
         return np.stack(own, axis=3)

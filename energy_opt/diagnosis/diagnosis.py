@@ -14,12 +14,12 @@ from energy_opt.diagnosis.claims import written
 from energy_opt.diagnosis.clusters import parted, shortened, split
 from energy_opt.diagnosis.errors import errors
 from energy_opt.diagnosis.evidence import drift_of
-from energy_opt.diagnosis.findings import WIDER, Result, evidence_rows, findings_of, nuisance_of
-from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_remarks, side_rows
+from energy_opt.diagnosis.findings import WIDER, Result, evidence_records, findings_of, nuisance_of
+from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_records, side_remarks
 from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
 from energy_opt.diagnosis.modes import mode_words, modes_of
 from energy_opt.diagnosis.recordings import take_samples
-from energy_opt.diagnosis.residual import Remainder, goes_with
+from energy_opt.diagnosis.residual import Attribution, goes_with
 from energy_opt.diagnosis.usable import foreseen
 from energy_opt.diagnosis.verdict import NOISE, Inference, excited, infer, plain_fit
 from energy_opt.diagnosis.words import headline, joints_headline, next_step, remarks, speeds_seen, summary
@@ -107,14 +107,14 @@ def diagnose(
     model = replace(found.model, uncertainty=_covariance(found))
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
-    effects, left = findings_of(found), _remainder(found, joints)
+    effects, left = findings_of(found), _attributions(found, joints)
     noise = found.noise if found.after.ratio < NOISE else None  # else levels and noise may be misfit, too
     best, drift = found.best, drift_of(found.best, samples, centred=True)
     offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
     others = [written(f) for f in (*found.rivals[1:], best)]
     ahead = foreseen(model, samples, noise, drift, offset, found.accepted, others, best.free)
     floor = found.after.noise
-    rows = side_rows(side, joints, limits, found.accepted if enough else None)
+    records = side_records(side, joints, limits, found.accepted if enough else None)
     modes = modes_of(model, samples)
     document: dict[str, Any] = {
         "verdict": found.verdict or None,
@@ -136,12 +136,12 @@ def diagnose(
         "declared_effects": [e.name for e in declared.effects],
         "model_effects": [e.name for e in model.effects],
         "fitted": list(given),
-        "joint_side": rows,
+        "joint_side": records,
         "next_motion": None,
         "worth": None,
         "modes": [vars(mode) for mode in modes],
         "remarks": [*remarks(found, measured, declared), *mode_words(modes)],
-        "evidence": evidence_rows(found),
+        "evidence": evidence_records(found),
         "robot": measured.robot.name,
         "joints": list(joints),
     }
@@ -149,7 +149,7 @@ def diagnose(
         document["remarks"].append(
             f"Long set: each {samples.group} neighbouring readings are averaged to one, {len(samples.power)} in all."
         )
-    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, limits, rows)
+    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, limits, records)
     document["remarks"] += speeds_seen(found, joints)
     document["headline"] = headline(document)
     document["next_step"] = next_step(document)
@@ -182,14 +182,14 @@ def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float)
     return float(np.clip(1 - now / was, 0.0, 1.0)) if was > 0.02 * floor**2 else 0.0
 
 
-def _remainder(found: Inference, joints: tuple[str, ...]) -> list[Remainder]:
+def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution]:
     """What the residual goes with, where more than noise is left."""
     if not found.follows or found.blind or found.verdict not in ("partly", "unexplained"):
         return []
     left = max(found.after.rmse**2 - found.after.noise**2, 0.0) ** 0.5
-    rows = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints)
-    kept = [row for row in rows if row.watts > LEAST * left]
-    return kept or [Remainder("no signal that was recorded", None, 1.0, left)]
+    records = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints)
+    kept = [row for row in records if row.watts > LEAST * left]
+    return kept or [Attribution("no signal that was recorded", None, 1.0, left)]
 
 
 def _covariance(found: Inference) -> Uncertainty | None:
@@ -231,7 +231,7 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
     model = declared
     for x in effects:
         model = model.replaced(effect_class(x.name)(**x.parameters))
-    rows = side_rows(side, joints, limits, None)
+    records = side_records(side, joints, limits, None)
     nothing = {"train": None, "holdout": None}
     document: dict[str, Any] = {
         "verdict": "insufficient",
@@ -247,11 +247,11 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         "noise_floor": None,
         "split": {"train": [r.file for r in kept.runs], "holdout": []},
         "model_effects": [e.name for e in model.effects],
-        "joint_side": rows,
+        "joint_side": records,
         "next_motion": None,
         "worth": None,
         "remarks": [
-            *measured.remarks, *push_words(found, enough), *side_remarks(side, limits, rows), *said,
+            *measured.remarks, *push_words(found, enough), *side_remarks(side, limits, records), *said,
             "No meter: the model's other effects are as declared or borrowed, not measured.",
         ],
         "robot": measured.robot.name,

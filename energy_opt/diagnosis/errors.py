@@ -81,8 +81,8 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     white = whiten(samples.power - now.reading - levels) ** 2
     single = max(samples.floor, noise.white * samples.group**0.5)  # neighbours that share readings differ by less
     usual, lives, allowed = single**2 + noise.wave**2, [], []
-    for rows, part, (time, _) in zip(samples.slices, samples.parts, samples.single, strict=True):
-        lives.append(np.interp(time, samples.t[rows], (samples.v[rows] != 0).any(axis=1).astype(float)) > 0.5)
+    for span, part, (time, _) in zip(samples.slices, samples.parts, samples.single, strict=True):
+        lives.append(np.interp(time, samples.t[span], (samples.v[span] != 0).any(axis=1).astype(float)) > 0.5)
         allowed.append(usual + np.interp(time, samples.at[part], samples.allowed[part]))
     off = [power - own for (_, power), own in zip(samples.single, shown, strict=True)]
     less = [(x - level) ** 2 for x, level in zip(off, drift, strict=True)]
@@ -104,13 +104,13 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
 def reading_of(model: PowerModel, samples: Samples, p: Prediction | None = None) -> list[np.ndarray]:
     """The model's power [W] at every single reading of every run; `p` is its prediction at the samples."""
     p, out = p or predict(model, samples), []
-    for rows, part, op, (time, _) in zip(samples.slices, samples.parts, samples.operators, samples.single, strict=True):
+    for span, part, op, (time, _) in zip(samples.slices, samples.parts, samples.operators, samples.single, strict=True):
         if op is None:
-            out.append(_between(time, samples.t[rows], p.power[rows]))
+            out.append(_between(time, samples.t[span], p.power[span]))
         elif len(time) == part.stop - part.start:
             out.append(p.reading[part])
         else:  # instants of which neighbours were averaged
-            out.append(_between(time, samples.t[rows], p.metered[rows]))
+            out.append(_between(time, samples.t[span], p.metered[span]))
     if any(e.stage == "meter" for e in model.effects):
         out = [
             _between(time, samples.at[part], p.reading[part]) if op is None else shown

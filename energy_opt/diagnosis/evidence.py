@@ -250,7 +250,7 @@ def _unwhitened(f: Fit) -> np.ndarray:
     p, s = f.prediction, f.world.samples
     where = dict(zip((e.name for e in f.model.effects), f.model.slices(s.n), strict=True))
     own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(f.charts, f.numbers, strict=True)]
-    return np.column_stack([*own, *(g.columns for g in f.free), p.pushed, f.world.offsets])
+    return np.column_stack([*own, *(g.columns for g in f.free), p.external, f.world.offsets])
 
 
 def drift_of(f: Fit, samples: Samples, centred: bool) -> np.ndarray:

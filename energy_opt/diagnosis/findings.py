@@ -11,7 +11,7 @@ from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.fit import Fit
 from energy_opt.diagnosis.joint_side import JointSide
 from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.residual import Remainder
+from energy_opt.diagnosis.residual import Attribution
 from energy_opt.diagnosis.verdict import Inference
 from energy_opt.effects import Effect, LinkInertia
 from energy_opt.measured import MeasuredSet
@@ -57,12 +57,12 @@ def findings_of(found: Inference) -> list[Finding]:
     rest = f.residual - (samples.power - f.prediction.reading)  # levels of runs, with the other sign
 
     def size(model: PowerModel) -> float:
-        own = samples.power - predict(model, samples, f.world.links.ways @ f.amounts).reading + rest
+        own = samples.power - predict(model, samples, f.world.links.torques @ f.amounts).reading + rest
         return float(np.sum((own * samples.weight) ** 2))
 
     here = size(f.model)
     explained = max(size(declared) - here, 1e-9)
-    rows = []
+    records = []
     for c, deviation in zip(f.charts, f.deviations, strict=True):
         claim = next((x for x in found.claims if c.term.name not in x.without.names), None)
         if c.term.name in f.world.given or claim is None:
@@ -74,8 +74,8 @@ def findings_of(found: Inference) -> list[Finding]:
         values = _values(effect, deviation, n)
         values[0].update(effect.choices)
         share = float(np.clip((size(less) - here) / explained, 1e-6, 1.0))
-        rows.append(Finding(c.term.name, *values, share, None, claim.odds, c.term.declared))
-    return sorted(rows, key=lambda row: -row.share_of_residual)
+        records.append(Finding(c.term.name, *values, share, None, claim.odds, c.term.declared))
+    return sorted(records, key=lambda row: -row.share_of_residual)
 
 
 def _of_links(found: Inference) -> Finding:
@@ -122,10 +122,10 @@ def nuisance_of(found: Inference) -> list[str]:
     return out
 
 
-def evidence_rows(found: Inference, most: int = 15) -> list[dict[str, Any]]:
+def evidence_records(found: Inference, most: int = 15) -> list[dict[str, Any]]:
     """The hypotheses that were fitted, likeliest first: what they add, and the logarithm of their odds."""
     base = found.search.score(found.root)
-    rows = [
+    records = [
         {
             "effects": list(f.names),
             "structures": [g.signal for g in f.free],
@@ -135,7 +135,7 @@ def evidence_rows(found: Inference, most: int = 15) -> list[dict[str, Any]]:
         }
         for f in found.search.fits.values()
     ]
-    return sorted(rows, key=lambda row: -float(row["score"]))[:most]  # type: ignore[arg-type]
+    return sorted(records, key=lambda row: -float(row["score"]))[:most]  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, repr=False)
@@ -144,7 +144,7 @@ class Result:
 
     Attributes:
         measured, declared, model: the set, the model handed in, and the calibrated one.
-        effects, remainder: what is claimed, and what the rest of the residual goes with.
+        effects, attributions: what is claimed, and what the rest of the residual goes with.
         document: the content of diagnosis.json.
         samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
         inference: what the search found, None without a meter.
@@ -155,7 +155,7 @@ class Result:
     declared: PowerModel
     model: PowerModel
     effects: tuple[Finding, ...]
-    remainder: tuple[Remainder, ...]
+    attributions: tuple[Attribution, ...]
     document: dict[str, Any]
     side: JointSide | None
     samples: Samples | None = None

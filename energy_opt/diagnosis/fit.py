@@ -226,8 +226,8 @@ class Fit:
     def link_covariance(self) -> np.ndarray:
         """Of the links' amounts after the data."""
         first = len(self.theta) - len(self.levels) - len(self.amounts)
-        rows = slice(first, first + len(self.amounts))
-        return self.covariance[rows, rows]
+        span = slice(first, first + len(self.amounts))
+        return self.covariance[span, span]
 
     @property
     def level_deviations(self) -> np.ndarray:
@@ -322,10 +322,10 @@ def linearised(
     for c, z in zip(charts, parts, strict=True):
         model = model.replaced(c.effect(z))
     d = theta[zs + ws : zs + ws + ds]
-    p = predict(model, s, links.ways @ d, links.ways)
+    p = predict(model, s, links.torques @ d, links.torques)
     where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
     own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(charts, parts, strict=True)]
-    jacobian = np.column_stack([*own, drawn, p.pushed, world.offsets])
+    jacobian = np.column_stack([*own, drawn, p.external, world.offsets])
     residual = s.power - p.reading - drawn @ theta[zs : zs + ws] - world.offsets @ theta[zs + ws + ds :]
     return model, p, residual, world.whiten(np.column_stack([residual, jacobian]))
 

@@ -96,7 +96,7 @@ class Chart:
     term: Term
     n: int
     base: np.ndarray
-    rows: np.ndarray
+    kept: np.ndarray
     origin: np.ndarray
     mean: np.ndarray
     precision: np.ndarray
@@ -111,7 +111,7 @@ class Chart:
     def slope(self, z: np.ndarray) -> np.ndarray:
         """d parameters / d z (P, Z)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(self.term.kind.chart_slope(self._inner(z), self.n)[:, self.rows])
+            return np.asarray(self.term.kind.chart_slope(self._inner(z), self.n)[:, self.kept])
 
     def effect(self, z: np.ndarray) -> Effect:
         """The effect with these numbers, kept inside its physical bounds."""
@@ -123,7 +123,7 @@ class Chart:
     @property
     def shapes(self) -> np.ndarray:
         """(Z,) True for numbers that only shape the effect."""
-        return np.array([p.shapes for p, *_ in entries(self.term.kind, self.n, len(self.base))])[self.rows]
+        return np.array([p.shapes for p, *_ in entries(self.term.kind, self.n, len(self.base))])[self.kept]
 
     def wider(self, times: float) -> Chart:
         """The chart with what is known before of its sizes so many times as wide; shapes are as before."""
@@ -133,7 +133,7 @@ class Chart:
     def _inner(self, z: np.ndarray) -> np.ndarray:
         """All chart values (P,) with the free ones set to z."""
         x = self.base.copy()
-        x[self.rows] = z
+        x[self.kept] = z
         return x
 
 
@@ -149,15 +149,15 @@ def entries(kind: type[Effect], n: int, length: int) -> list[tuple[Parameter, in
     out = []
     for p in kind.parameters:
         count = p.count(n, extents)
-        rows = count // n if p.per_joint else count
-        out += [(p, k // rows if p.per_joint else -1, k % rows) for k in range(count)]
+        each = count // n if p.per_joint else count
+        out += [(p, k // each if p.per_joint else -1, k % each) for k in range(count)]
     return out
 
 
 def _bounds(kind: type[Effect], n: int, length: int) -> tuple[np.ndarray, np.ndarray]:
     """Bounds (P,) of all parameters in a fit."""
-    rows = [p.bounds for p, _, _ in entries(kind, n, length)]
-    return np.array([low for low, _ in rows]), np.array([high for _, high in rows])
+    limits = [p.bounds for p, _, _ in entries(kind, n, length)]
+    return np.array([low for low, _ in limits]), np.array([high for _, high in limits])
 
 
 def usual(unit: str, joint: int, scale: Scale) -> float | None:
@@ -190,7 +190,7 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
     if held is None and term.trial:
         full = np.where([p.shapes or p.steps for p, _, _ in own], term.trial, full)
     x0 = kind.to_chart(full, n)
-    rows = np.array([k for k, (p, _, _) in enumerate(own) if not p.steps])
+    kept = np.array([k for k, (p, _, _) in enumerate(own) if not p.steps])
     free = {d for p in kind.parameters for d in p.free}
     low, high = _bounds(kind, n, len(full)) if free else kind.chart_bounds(n)
     torque = np.array([p.unit.startswith("N m") and j >= 0 and p.lower >= 0 for p, j, _ in own])
@@ -201,12 +201,12 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
     high = np.where(friction, np.minimum(high, most), high)
     high = np.where(viscous, np.minimum(high, most / (CRUISE * speed)), high)
     mean, precision, unknown = _before(kind, term, own, full, x0, scale, held is not None)
-    covariance = precision[np.ix_(rows, rows)]
-    mean = mean[rows]
+    covariance = precision[np.ix_(kept, kept)]
+    mean = mean[kept]
     if term.name in scale.measured:
         mean, covariance = _informed(mean, covariance, scale.measured[term.name])
     return Chart(
-        term, n, x0, rows, x0[rows].copy(), mean, np.linalg.inv(covariance), low[rows], high[rows], unknown[rows]
+        term, n, x0, kept, x0[kept].copy(), mean, np.linalg.inv(covariance), low[kept], high[kept], unknown[kept]
     )
 
 
@@ -270,6 +270,6 @@ def sized(c: Chart, columns: np.ndarray, scale: Scale) -> Chart:
         precision[k, k] = (max(float(rms[k]), 1e-9) / (POWER * scale.level)) ** 2
     own = entries(c.term.kind, c.n, len(c.base))
     for k in np.flatnonzero(c.unknown):
-        if own[c.rows[k]][0].unit == "m":  # of a payload, whose chart is a mass and what it weighs at a distance
+        if own[c.kept[k]][0].unit == "m":  # of a payload, whose chart is a mass and what it weighs at a distance
             precision[k, k] = precision[0, 0] / REACH**2
     return replace(c, precision=precision, unknown=np.zeros_like(c.unknown))

@@ -84,7 +84,7 @@ def _slope(f: Fit, c: Chart, z: np.ndarray, k: int, joint: int, speed: float, va
     return (float(friction_torque(model, f.world.samples.n)(np.array([speed]), joint)[0]) - value) / step
 
 
-def side_rows(
+def side_records(
     side: JointSide | None, joints: Sequence[str], limits: Limits, chosen: Fit | None
 ) -> list[dict[str, Any]]:
     """Per joint: constant of the drive, friction and inertia by its readings, and the power's word beside."""
@@ -124,19 +124,19 @@ def _word(seen: tuple[float, float]) -> dict[str, Any]:
     return {"friction": value, "ci95": ci}
 
 
-def side_remarks(side: JointSide | None, limits: Limits, rows: Sequence[dict[str, Any]]) -> list[str]:
+def side_remarks(side: JointSide | None, limits: Limits, records: Sequence[dict[str, Any]]) -> list[str]:
     """What the reader should know of both sides."""
     if side is None:
         return []
     out = []
-    seen = any(row["power"] is not None and row["power"]["ci95"][0] > row["own"]["ci95"][1] for row in rows)
+    seen = any(row["power"] is not None and row["power"]["ci95"][0] > row["own"]["ci95"][1] for row in records)
     if side.known.any() and not shows_friction(side, limits) and seen:
         what = "torques" if side.unit == "N m" else "currents"
         out.append(f"The logged {what} hold no friction (measured behind the gears, or computed): not used for it.")
-    off = [row["joint"] for row in rows if row["unit"] == "1" and row["scale"] and abs(row["scale"] - 1) > STRANGE]
+    off = [row["joint"] for row in records if row["unit"] == "1" and row["scale"] and abs(row["scale"] - 1) > STRANGE]
     if off:
         out.append(f"The logged torques of {', '.join(off)} are no torques in N m; currents, by their size.")
-    for row in rows:
+    for row in records:
         if row["disagreement"] is not None and row["disagreement"] > DISAGREE:
             out.append(
                 f"{row['joint']}: friction at {row['speed']:.2g} rad/s is {row['own']['friction']:.3g} N m by its own "
@@ -162,7 +162,7 @@ def friction_findings(side: JointSide, limits: Limits, joints: Sequence[str]) ->
     left = float(np.nansum(side.left[:, known] ** 2))
     largest = np.full(len(limits.effort), np.inf)
     if side.unit == "N m":
-        largest = np.nan_to_num(np.nanmax(np.abs(side.rows.reading), axis=0), nan=np.inf)
+        largest = np.nan_to_num(np.nanmax(np.abs(side.samples.reading), axis=0), nan=np.inf)
     out, said = [], []
     for k, name in enumerate(LAWS[:2]):
         values, spread = side.values[k][known], WIDER**2 * side.covariance[k][np.ix_(known, known)]
@@ -170,14 +170,14 @@ def friction_findings(side: JointSide, limits: Limits, joints: Sequence[str]) ->
         if not (values > SURE * deviation).any():
             continue
         shares = np.maximum(values, 0.0) / limits.effort[known]
-        most = largest if k == 0 else largest / np.maximum(np.abs(side.rows.v).max(axis=0), 1e-3)
+        most = largest if k == 0 else largest / np.maximum(np.abs(side.samples.v).max(axis=0), 1e-3)
         full = np.minimum(float(np.median(shares)) * limits.effort, most)
         low, high = np.zeros_like(full), np.minimum(max(GUESS * float(np.median(shares)), float(shares.max()))
                                                     * limits.effort, most)  # fmt: skip
         full[known] = np.maximum(values, 0.0)
         low[known] = np.maximum(full[known] - STUDENT * deviation, 0.0)
         high[known] = full[known] + STUDENT * deviation
-        direction = np.sign(side.rows.v[:, known]) if k == 0 else side.rows.v[:, known]
+        direction = np.sign(side.samples.v[:, known]) if k == 0 else side.samples.v[:, known]
         own = float(np.nansum((direction * full[known]) ** 2))
         parameter = effect_class(name).parameters[0]
         out.append(

@@ -39,15 +39,17 @@ LONGEST = 60  # samples over which noise's memory is followed
 
 
 @dataclass(frozen=True)
-class Rows:
-    """Samples of all runs with joint readings: run (K,), and per joint (K, n) v, a, torque, reading; ways (K, n, c)."""
+class JointSamples:
+    """Samples of all runs with joint readings: run (K,); per joint (K, n) v, a, torque, reading; torques (K, n, c) by
+    the amounts of `Links`.
+    """
 
     run: np.ndarray
     v: np.ndarray
     a: np.ndarray
     tau: np.ndarray
     reading: np.ndarray
-    ways: np.ndarray
+    torques: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ class JointSide:
     usual: np.ndarray
     noise: np.ndarray
     left: np.ndarray
-    rows: Rows
+    samples: JointSamples
 
     @property
     def known(self) -> np.ndarray:
@@ -91,11 +93,11 @@ def joint_side(measured: MeasuredSet, declared: PowerModel) -> JointSide | None:
     if not runs or sum(len(r.time) for r in runs) < FEW:
         return None
     unit = "A" if runs[0].current is not None else "N m"
-    samples = _rows(measured, runs, declared)
+    samples = _joint_samples(measured, runs, declared)
     return _fit(samples, measured, unit)
 
 
-def _rows(measured: MeasuredSet, runs: list[Run], declared: PowerModel) -> Rows:
+def _joint_samples(measured: MeasuredSet, runs: list[Run], declared: PowerModel) -> JointSamples:
     from scipy.integrate import cumulative_trapezoid
 
     smoothing = choose_smoothing(measured.runs)
@@ -119,24 +121,24 @@ def _rows(measured: MeasuredSet, runs: list[Run], declared: PowerModel) -> Rows:
     q, v, a, reading = (np.concatenate(x) for x in zip(*parts, strict=True))
     body = measured.robot.body
     tau = rigid_torque(declared, body, q, v, a)
-    ways = body_of(declared, body).link_regressor(q, v, a) @ deviations_of(body)
-    return Rows(np.concatenate(of), v, a, tau, reading, ways)
+    torques = body_of(declared, body).link_regressor(q, v, a) @ deviations_of(body)
+    return JointSamples(np.concatenate(of), v, a, tau, reading, torques)
 
 
-def _fit(rows: Rows, measured: MeasuredSet, unit: str) -> JointSide:
+def _fit(samples: JointSamples, measured: MeasuredSet, unit: str) -> JointSide:
     limits, n = measured.robot.limits, measured.robot.n
-    s = np.tanh(rows.v / SLOWEST)
-    used = [np.flatnonzero(np.isfinite(rows.reading[:, j])) for j in range(n)]
-    still = np.abs(rows.v) < STILL
+    s = np.tanh(samples.v / SLOWEST)
+    used = [np.flatnonzero(np.isfinite(samples.reading[:, j])) for j in range(n)]
+    still = np.abs(samples.v) < STILL
     trust, memory = np.where(still, HELD, 1.0), np.ones(n)
-    noise = np.array([max(float(np.std(rows.reading[u, j])), 1e-6) for j, u in enumerate(used)])
-    k = _slopes(rows) if unit == "A" else np.ones(n)
+    noise = np.array([max(float(np.std(samples.reading[u, j])), 1e-6) for j, u in enumerate(used)])
+    k = _slopes(samples) if unit == "A" else np.ones(n)
     flat = np.full(n, 1e-12) if unit == "A" else np.full(n, TORQUES**-2)
     middle = np.zeros(n) if unit == "A" else np.ones(n)
     tight = flat
-    size = 5 * n + rows.ways.shape[2]
+    size = 5 * n + samples.torques.shape[2]
     x, h = np.zeros(size), np.eye(size)
-    residual = np.zeros_like(rows.reading)
+    residual = np.zeros_like(samples.reading)
     for turn in range(2 * TURNS):
         if turn == TURNS:  # every joint has spoken for itself: now drives of the same kind
             own = np.sqrt(np.diag(np.linalg.inv(h))[:n])
@@ -151,31 +153,32 @@ def _fit(rows: Rows, measured: MeasuredSet, unit: str) -> JointSide:
         right = np.concatenate([tight * middle, np.zeros(size - n)])
         for j, u in enumerate(used):
             columns = np.zeros((len(u), size))
-            columns[:, j] = rows.tau[u, j]
+            columns[:, j] = samples.tau[u, j]
             at = n + 4 * j
-            columns[:, at : at + 4] = np.column_stack([s[u, j], rows.v[u, j], rows.a[u, j], np.ones(len(u))])
-            columns[:, 5 * n :] = k[j] * rows.ways[u, j]
+            columns[:, at : at + 4] = np.column_stack([s[u, j], samples.v[u, j], samples.a[u, j], np.ones(len(u))])
+            columns[:, 5 * n :] = k[j] * samples.torques[u, j]
             weight = np.sqrt(trust[u, j] / memory[j]) / noise[j]
             columns *= weight[:, None]
             h += columns.T @ columns
-            right += columns.T @ (rows.reading[u, j] * weight)
+            right += columns.T @ (samples.reading[u, j] * weight)
         x = np.linalg.solve(h, right)
         k, laws = x[:n], x[n : 5 * n].reshape(n, 4)
-        rigid = k * (rows.tau + rows.ways @ x[5 * n :])
-        residual = rows.reading - rigid - laws[:, 0] * s - laws[:, 1] * rows.v - laws[:, 2] * rows.a - laws[:, 3]
+        rigid = k * (samples.tau + samples.torques @ x[5 * n :])
+        friction = laws[:, 0] * s + laws[:, 1] * samples.v
+        residual = samples.reading - rigid - friction - laws[:, 2] * samples.a - laws[:, 3]
         for j, u in enumerate(used):
             live = u[~still[u, j]] if (~still[u, j]).sum() >= FEW else u
             r = residual[:, j]
             noise[j] = max(1.4826 * float(np.median(np.abs(r[live]))), 1e-9)
             trust[:, j] = np.where(still[:, j], HELD, 1.0) * np.minimum(1.0, HUBER * noise[j] / np.abs(r).clip(1e-12))
-            memory[j] = _memory(rows.run[u], r[u])
-    return _side(rows, unit, x, np.linalg.inv(h), residual, noise, used)
+            memory[j] = _memory(samples.run[u], r[u])
+    return _side(samples, unit, x, np.linalg.inv(h), residual, noise, used)
 
 
-def _slopes(rows: Rows) -> np.ndarray:
+def _slopes(samples: JointSamples) -> np.ndarray:
     """Reading by torque of every joint (n,), by plain regression: to begin with."""
-    tau = rows.tau - rows.tau.mean(axis=0)
-    reading = np.nan_to_num(rows.reading)
+    tau = samples.tau - samples.tau.mean(axis=0)
+    reading = np.nan_to_num(samples.reading)
     return np.asarray(np.sum(tau * reading, axis=0) / np.maximum(np.sum(tau**2, axis=0), 1e-9))
 
 
@@ -212,7 +215,7 @@ def _memory(run: np.ndarray, r: np.ndarray) -> float:
 
 
 def _side(
-    rows: Rows, unit: str, x: np.ndarray, spread: np.ndarray, residual: np.ndarray, noise: np.ndarray,
+    samples: JointSamples, unit: str, x: np.ndarray, spread: np.ndarray, residual: np.ndarray, noise: np.ndarray,
     used: list[np.ndarray],
 ) -> JointSide:  # fmt: skip
     """Values in N m with their covariance: c = beta / k, to first order."""
@@ -222,10 +225,10 @@ def _side(
     values, covariance, usual = np.full((3, n), np.nan), np.full((3, n, n), np.nan), np.full(n, np.nan)
     slopes = np.zeros((3, n, len(x)))
     for j, u in enumerate(used):
-        live = np.abs(rows.v[u, j]) > STILL
+        live = np.abs(samples.v[u, j]) > STILL
         if not sure[j] or live.sum() < FEW:
             continue
-        usual[j] = float(np.median(np.abs(rows.v[u, j][live])))
+        usual[j] = float(np.median(np.abs(samples.v[u, j][live])))
         own = x[n + 4 * j : n + 4 * j + 3]
         values[:, j] = own / k[j]
         for p in range(3):
@@ -238,7 +241,7 @@ def _side(
     with np.errstate(divide="ignore", invalid="ignore"):
         return JointSide(
             unit, np.where(sure, 1 / k, np.nan), np.where(sure, deviation / k**2, np.nan), values, covariance, pair,
-            usual, np.where(sure, noise / np.abs(k), np.nan), np.where(sure, residual / k, np.nan), rows,
+            usual, np.where(sure, noise / np.abs(k), np.nan), np.where(sure, residual / k, np.nan), samples,
         )  # fmt: skip
 
 
@@ -267,16 +270,16 @@ def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
     led = _led(side, limits)
     if led is not None:
         j, torque = led
-        moving = [k for k in np.unique(side.rows.run) if measured.runs[k].kind == "motion"]
+        moving = [k for k in np.unique(side.samples.run) if measured.runs[k].kind == "motion"]
         return [Push(int(k), measured.runs[k].file, joints[j], torque) for k in moving]
     excess = side.left.copy()
     carried = np.abs(np.nan_to_num(side.values[0]))
-    still = np.abs(side.rows.v) < STILL
+    still = np.abs(side.samples.v) < STILL
     excess = np.where(still, np.sign(excess) * np.maximum(np.abs(excess) - 1.5 * carried, 0.0), excess)
     excess = np.nan_to_num(excess)
     step = _step(side, measured)
     width = max(1, round(LASTS / step))
-    slow = {int(r): _means(excess[side.rows.run == r], width) for r in np.unique(side.rows.run)}
+    slow = {int(r): _means(excess[side.samples.run == r], width) for r in np.unique(side.samples.run)}
     usual = 1.4826 * np.median(np.abs(np.concatenate(list(slow.values()))), axis=0)
     least = np.minimum(np.maximum(PUSH * limits.effort, BEYOND * usual), 2 * PUSH * limits.effort)
     out = []
@@ -298,7 +301,7 @@ def _led(side: JointSide, limits: Limits) -> tuple[int, float] | None:
 
 
 def _step(side: JointSide, measured: MeasuredSet) -> float:
-    runs, counts = np.unique(side.rows.run, return_counts=True)
+    runs, counts = np.unique(side.samples.run, return_counts=True)
     return float(np.median([np.ptp(measured.runs[r].time) / k for r, k in zip(runs, counts, strict=True)]))
 
 
@@ -310,14 +313,14 @@ def _means(x: np.ndarray, width: int) -> np.ndarray:
 
 def free_runs(measured: MeasuredSet, found: list[Push]) -> tuple[MeasuredSet, bool]:
     """The set less the runs that were pushed, and whether enough is left; the whole set where not."""
-    gone = {p.run for p in found}
+    excluded = {p.run for p in found}
     moving = [k for k, r in enumerate(measured.runs) if r.kind == "motion"]
-    left = [k for k in moving if k not in gone]
-    if not gone:
+    left = [k for k in moving if k not in excluded]
+    if not excluded:
         return measured, True
     if len(left) < max(2, ENOUGH * len(moving)):
         return measured, False
-    return replace(measured, runs=tuple(r for k, r in enumerate(measured.runs) if k not in gone)), True
+    return replace(measured, runs=tuple(r for k, r in enumerate(measured.runs) if k not in excluded)), True
 
 
 def push_words(found: list[Push], enough: bool) -> list[str]:

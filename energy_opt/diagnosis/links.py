@@ -34,11 +34,11 @@ class Links:
     Attributes:
         basis: (10 L, c) inertial parameters of all links by amounts d of the directions, each of standard deviation
             `spread`.
-        ways: (K, n, c) torque by the amounts.
+        torques: (K, n, c) torque by the amounts.
     """
 
     basis: np.ndarray
-    ways: np.ndarray
+    torques: np.ndarray
 
     def effect(self, d: np.ndarray, samples: Samples) -> LinkInertia:
         """The deviation of amounts d (c,) as an effect."""
@@ -61,11 +61,11 @@ class Links:
 def links_of(samples: Samples, model: PowerModel) -> Links:
     """The directions that the readings show under a model."""
     basis = deviations_of(samples.body)
-    ways = samples.deviating(basis)
-    shown = predict(model, samples, None, ways).pushed / samples.noise
+    torques = samples.deviating(basis)
+    shown = predict(model, samples, None, torques).external / samples.noise
     values, vectors = np.linalg.eigh(shown.T @ shown / len(shown))
     kept = vectors[:, values > SHOWN**2][:, ::-1]
-    return Links(basis @ kept, ways @ kept)
+    return Links(basis @ kept, torques @ kept)
 
 
 def deviations_of(body: RigidBody) -> np.ndarray:

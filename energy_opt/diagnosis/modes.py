@@ -34,9 +34,9 @@ def modes_of(model: PowerModel, samples: Samples) -> list[Mode]:
     apart = max(APART, SHARE * level, NOISES * samples.floor)
     found: list[tuple[float, float, int]] = []  # level, seconds, standstill
     count = 0
-    for rows, (time, power), own in zip(samples.slices, samples.single, reading_of(model, samples), strict=True):
-        live = (samples.v[rows] != 0).any(axis=1).astype(float)
-        still = np.concatenate([[False], np.interp(time, samples.t[rows], live) == 0, [False]])
+    for span, (time, power), own in zip(samples.slices, samples.single, reading_of(model, samples), strict=True):
+        live = (samples.v[span] != 0).any(axis=1).astype(float)
+        still = np.concatenate([[False], np.interp(time, samples.t[span], live) == 0, [False]])
         edges = np.flatnonzero(np.diff(still.astype(int)))
         for a, b in zip(edges[::2], edges[1::2], strict=True):
             rest = level + power[a:b] - own[a:b]

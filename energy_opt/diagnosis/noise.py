@@ -211,14 +211,14 @@ def weighted(samples: Samples, now: Prediction) -> Samples:
     moving = (samples.v != 0).any(axis=1)
     noise = samples.noise * samples.group**0.5
     open_power = _open_power(samples, now)
-    for rows, part, op in zip(samples.slices, samples.parts, samples.operators, strict=True):
-        grouped = op is not None and (rows.stop - rows.start) // samples.group == part.stop - part.start
+    for span, part, op in zip(samples.slices, samples.parts, samples.operators, strict=True):
+        grouped = op is not None and (span.stop - span.start) // samples.group == part.stop - part.start
         if op is not None and not (samples.group > 1 and grouped):
             continue
-        slope = np.gradient(now.power[rows], samples.t[rows]) if rows.stop - rows.start > 1 else np.zeros(1)
-        variance = (SLACK * slope) ** 2 + open_power[rows] ** 2
+        slope = np.gradient(now.power[span], samples.t[span]) if span.stop - span.start > 1 else np.zeros(1)
+        variance = (SLACK * slope) ** 2 + open_power[span] ** 2
         own = 1 / np.sqrt(1 + variance / noise**2)
-        for k in 1 + np.flatnonzero(moving[rows][1:] != moving[rows][:-1]):
+        for k in 1 + np.flatnonzero(moving[span][1:] != moving[span][:-1]):
             own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
         weight[part] = group_weight(own, samples.group) if grouped else own / samples.group**0.5
         whole = len(variance) // samples.group * samples.group

@@ -49,14 +49,14 @@ def page(result: Result) -> Report:
     if d["alternatives"]:
         report.text("Sets that fit equally well: " + "; ".join(" + ".join(names) for names in d["alternatives"]))
     report.section("Error before and after")
-    rows = []
+    records = []
     for when in ("before", "after"):
         for part in ("train", "holdout"):
             e = d["error"][when][part]
             if e is not None:
-                rows.append([f"{when}, {part}", e["energy_percent"], e["energy_percent_ci95"], e["power_rmse"],
+                records.append([f"{when}, {part}", e["energy_percent"], e["energy_percent_ci95"], e["power_rmse"],
                              e["power_rmse_ci95"]])  # fmt: skip
-    report.table(["", "error of energy [%]", "95 % [%]", "power RMSE [W]", "95 % [W]"], rows)
+    report.table(["", "error of energy [%]", "95 % [%]", "power RMSE [W]", "95 % [W]"], records)
     report.facts({"noise floor [W]": d["error"]["noise_floor"]})
     worth = d.get("worth")
     if worth is not None:
@@ -77,8 +77,8 @@ def page(result: Result) -> Report:
     if d["residual_goes_with"]:
         watts = [r["watts"] for r in d["remainder"]]
         goes = d["residual_goes_with"]
-        rows = [[r["signal"], r["joint"], r["strength"], w] for r, w in zip(goes, watts, strict=True)]
-        report.table(["signal", "joint", "share of what is left [1]", "rms [W]"], rows, 3)
+        records = [[r["signal"], r["joint"], r["strength"], w] for r, w in zip(goes, watts, strict=True)]
+        report.table(["signal", "joint", "share of what is left [1]", "rms [W]"], records, 3)
     else:
         report.text("With nothing beyond the noise.")
     report.charts(*_residuals(result, result.samples))
@@ -203,11 +203,11 @@ def _friction(result: Result, samples: Samples) -> list[Chart]:
     return charts
 
 
-def joints_section(report: Report, rows: Sequence[dict[str, Any]], side: JointSide) -> None:
+def joints_section(report: Report, records: Sequence[dict[str, Any]], side: JointSide) -> None:
     """What the joints' readings say beside the power, and what is measured of friction."""
     report.section("The joints' own readings")
     table = []
-    for row in rows:
+    for row in records:
         words = [row[key] for key in ("own", "power", "together")]
         shown = [x for w in words for x in ((w["friction"], w["ci95"]) if w else (None, None))]
         table.append([row["joint"], row["scale"], row["scale_ci95"], row["speed"], *shown])
@@ -218,15 +218,15 @@ def joints_section(report: Report, rows: Sequence[dict[str, Any]], side: JointSi
         table,
         digits=3,
     )  # fmt: skip
-    report.charts(*_charts(rows, side))
+    report.charts(*_charts(records, side))
 
 
-def _charts(rows: Sequence[dict[str, Any]], side: JointSide) -> list[Chart]:
+def _charts(records: Sequence[dict[str, Any]], side: JointSide) -> list[Chart]:
     charts = []
-    for j, row in enumerate(rows):
+    for j, row in enumerate(records):
         if row["own"] is None:
             continue
-        v = side.rows.v[:, j]
+        v = side.samples.v[:, j]
         moves = np.abs(v) > STILL
         grid = np.linspace(v.min(), v.max(), 121)
         seen = [side.friction(j, abs(x)) for x in grid]

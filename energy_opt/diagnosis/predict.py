@@ -37,7 +37,7 @@ class Prediction:
 
     Attributes:
         metered: (K,) [W] the meter's view of the power at the nodes.
-        reading: (M,) [W]. jacobian: (M, P) by `PowerModel.values`. pushed: (M, c) by the amounts of further torques,
+        reading: (M,) [W]. jacobian: (M, P) by `PowerModel.values`. external: (M, c) by the amounts of further torques,
             see `predict`.
         power: (K,) [W] true power before the meter. tau, tau_m: (K, n) [N m] torque of the rigid body and of the
             motors.
@@ -47,7 +47,7 @@ class Prediction:
     metered: np.ndarray
     reading: np.ndarray
     jacobian: np.ndarray
-    pushed: np.ndarray
+    external: np.ndarray
     power: np.ndarray
     tau: np.ndarray
     tau_m: np.ndarray
@@ -177,13 +177,13 @@ def _changing(form: tuple[str, ...], n: int) -> Callable[..., list[np.ndarray]] 
 
 
 def predict(
-    model: PowerModel, s: Samples, push: np.ndarray | None = None, ways: np.ndarray | None = None
+    model: PowerModel, s: Samples, push: np.ndarray | None = None, torques: np.ndarray | None = None
 ) -> Prediction:
     """The reading of the meter under `model` at the samples, and its derivatives by `model.values(n)`.
 
     Args:
         push: (K, n) torque added to the rigid body's, N m.
-        ways: (K, n, c) further torques, by whose amounts the reading's derivatives (M, c) are also asked for.
+        torques: (K, n, c) further torques, by whose amounts the reading's derivatives (M, c) are also asked for.
     """
     tau, by_rigid = rigid_torque(model, s)
     if push is not None:
@@ -230,8 +230,8 @@ def predict(
     rigid = [np.arange(where[e.name].start, where[e.name].stop) for e in model.effects if e.stage == "rigid"]
     if rigid:
         jacobian[:, np.concatenate(rigid)] += np.einsum("nj,njp->np", by_tau, by_rigid)
-    pushed = np.zeros((len(power), 0)) if ways is None else np.einsum("nj,njc->nc", by_tau, ways)
-    reading, slopes = power.copy(), np.column_stack([jacobian, pushed])
+    external = np.zeros((len(power), 0)) if torques is None else np.einsum("nj,njc->nc", by_tau, torques)
+    reading, slopes = power.copy(), np.column_stack([jacobian, external])
     for effect in sorted((e for e in model.effects if isinstance(e, MeterEffect)), key=lambda e: e.turn):
         value = float(effect.full(n)[0])
         before, reading = reading, np.empty_like(reading)

@@ -21,7 +21,7 @@ MOST = 8
 
 
 @dataclass(frozen=True)
-class Remainder:
+class Attribution:
     """A signal that a part of the residual follows.
 
     Attributes:
@@ -34,7 +34,7 @@ class Remainder:
     watts: float
 
 
-def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Remainder]:
+def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attribution]:
     """Signals that the residual of a fit follows, the strongest first.
 
     The strength of a signal is the share that a function of it predicts in parts of runs that it was not fitted to; or,
@@ -47,18 +47,18 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Remai
     rest = f.residual * samples.weight
     open_part = max(float(rest @ rest) - len(rest) * f.world.whiten.noise.white**2, 1e-9)
     chosen = {g.signal for g in free}
-    rows: list[Remainder] = []
+    records: list[Attribution] = []
     for g in functions(f):
         for joint, columns in _by_joint(g, samples.n):
             own = g.signal in chosen and (joint is None or columns.shape[1] == g.columns.shape[1])
             watts = _held(f, rest, columns, g.size) if own else _foreseen(f, rest, columns, g.size)
             strength = float(np.clip(watts**2 * len(rest) / open_part, 0.0, 1.0))
             if strength > WEAKEST:
-                rows.append(Remainder(g.signal, joints[joint] if joint is not None else None, strength, watts))
+                records.append(Attribution(g.signal, joints[joint] if joint is not None else None, strength, watts))
     if wandering(f):
-        rows.append(Remainder("time (run to run)", None, 1.0, float(np.std(f.levels))))
-    best: dict[tuple[str, str | None], Remainder] = {}
-    for row in rows:
+        records.append(Attribution("time (run to run)", None, 1.0, float(np.std(f.levels))))
+    best: dict[tuple[str, str | None], Attribution] = {}
+    for row in records:
         held = best.get((row.signal, row.joint))
         if held is None or row.strength > held.strength:
             best[row.signal, row.joint] = row
@@ -104,7 +104,7 @@ def _foreseen(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> flo
 LAGS = (-0.2, 0.0, 0.2, 0.5)  # [s] by which a meter may lag
 SHIFTS = 199
 CHANCE = 0.2  # p-value beyond which chance does as well
-DOUBT = 0.01  # and where neighbouring readings hardly resemble each other, as in noise
+ROUGH_CHANCE = 0.01  # and where neighbouring readings hardly resemble each other, as in noise
 ALIKE = 0.5  # correlation of neighbouring samples of a power that an arm draws
 FEW = 3.0  # readings per column, below which columns fit anything
 SHOWN = 0.5  # of the meter's noise: mechanical power that varies less cannot be expected to show
@@ -138,7 +138,7 @@ def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
         by_chance += float(np.sum((u.T @ turned) ** 2)) >= seen
     together = sum(float(power[s][1:] @ power[s][:-1]) for s in samples.parts)
     rough = together < ALIKE * float(power @ power)
-    return (1 + by_chance) / (SHIFTS + 1) <= (DOUBT if rough else CHANCE)
+    return (1 + by_chance) / (SHIFTS + 1) <= (ROUGH_CHANCE if rough else CHANCE)
 
 
 def _centred(x: np.ndarray, samples: Samples) -> np.ndarray:

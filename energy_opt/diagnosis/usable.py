@@ -161,12 +161,12 @@ def _changes(
     tables = []
     for s in (fast, slow):
         p = predict(model, s, None, None if links is None else s.deviating(links))
-        tables.append(np.column_stack([p.power, p.jacobian, p.pushed]))
+        tables.append(np.column_stack([p.power, p.jacobian, p.external]))
     out = []
-    for rows in fast.slices:
-        t = fast.t[rows]
-        waits = tables[0][rows][-1] * (SLOWER - 1) * np.ptp(t)
-        each = [np.trapezoid(table[rows], t, axis=0) for table in tables]
+    for span in fast.slices:
+        t = fast.t[span]
+        waits = tables[0][span][-1] * (SLOWER - 1) * np.ptp(t)
+        each = [np.trapezoid(table[span], t, axis=0) for table in tables]
         out.append(each[0] + waits - SLOWER * each[1])
     both = np.array(out)
     return both[:, 0], both[:, 1:]

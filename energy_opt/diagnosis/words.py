@@ -142,7 +142,7 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
 def _links(f: Fit, joints: Sequence[str]) -> str:
     """What the links' deviations do to the torque of each joint."""
     s = f.world.samples
-    off = np.sqrt(np.mean((f.world.links.ways @ f.amounts) ** 2, axis=0))
+    off = np.sqrt(np.mean((f.world.links.torques @ f.amounts) ** 2, axis=0))
     whole = np.sqrt(np.mean(f.prediction.tau**2, axis=0))
     worst = np.argsort(-off)[:3]
     each = ", ".join(f"{joints[j]} {off[j]:.2g} N m ({100 * off[j] / max(whole[j], 1e-9):.0f} %)" for j in worst)
@@ -253,10 +253,10 @@ def _foreseen(d: dict[str, Any]) -> str:
     return f"differences of energy between motions are foreseen within {within}: {usable}"
 
 
-def side_words(rows: Sequence[dict[str, Any]]) -> list[str]:
+def side_words(records: Sequence[dict[str, Any]]) -> list[str]:
     """One line a joint, for stdout."""
     out = []
-    for row in rows:
+    for row in records:
         if row["scale"] is None:
             out.append(f"{row['joint']}: its readings do not follow its torque; nothing can be said in N m")
             continue

@@ -22,7 +22,6 @@ from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot
 
 SAMPLED = 401  # points at which a path that is any function is taken
-OTHER_NAMES = {"ways": "initial_paths"}  # of settings in requests
 DERIVED = ("draw ", "rival ")  # names of models that follow from another one's covariance and rivals
 OF_TRAJECTORY = ("time", "position", "velocity", "acceleration")
 Asked = TypeVar("Asked", bound=MoveRequest)
@@ -115,7 +114,7 @@ def _end(request: MoveRequest, robot: Robot, name: str) -> np.ndarray:
 
 def settings_of(request: Any) -> Settings:
     """How to solve: the settings that a request has."""
-    given = {f.name: getattr(request, OTHER_NAMES.get(f.name, f.name), None) for f in fields(Settings)}
+    given = {f.name: getattr(request, f.name, None) for f in fields(Settings)}
     return Settings(**{name: value for name, value in given.items() if value is not None})
 
 

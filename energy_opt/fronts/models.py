@@ -78,4 +78,4 @@ def models_of_front(robust: RobustPlanner, move: Move, front: Front) -> list[dic
     best = front.minimum
     if best is None or best.trajectory is None:
         return []
-    return robust.rows(best.trajectory, robust.planner.slowed(move, best.trajectory.duration))
+    return robust.compared(best.trajectory, robust.planner.slowed(move, best.trajectory.duration))

@@ -22,9 +22,9 @@ from energy_opt.jobs.cycle import Answer, Scorers
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, fastest_timing, front_of
 from energy_opt.motion.move import Settings
+from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner
-from energy_opt.motion.plan.ways import check_free
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel

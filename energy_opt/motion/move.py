@@ -20,7 +20,7 @@ COUNTS = (  # of settings: name, least, most without `allow_large` (what the mos
     ("starts", 1, 10_000),  # hours
     ("seed", 0, 2**63 - 1),
     ("verify_samples", 100, 2_000_000),  # some seconds a look, block by block
-    ("ways", 0, 100),  # minutes of planning each
+    ("initial_paths", 0, 100),  # minutes of planning each
     ("controls", 10, 400),  # 2,800 unknowns for seven joints: minutes a start
 )
 SOLVERS = ("ipopt", "sqp")
@@ -132,8 +132,9 @@ class Settings:
         allow_large: more starts, samples and control points than a careful user would ask for.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
         deadline: seconds after which the search for a motion ends with the best proven answer so far; None for none.
-        ways: how many free ways are looked for, and started from, where the straight line is not free, and besides a
-            path that is given; None for one (two where it leads to little), and none besides a free path that is given.
+        initial_paths: how many free paths are looked for, and started from, where the straight line is not free, and
+            besides a path that is given; None for one (two where it leads to little), and none besides a free path that
+            is given.
         own_limits: limits of one's own (`motion.limits.own.OwnLimit`), besides all others.
     """
 
@@ -153,7 +154,7 @@ class Settings:
     tube: str | None = None
     tool: str | None = None
     allow_large: bool = False
-    ways: int | None = None
+    initial_paths: int | None = None
     own_limits: tuple[Any, ...] = ()
     deadline: float | None = None
 

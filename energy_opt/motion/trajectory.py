@@ -126,7 +126,7 @@ class Trajectory:
             values[-1] = last
         return out[0], out[1], out[2], out[3]
 
-    def jerk_before_rows(self) -> np.ndarray:
+    def jerk_before_samples(self) -> np.ndarray:
         """Jerk (N - 1, n) just before each sample but the first; it jumps at samples, where `sample` has that after."""
         step = np.diff(self.time)[:, None]
         state = self.position, self.velocity, self.acceleration
@@ -148,10 +148,10 @@ class Trajectory:
         inner = (self.time[:-1, None] + np.diff(self.time)[:, None] * steps).ravel()
         return np.append(inner, self.time[-1])
 
-    def part(self, rows: slice) -> Trajectory:
+    def part(self, samples: slice) -> Trajectory:
         """Some of its samples, one after the other."""
         first = (self.time, self.position, self.velocity, self.acceleration, self.effort, self.power)
-        return Trajectory(self.joints, *(None if x is None else x[rows] for x in first))  # type: ignore[arg-type]
+        return Trajectory(self.joints, *(None if x is None else x[samples] for x in first))  # type: ignore[arg-type]
 
     def on_nanoseconds(self) -> Trajectory:
         """The curve with its samples on whole nanoseconds; itself where they are."""

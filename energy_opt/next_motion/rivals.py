@@ -109,7 +109,7 @@ def _shown(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
         return predict(rival.model, samples).reading, np.zeros((len(samples.power), 0))
     by_amount = samples.deviating(np.column_stack([slack.push, slack.links]))
     p = predict(rival.model, samples, by_amount[:, :, 0], by_amount[:, :, 1:])
-    return p.reading, np.column_stack([p.jacobian @ slack.values + p.pushed, np.full(len(p.reading), slack.level)])
+    return p.reading, np.column_stack([p.jacobian @ slack.values + p.external, np.full(len(p.reading), slack.level)])
 
 
 def _unexplained(d: np.ndarray, slack: Slack | None, by: np.ndarray, step: float) -> float:

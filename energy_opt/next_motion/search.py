@@ -1,7 +1,7 @@
 """The search for the motion to record next.
 
 There and back between two poses, fast and then slowly, so that speed, direction and load all change. Pairs of poses are
-drawn and tried with straight ways; from the most telling pairs, every way is reshaped by the optimizer so that the
+drawn and tried with straight paths; from the most telling pairs, every way is reshaped by the optimizer so that the
 rivals' readings differ most. All candidates, the straight ones too, are judged alike: by the smallest of the rivals'
 mutual rms differences at the meter, within all limits by the certificate, and within those on torque under every rival;
 and by the proof that they touch nothing, where there is a cell.
@@ -76,9 +76,9 @@ def propose(rivals: Sequence[Rival], robot: Robot, seed: int = 0, cell: Cell | N
     drawn = []
     for _ in range(DRAWN):
         poses = rng.uniform(limits.lower, limits.upper, (2, robot.n))
-        ways = _ways(poses, shortest(robot, joint_limits(limits), *poses), limits)
-        legs = [way.quintic(shape) for way in ways]
-        drawn.append((judge.apart(legs, COARSE), ways, legs))
+        paths = _paths(poses, shortest(robot, joint_limits(limits), *poses), limits)
+        legs = [way.quintic(shape) for way in paths]
+        drawn.append((judge.apart(legs, COARSE), paths, legs))
     judge.live = np.max([apart for apart, *_ in drawn], axis=0) >= SAME
     if not judge.live.any():
         return None
@@ -90,8 +90,8 @@ def propose(rivals: Sequence[Rival], robot: Robot, seed: int = 0, cell: Cell | N
     candidates = [(judge.score(judge.apart(straight, FINE)), straight)]
     functions = contrast_functions(judge.models, robot.body, judge.torque(straight).argmax(axis=0))
     level, tried = Level(shape, functions), int(np.clip(WORK / functions.curvature.n_instructions(), 1, TRIED))
-    for apart, ways, _ in itertools.islice((row for row in drawn if judge.clear(row[2])), tried):
-        candidates += _improved(level, judge, ways, apart, rng)
+    for apart, paths, _ in itertools.islice((row for row in drawn if judge.clear(row[2])), tried):
+        candidates += _improved(level, judge, paths, apart, rng)
     for value, legs in sorted(candidates, key=lambda pair: -pair[0]):
         trajectory = joined(legs, robot.joints)
         certificate = certify(trajectory, judge.scorers[0], joint_limits(robot.limits))
@@ -132,23 +132,23 @@ class _Judge:
 
 
 def _improved(
-    level: Level, judge: _Judge, ways: Sequence[Way], apart: np.ndarray, rng: np.random.Generator
+    level: Level, judge: _Judge, paths: Sequence[Way], apart: np.ndarray, rng: np.random.Generator
 ) -> list[tuple[float, list[Curve]]]:
-    """Motions within torque limits, and their scores, that come of reshaping all ways; `apart` weighs the pairs."""
+    """Motions within torque limits, and their scores, that come of reshaping all paths; `apart` weighs the pairs."""
     found: list[tuple[float, list[Curve]]] = []
-    legs = [way.quintic(level.shape) for way in ways]
+    legs = [way.quintic(level.shape) for way in paths]
     for bend in (rng, *(None,) * (ROUNDS - 1)):
         least = judge.score(apart)
         weights = judge.live * least**2 / np.maximum(apart, SAME) ** 4  # most to the pairs that differ least
         parameters = contrast_parameters(judge.models, judge.robot.n, weights)
-        legs = [reshaped(level, way, leg, parameters, bend) for way, leg in zip(ways, legs, strict=True)]
+        legs = [reshaped(level, way, leg, parameters, bend) for way, leg in zip(paths, legs, strict=True)]
         apart, torque = judge.apart(legs, FINE), judge.torque(legs).max(axis=0)
         if (torque <= 1).all():
             found.append((judge.score(apart), legs))
             if judge.live.sum() == 1:
                 break
         less = 1 / np.maximum(1.0, 1 + 1.5 * (torque - 1))
-        ways = [replace(way, limits=way.limits.replace(effort=way.limits.effort * less)) for way in ways]
+        paths = [replace(way, limits=way.limits.replace(effort=way.limits.effort * less)) for way in paths]
     return found
 
 
@@ -165,7 +165,7 @@ def _calm(limits: Limits) -> Limits:
     )
 
 
-def _ways(poses: np.ndarray, fast: float, limits: Limits) -> list[Way]:
+def _paths(poses: np.ndarray, fast: float, limits: Limits) -> list[Way]:
     """There and back in `fast` s, then slowly."""
     crawling = limits.replace(velocity=limits.velocity / SLOWER)
     there, back = (poses[0], poses[1]), (poses[1], poses[0])

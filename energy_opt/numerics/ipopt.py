@@ -38,7 +38,7 @@ class Problem(Protocol):
 
     def cost(self, x: np.ndarray) -> float: ...
     def gradient(self, x: np.ndarray) -> np.ndarray: ...
-    def rows(self, x: np.ndarray) -> np.ndarray: ...
+    def constraints(self, x: np.ndarray) -> np.ndarray: ...
     def jacobian(self, x: np.ndarray) -> np.ndarray: ...
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray: ...
 
@@ -135,7 +135,7 @@ def solve(
     one, g_shape = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(len(row_bounds[0]), 1)
     jac, hess = problem.jacobian_pattern, problem.hessian_pattern
     xp = {"x": x_shape, "p": none}
-    nlp = _Callback("nlp", xp, {"f": one, "g": g_shape}, lambda x, p: [problem.cost(x), problem.rows(x)])
+    nlp = _Callback("nlp", xp, {"f": one, "g": g_shape}, lambda x, p: [problem.cost(x), problem.constraints(x)])
     grad_f = _Callback(
         "nlp_grad_f",
         xp,
@@ -146,7 +146,7 @@ def solve(
         "nlp_jac_g",
         xp,
         {"g": g_shape, "jac_g_x": jac},
-        lambda x, p: [problem.rows(x), problem.jacobian(x)],
+        lambda x, p: [problem.constraints(x), problem.jacobian(x)],
     )
     hess_lag = _Callback(
         "nlp_hess_l",

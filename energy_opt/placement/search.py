@@ -192,9 +192,9 @@ class Search:
             return value
 
         before = cost(np.zeros(len(self.free)))
-        sides = (np.vstack([least, most]) - point[self.free]) / self.span[self.free]
+        within = (np.vstack([least, most]) - point[self.free]) / self.span[self.free]
         minimize(
-            cost, np.zeros(len(self.free)), method="L-BFGS-B", bounds=sides.T,
+            cost, np.zeros(len(self.free)), method="L-BFGS-B", bounds=within.T,
             options={"maxfun": EVALUATIONS * (1 + len(self.free)), "eps": 1e-4, "maxiter": 12},
         )  # fmt: skip
         value, at = min(known, key=lambda item: item[0])

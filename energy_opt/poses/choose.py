@@ -131,11 +131,11 @@ class Chooser:
         out: list[Candidate] = []
         for goal in goals:
             pose = goal if isinstance(goal, Pose) else None
-            rows = self._reached(goal, move) if isinstance(goal, Pose) else np.atleast_2d(goal)
-            possible, energy = self._estimates(move, rows)
+            found = self._reached(goal, move) if isinstance(goal, Pose) else np.atleast_2d(goal)
+            possible, energy = self._estimates(move, found)
             out += [
                 Candidate(q, float(e), status="looked_at" if can else "too_fast", pose=pose)
-                for q, e, can in zip(rows, energy, possible, strict=True)
+                for q, e, can in zip(found, energy, possible, strict=True)
             ]
         if self.cell is None:
             return out

@@ -59,10 +59,10 @@ def _placed(
     """
     start: Target = move.start if ends.start is None else ends.start
     near = tool.robot.limits.near_zero if ends.start is not None else move.start
-    rows = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in (start, *ends.via)]
+    sets = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in (start, *ends.via)]
     goals = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in ends.goals]
-    rows.append(np.vstack(goals))
-    layers = [layer(scorers, thinned(q, holding(scorers, q))) for q in rows]
+    sets.append(np.vstack(goals))
+    layers = [layer(scorers, thinned(q, holding(scorers, q))) for q in sets]
     chain = Ring(layers, [scorers] * (len(layers) - 1), [(0.0, np.inf)] * len(layers))
     chosen, _ = chain.cheapest(move.duration or move.max_duration or np.inf, 0.0)
     q = [each.positions[k] for each, k in zip(layers, chosen, strict=True)]

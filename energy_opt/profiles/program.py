@@ -225,7 +225,7 @@ class Program:
         self._move(x)
         return self.scale * np.asarray(self._e @ self._jh + self._h @ self._pulled)
 
-    def rows(self, x: np.ndarray) -> np.ndarray:
+    def constraints(self, x: np.ndarray) -> np.ndarray:
         """All constraints (R,): closed forms, shares of bounds at nodes, and numeric constraints."""
         self._move(x)
         held = (self._values[:, self._bounded] / self._bounds).ravel()

@@ -21,7 +21,7 @@ from energy_opt.jobs.posed import Posed
 from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
-from energy_opt.motion.plan.ways import check_free
+from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power import PowerModel
@@ -96,8 +96,8 @@ class Arm:
         """
         key = leg.points.tobytes(), leg.mode, leg.least, leg.most, leg.step.payload, leg.step.scene
         if key not in self._known:
-            begun = self.worker.with_first_path(leg)
-            timing = self.worker.timing(begun)
+            initial = self.worker.with_first_path(leg)
+            timing = self.worker.timing(initial)
             timing = timing.slowed(WITHIN * timing.duration)
             shortest = max(float(whole(timing.duration + self._blend)), leg.least)
             longest = min(leg.most, self.job.cycle_time)
@@ -107,7 +107,7 @@ class Arm:
                     limit="duration",
                     shortest_duration=shortest,
                 )
-            self._known[key] = ArmMove(leg.steps[0], begun, timing, shortest, longest)
+            self._known[key] = ArmMove(leg.steps[0], initial, timing, shortest, longest)
         return replace(self._known[key], place=leg.steps[0])  # what is known of it is shared
 
     def arranged(self, steps: Sequence[StepTable]) -> Arm:
@@ -330,5 +330,5 @@ def _taken(answer: Answer) -> float:
 
 
 def _standing(robot: Robot, q: np.ndarray, seconds: float) -> Trajectory:
-    rows = np.repeat(q[None], len(AT_REST), axis=0)
-    return Trajectory(robot.joints, AT_REST * seconds, rows, np.zeros_like(rows), np.zeros_like(rows))
+    q_at = np.repeat(q[None], len(AT_REST), axis=0)
+    return Trajectory(robot.joints, AT_REST * seconds, q_at, np.zeros_like(q_at), np.zeros_like(q_at))

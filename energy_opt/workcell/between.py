@@ -57,14 +57,14 @@ class TwoArms:
     def __init__(self, one: Cell, two: Cell, clearance: np.ndarray | None = None) -> None:
         self.count = one.bodies.kinematics.coupling.matrix.shape[1]
         links = [*placed_links(one, 0), *placed_links(two, one.bodies.kinematics.count)]
-        bodies, sides = [], []
+        bodies, arm_of = [], []
         for side, (cell, shift) in enumerate(((one, 0), (two, one.bodies.kinematics.count))):
             for body in _own(cell):
                 fixed = body.joint < 0
                 pose = cell.request.base_pose @ body.pose if fixed else body.pose
                 bodies.append(Body(body.name, -1 if fixed else body.joint + shift, pose, body.solid))
-                sides.append(side)
-        of = np.array(sides)
+                arm_of.append(side)
+        of = np.array(arm_of)
         a, b = np.meshgrid(np.flatnonzero(of == 0), np.flatnonzero(of == 1), indexing="ij")
         still = np.array([body.joint < 0 for body in bodies])
         pairs = np.column_stack([a.ravel(), b.ravel()])
@@ -72,7 +72,7 @@ class TwoArms:
         self.bodies = Bodies(Kinematics(links), bodies, pairs)
         self.own_numbers = [k for k, body in enumerate(one.bodies.all) if k < one.links or body.joint >= 0]
         self.of_second = _own(two)
-        count = sides.count(0)
+        count = arm_of.count(0)
         asked = np.full((count, len(bodies) - count), max(one.asked, two.asked))
         self.clearance = asked if clearance is None else clearance
         self._sides = tuple(np.sort(self.bodies.pairs, axis=1).T - [[0], [count]])  # the first arm's bodies come first
@@ -197,7 +197,9 @@ def side_by_side(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: 
     """Both motions on common times, the second ahead by `late` and loose by `slack` [s], a little over one cycle of the
     first."""
     begin, end = one.begin - slack, one.begin + one.cycle + slack
-    times = np.unique(np.concatenate([[begin, end], one.rows(begin, end), two.rows(begin + late, end + late) - late]))
+    times = np.unique(
+        np.concatenate([[begin, end], one.sample_times(begin, end), two.sample_times(begin + late, end + late) - late])
+    )
     times = times[np.append(np.diff(times) > 1e-10, True)]
     pieces = np.concatenate([one.pieces(times), two.pieces(times + late)], axis=2)
     return _Loose.of_pieces(times, pieces).loosened(arms.count, slack)

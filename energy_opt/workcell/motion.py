@@ -63,7 +63,7 @@ class PeriodicMotion:
         at = self.begin + (time - self.begin) % self.cycle
         return [part for part in self.parts if part.start <= at + SAME][-1]
 
-    def rows(self, begin: float, end: float) -> np.ndarray:
+    def sample_times(self, begin: float, end: float) -> np.ndarray:
         """Times of its pieces' ends within [begin, end], s."""
         first, last = (int(np.floor((x - self.begin) / self.cycle)) for x in (begin, end))
         times = np.concatenate([self.time + k * self.cycle for k in range(first, last + 1)])

@@ -28,7 +28,7 @@ PROBLEMS = Path(__file__).parents[3] / "shared/data/mbm"
 
 @pytest.fixture(scope="module")
 def planner(panda: Robot, model: PowerModel) -> Planner:
-    return Planner(panda, model, Settings(starts=2, ways=1))
+    return Planner(panda, model, Settings(starts=2, initial_paths=1))
 
 
 def post(panda: Robot, share: float) -> Scene:
@@ -143,7 +143,7 @@ def test_a_way_that_leads_to_little_is_not_the_last(
     asked, first_path = [], module.first_path
 
     def noted(*given):
-        asked.append((given[3].ways, given[3].seed))
+        asked.append((given[3].initial_paths, given[3].seed))
         return first_path(*given)
 
     monkeypatch.setattr(module, "first_path", noted)
@@ -157,7 +157,9 @@ def test_a_way_that_leads_to_little_is_not_the_last(
 
 def test_further_ways_never_end_dearer(panda: Robot, model: PowerModel) -> None:
     cell = Cell(panda, CellRequest(planner="none"), post(panda, 0.5))
-    alone, more = (Planner(panda, model, Settings(starts=1, controls=14, ways=ways), cell=cell) for ways in (None, 1))
+    alone, more = (
+        Planner(panda, model, Settings(starts=1, controls=14, initial_paths=ways), cell=cell) for ways in (None, 1)
+    )
     begun, _, _ = alone.first_path(Move(START, GOAL))
     move = Move(START, GOAL, path=begun.path, duration=3.0)
     first, found = alone.solve(move), more.solve(move)

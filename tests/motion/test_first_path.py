@@ -40,7 +40,7 @@ def cell(panda: Robot) -> Cell:
 
 
 def planner(cell: Cell, model: PowerModel, ways: int = 2) -> Planner:
-    return Planner(cell.robot, model, Settings(ways=ways), cell=cell)
+    return Planner(cell.robot, model, Settings(initial_paths=ways), cell=cell)
 
 
 def free(cell: Cell, path: JointPath) -> bool:

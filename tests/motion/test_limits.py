@@ -74,7 +74,7 @@ def test_numeric_constraints_enter_jacobian_and_hessian() -> None:
     rng = np.random.default_rng(5)
     ball = Ball(np.array([0.0, 0.31, 0.31, 0.77, 1.0]), rng.normal(size=6), 0.7)
     program, x = build(True, 1, False, own=[OutsideBall(ball.centre, 0.7, ball.u)], rng=rng)
-    count, size = len(program.rows(x)), len(x)
+    count, size = len(program.constraints(x)), len(x)
     first = count - len(ball.place)
     multipliers = np.zeros(count)
     multipliers[first:] = rng.normal(size=len(ball.place))
@@ -89,7 +89,7 @@ def test_numeric_constraints_enter_jacobian_and_hessian() -> None:
     step, found = 1e-6, (np.zeros((10, size)), np.zeros((size, size)))
     for i in range(size):
         ahead, behind = x + step * np.eye(size)[i], x - step * np.eye(size)[i]
-        found[0][:, i] = (program.rows(ahead) - program.rows(behind))[first:] / (2 * step)
+        found[0][:, i] = (program.constraints(ahead) - program.constraints(behind))[first:] / (2 * step)
         found[1][:, i] = (jacobian(ahead) - jacobian(behind)).T @ multipliers / (2 * step)
     for ours, theirs in zip(exact, found, strict=True):
         assert np.abs(theirs).max() > 0.1

@@ -86,7 +86,7 @@ def test_jerk_counts_on_both_sides_of_a_row(panda: Robot, model: PowerModel) -> 
     """q = x^5 up to the middle row, where jerk is 60; from there on acceleration stays."""
     q, v, a = (np.outer(x, np.ones(7)) * 1e-3 for x in ([0, 1, 16], [0, 5, 25], [0, 20, 20]))
     motion = Trajectory(panda.joints, np.array([0.0, 1.0, 2.0]), q, v, a)
-    assert motion.jerk_before_rows() == pytest.approx(1e-3 * np.outer([60, 0], np.ones(7)), abs=1e-12)
+    assert motion.jerk_before_samples() == pytest.approx(1e-3 * np.outer([60, 0], np.ones(7)), abs=1e-12)
     found = certify(motion, Scorer(panda, model), [Jerk(np.full(7, 0.05))]).found[0]
     assert found.excess == pytest.approx(0.2) and found.time == 1.0
 

@@ -67,7 +67,7 @@ def dense(pattern, values, shape):
 )
 def test_derivatives(free_acceleration, vias, moving, fixed):
     program, x = build(free_acceleration, vias, moving, fixed=fixed)
-    size, count, step = len(x), len(program.rows(x)), 1e-6
+    size, count, step = len(x), len(program.constraints(x)), 1e-6
     multipliers, factor = np.abs(RNG.normal(size=count)), 1.3  # bounds on one side have no others
 
     def jacobian(x):
@@ -83,7 +83,7 @@ def test_derivatives(free_acceleration, vias, moving, fixed):
         ahead[i] += step
         behind[i] -= step
         numeric[0][i] = (program.cost(ahead) - program.cost(behind)) / (2 * step)
-        numeric[1][:, i] = (program.rows(ahead) - program.rows(behind)) / (2 * step)
+        numeric[1][:, i] = (program.constraints(ahead) - program.constraints(behind)) / (2 * step)
         slopes = [factor * program.gradient(y) + jacobian(y).T @ multipliers for y in (ahead, behind)]
         numeric[2][:, i] = (slopes[0] - slopes[1]) / (2 * step)
     for exact, approximate in zip((gradient, jac, hessian), numeric, strict=True):

@@ -25,7 +25,7 @@ from energy_opt.motion.limits.joint import Effort, JerkAlongPath
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime.law import compressed, law_function, point_numbers
-from energy_opt.motion.retime.nlp import CurvedRows, LinearRows, RetimeProgram, Rows
+from energy_opt.motion.retime.nlp import CurvedConstraints, LinearConstraints, PathConstraints, RetimeProgram
 from energy_opt.motion.retime.points import PathLaw, Symbolic
 from energy_opt.motion.retime.program import largest_price
 from energy_opt.motion.retime.quadrature import lift, quadrature
@@ -176,13 +176,13 @@ def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bo
     numbers, values = point_numbers(d, np.zeros(len(grid.s)))[:, places], np.append(law.model.values(7), [1.3, 1.0])
     torque = Symbolic.of(shared_by, Effort(np.ones(7)), numbers, values, np.full((3, 7), 0.02))
     factors = np.random.default_rng(5).normal(size=(3, 3))
-    linear = LinearRows(at.part(places), *np.random.default_rng(6).normal(size=(3, 3)), np.ones(3))
-    curved = CurvedRows(at.part(places), torque, 7), CurvedRows(several, JerkAlongPath(factors), 1)
+    linear = LinearConstraints(at.part(places), *np.random.default_rng(6).normal(size=(3, 3)), np.ones(3))
+    curved = CurvedConstraints(at.part(places), torque, 7), CurvedConstraints(several, JerkAlongPath(factors), 1)
     cost = law.cost(grid.weight, 1.3, 0.01, -0.3, 4.0)
-    whole = RetimeProgram(at, grid.weight, cost, np.array([0.02, 0.3]), 0.8, Rows(linear, curved))
+    whole = RetimeProgram(at, grid.weight, cost, np.array([0.02, 0.3]), 0.8, PathConstraints(linear, curved))
     g = greville(knots)[1:-1]
     x = 4 * g * (1 - g) + 0.05
-    multipliers = np.random.default_rng(7).normal(size=1 + whole.rows_held.count)
+    multipliers = np.random.default_rng(7).normal(size=1 + whole.held_constraints.count)
     step = 1e-6
 
     def differences(of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
@@ -196,7 +196,7 @@ def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bo
 
     assert differences(lambda x: np.array(whole.cost(x))) == pytest.approx(whole.gradient(x), rel=1e-5, abs=1e-7)
     jacobian = dense(whole.jacobian_pattern, whole.jacobian(x))
-    assert differences(whole.rows) == pytest.approx(jacobian, rel=1e-5, abs=1e-7)
+    assert differences(whole.constraints) == pytest.approx(jacobian, rel=1e-5, abs=1e-7)
     hessian = dense(whole.hessian_pattern, whole.hessian(x, 0.6, multipliers))
     whole_hessian = hessian + np.triu(hessian, 1).T
     assert differences(gradient) == pytest.approx(whole_hessian, rel=1e-4, abs=1e-5 * np.abs(hessian).max())

@@ -67,12 +67,12 @@ def test_derivatives(built, free_acceleration: bool, vias: int, moving: bool, fi
     slope = np.array([(a.cost - b.cost) / (2 * h) for a, b in zip(ahead, behind, strict=True)])
     assert np.allclose(work.gradient(point), slope, atol=2e-6 * max(1, np.abs(slope).max()))
     # the effort and via rows' curvature, weighted by multipliers, is part of the Hessian
-    held = work.other_rows(point, np.inf)
+    held = work.other_constraints(point, np.inf)
     lam = rng.normal(size=held.count)
     known = work.multipliers(point, held.keys, lam)
 
     def lagrangian(p):
-        out, rows = work.gradient(p), work.other_rows(p, np.inf)
+        out, rows = work.gradient(p), work.other_constraints(p, np.inf)
         return out + matrix_of(rows, size).T @ lam if rows.count == held.count else out
 
     rows = np.array([lagrangian(a) - lagrangian(b) for a, b in zip(ahead, behind, strict=True)]) / (2 * h)
@@ -82,7 +82,7 @@ def test_derivatives(built, free_acceleration: bool, vias: int, moving: bool, fi
     if vias:
         by_row = np.array([held.times(d) for d in np.eye(size)])
         assert np.allclose(by_row[:, -n * vias :], moved, atol=1e-6)
-    linear = work.linear_rows(point, np.ones(len(point.linear), dtype=bool))
+    linear = work.linear_constraints(point, np.ones(len(point.linear), dtype=bool))
     if fixed:
         change = np.array([(a.linear - b.linear) / (2 * h) for a, b in zip(ahead, behind, strict=True)])
         assert np.allclose(np.array([linear.times(d) for d in np.eye(size)]), change, atol=1e-5)
@@ -98,7 +98,7 @@ def test_a_row_linearised_in_time_stays_inside_of_the_limit(built) -> None:
     curve = fitted(shape, u, np.outer(u, ends.goal), ends, 0.5)
     work = Model(shape, nodes, ends, limits, model.values(n), (0.1, 9.0))
     point = work.at_curve(curve)
-    rows = work.linear_rows(point, np.ones(len(point.linear), dtype=bool))
+    rows = work.linear_constraints(point, np.ones(len(point.linear), dtype=bool))
     rng = np.random.default_rng(0)
     for _ in range(20):
         d = np.append(0.05 * rng.normal(size=work.shape.size), rng.uniform(-0.2, 0.4))

@@ -137,7 +137,7 @@ def test_modules_form_no_circles() -> None:
 
 
 # Of motion; each may use what stands behind it.
-ROOMS = ("plan", "ways", "retime", "reshape", "timing", "judge", "limits")
+ROOMS = ("plan", "initial_paths", "retime", "reshape", "timing", "judge", "limits")
 
 
 def test_rooms_of_motion_point_one_way() -> None:

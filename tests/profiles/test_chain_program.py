@@ -98,7 +98,7 @@ def test_the_programs_energy_is_the_judges(program: Program, panda: Robot, model
     energy = scorer.energy(curve)
     x = program.unknowns(chain)
     assert program.cost(x) == pytest.approx(energy.total - energy.stored, rel=1e-8)
-    rows = program.rows(x)
+    rows = program.constraints(x)
     limit = certify(curve, scorer, joint_limits(panda.limits))
     shares = np.abs(rows[6 : 6 + 7 * (2 + 3 + 3)])  # after 2 + 3 orders and the duration
     assert max(shares[:14]) - 1 == pytest.approx(limit.max_violation["velocity"], abs=1e-9)
@@ -117,7 +117,7 @@ def check_derivatives(program: Program) -> None:
     step = 1e-6 * np.eye(program.size)
 
     def lagrangian(x: np.ndarray) -> float:
-        return 1.3 * program.cost(x) + float(lam @ program.rows(x))
+        return 1.3 * program.cost(x) + float(lam @ program.constraints(x))
 
     numeric = np.array([(lagrangian(x + e) - lagrangian(x - e)) / 2e-6 for e in step])
     np.testing.assert_allclose(slope(x), numeric, rtol=1e-6, atol=1e-7 * np.abs(numeric).max())
@@ -176,10 +176,10 @@ def test_numeric_rows_have_exact_derivatives_and_are_held(panda: Robot, model: P
     inside = np.linspace(0.05, 0.6, 23)
     curve = bent().trajectory(panda.joints)
     assert bent().along(inside) == pytest.approx(curve.sample(inside * curve.duration)[0], abs=1e-12)
-    assert program.rows(x)[-23:] == pytest.approx(np.sin(bent().along(inside)[:, 1]) - np.sin(-0.35))
+    assert program.constraints(x)[-23:] == pytest.approx(np.sin(bent().along(inside)[:, 1]) - np.sin(-0.35))
     answer = ipopt.solve(program, x, program.box, program.row_bounds, {"max_iter": 200, "tol": 1e-6})
     free = Program(Shape(7, 1, True), nodes, (START, GOAL), limits, model.values(7), (1.5, 1.5))
     loose = ipopt.solve(free, x, free.box, free.row_bounds, {"max_iter": 200, "tol": 1e-6})
     assert answer.success and loose.success
-    assert program.rows(answer.x)[-23:].max() <= 1e-7 < program.rows(loose.x)[-23:].max()
+    assert program.constraints(answer.x)[-23:].max() <= 1e-7 < program.constraints(loose.x)[-23:].max()
     assert program.cost(answer.x) > free.cost(loose.x)

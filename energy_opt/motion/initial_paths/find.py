@@ -19,7 +19,7 @@ PAIRS = 400  # of such points that are tried two at a time
 OWN = 4  # lines of our own that may fail their proof, or be one with others, before a planner is asked
 ATTEMPTS = 12  # of a planner at a first way
 FIRST = 20_000  # poses that each of them may look at: a second or two
-SIDES = (1.0, 2.5)  # [rad] of its trees' sides, in turns: out of a cage the short ones lead sooner, else the long
+EDGES = (1.0, 2.5)  # [rad] of its trees' sides, in turns: out of a cage the short ones lead sooner, else the long
 FURTHER = 10_000  # and each at a further way, once there is one
 TRIES = 150  # cuts that are tried on a way
 SAME = 0.15  # ways whose middles are all nearer than this [rad] are one
@@ -150,7 +150,7 @@ def _bent(search: Looks, ends: Ends, planner: str, seed: int, count: int) -> Ite
             search.line,
             enough,
             seed + k,
-            SIDES[k % len(SIDES)],
+            EDGES[k % len(EDGES)],
         )
         if bent is not None:
             found += 1

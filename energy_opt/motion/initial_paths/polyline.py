@@ -64,12 +64,12 @@ def _cut(points: np.ndarray, places: np.ndarray, joint: int | None) -> tuple[np.
 
     Returns the new line and the numbers of its sides that are new; None where both places lie on one side.
     """
-    sides = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    at = np.concatenate([[0.0], np.cumsum(sides)])
-    first, last = np.clip(np.searchsorted(at, places * at[-1], side="right") - 1, 0, len(sides) - 1)
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    at = np.concatenate([[0.0], np.cumsum(lengths)])
+    first, last = np.clip(np.searchsorted(at, places * at[-1], side="right") - 1, 0, len(lengths) - 1)
     if first == last:
         return None
-    share = (places * at[-1] - at[[first, last]]) / np.maximum(sides[[first, last]], 1e-12)
+    share = (places * at[-1] - at[[first, last]]) / np.maximum(lengths[[first, last]], 1e-12)
     a, b = (points[i] + s * (points[i + 1] - points[i]) for i, s in zip((first, last), share, strict=True))
     middle = points[first + 1 : last + 1].copy() if joint is not None else points[:0]
     if joint is not None:
@@ -117,10 +117,10 @@ class Rounding:
     """
 
     def __init__(self, points: np.ndarray) -> None:
-        sides = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         self.points = points
-        self.at = np.concatenate([[0.0], np.cumsum(sides)])
-        self.reach = NEAR * np.minimum(sides[:-1], sides[1:])
+        self.at = np.concatenate([[0.0], np.cumsum(lengths)])
+        self.reach = NEAR * np.minimum(lengths[:-1], lengths[1:])
 
     def path(self) -> JointPath:
         """The rounded path, s in proportion to the length of the bent line."""

@@ -5,7 +5,7 @@ geodesics of Jacobi's metric, sqrt(P + E) |dq|, at a speed in proportion to sqrt
 and a detour is worth its while where it is cheap to be. Inertia is left out: these ways are starts, no answers.
 
 A net's poses lie along a line that is free, along one that is cheap but not free (an optimum found without regard to
-what is around), and about both. Its sides are looked at when a shortest way first asks for them, as in a lazy
+what is around), and about both. Its edges are looked at when a shortest way first asks for them, as in a lazy
 probabilistic roadmap (R. Bohlin and L. E. Kavraki, Path planning using lazy PRM, ICRA 2000).
 """
 
@@ -21,7 +21,7 @@ ALONG, AROUND = 60, 1500  # poses along each line, and strewn about both
 SPREAD = (0.1, 0.25, 0.5, 0.9)  # [rad] how far from them
 NEIGHBOURS = 12  # of each pose
 EASE = (0.3, 3.0)  # E, as a share of the median of P, in turns: detours that go far for what is cheap, and short ones
-AWAY, COSTLIER = 0.6, 2.0  # [rad] about a way that was found, sides count so many times as much in the next net
+AWAY, COSTLIER = 0.6, 2.0  # [rad] about a way that was found, edges count so many times as much in the next net
 SEARCHES = 600  # shortest ways looked at before a net is given up
 DENSE = 0.05  # [rad] between poses of a way
 RAMP = 0.25  # share of a way's time in which it comes to speed, and in which it stops
@@ -36,7 +36,7 @@ def cheap_paths(
 ) -> Iterator[np.ndarray]:
     """Up to `count` ways from start to goal, poses (SAMPLES, n) evenly in time; none near to those before, if it can.
 
-    They are free as far as poses along their sides tell, corners and what smooths them aside.
+    They are free as far as poses along their edges tell, corners and what smooths them aside.
 
     Args:
         looks: what poses and lines between them are looked at by.
@@ -81,33 +81,33 @@ class _Net:
         self._ease = ease * float(np.median(rate(self._q))) + np.finfo(float).tiny
         scaled = self._q / ends.velocity
         near = KDTree(scaled).query(scaled, min(NEIGHBOURS + 1, len(scaled)))[1]
-        sides = np.sort(np.stack([np.repeat(np.arange(len(near)), near.shape[1]), near.ravel()], axis=1), axis=1)
-        self._sides = np.unique(sides[sides[:, 0] != sides[:, 1]], axis=0)
-        self._number = {(a, b): k for k, (a, b) in enumerate(self._sides.tolist())}
-        self._known = np.zeros(len(self._sides), dtype=int)  # 1: free, -1: not
-        a, b = self._q[self._sides[:, 0]], self._q[self._sides[:, 1]]
+        edges = np.sort(np.stack([np.repeat(np.arange(len(near)), near.shape[1]), near.ravel()], axis=1), axis=1)
+        self._edges = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0)
+        self._number = {(a, b): k for k, (a, b) in enumerate(self._edges.tolist())}
+        self._known = np.zeros(len(self._edges), dtype=int)  # 1: free, -1: not
+        a, b = self._q[self._edges[:, 0]], self._q[self._edges[:, 1]]
         pace = self._pace(self._q)
-        self._weight = np.linalg.norm((b - a) / ends.velocity, axis=1) * pace[self._sides].mean(axis=1)
+        self._weight = np.linalg.norm((b - a) / ends.velocity, axis=1) * pace[self._edges].mean(axis=1)
 
     def _pace(self, q: np.ndarray) -> np.ndarray:
         """The speed at which poses are passed, up to a factor: the root of what it costs to be there."""
         return np.sqrt(self._rate(q) + self._ease)
 
     def shun(self, way: np.ndarray) -> None:
-        """Count sides near a way (M, n) as costlier."""
+        """Count edges near a way (M, n) as costlier."""
         from scipy.spatial import KDTree
 
-        middles = self._q[self._sides].mean(axis=1)
+        middles = self._q[self._edges].mean(axis=1)
         self._weight[KDTree(way).query(middles)[0] < AWAY] *= COSTLIER
 
     def shortest(self) -> np.ndarray | None:
-        """The corners (K, n) of the shortest way whose sides are free; None where there is none, or it takes long."""
+        """The corners (K, n) of the shortest way whose edges are free; None where there is none, or it takes long."""
         from scipy.sparse import csr_matrix
         from scipy.sparse.csgraph import dijkstra
 
         for _ in range(SEARCHES):
             live = self._known >= 0
-            net = csr_matrix((self._weight[live], self._sides[live].T), shape=(len(self._q),) * 2)
+            net = csr_matrix((self._weight[live], self._edges[live].T), shape=(len(self._q),) * 2)
             reached, before = dijkstra(net, directed=False, indices=0, return_predecessors=True)
             if not np.isfinite(reached[1]):
                 return None
@@ -139,6 +139,6 @@ class _Net:
 
 def _dense(corners: np.ndarray) -> np.ndarray:
     """Poses along a bent line, near to each other, corners among them."""
-    sides = zip(corners[:-1], corners[1:], strict=True)
-    parts = [np.linspace(a, b, 2 + int(np.abs(b - a).max() / DENSE))[1:] for a, b in sides]
+    edges = zip(corners[:-1], corners[1:], strict=True)
+    parts = [np.linspace(a, b, 2 + int(np.abs(b - a).max() / DENSE))[1:] for a, b in edges]
     return np.vstack([corners[:1], *parts])

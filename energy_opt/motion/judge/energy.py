@@ -158,16 +158,16 @@ class Scorer:
             out += weight * passed * (rigid + np.sum(springs, axis=0))
         return out
 
-    def dense(self, trajectory: Trajectory, factor: int = DENSER, rows: slice | None = None) -> Dense:
+    def dense(self, trajectory: Trajectory, factor: int = DENSER, samples: slice | None = None) -> Dense:
         """The trajectory on a grid `factor` times denser than its samples: what energy and limits are read from.
 
-        `rows`: the samples to take (None: all); time goes on counting from the trajectory's first.
+        `samples`: those to take (None: all); time goes on counting from the trajectory's first.
         """
         begin = trajectory.time[0]
-        trajectory = trajectory if rows is None else trajectory.part(rows)
+        trajectory = trajectory if samples is None else trajectory.part(samples)
         time = trajectory.denser(factor) - begin
         q, v, a, jerk = trajectory.sample_denser(factor)
-        before, at = trajectory.jerk_before_rows(), jerk[factor::factor]  # it jumps there: the larger of both counts
+        before, at = trajectory.jerk_before_samples(), jerk[factor::factor]  # it jumps there: the larger of both counts
         jerk[factor::factor] = np.where(np.abs(before) > np.abs(at), before, at)
         return Dense(
             trajectory,
@@ -193,7 +193,7 @@ class Scorer:
 
     def energy(self, trajectory: Trajectory) -> Energy:
         """Energy of the curve through the samples."""
-        pieces = [self.spent(self.dense(trajectory, DENSER, rows)) for rows in blocks(trajectory, DENSER)]
+        pieces = [self.spent(self.dense(trajectory, DENSER, part)) for part in blocks(trajectory, DENSER)]
         return self.together(trajectory, pieces)
 
     def energy_of(self, dense: Dense) -> Energy:

@@ -91,7 +91,7 @@ class ToolSpeed(ToolBound):
         return Linear(np.zeros_like(share), share, np.zeros_like(share))
 
 
-SIDES = 32  # of the polygon: it keeps 99.5 % of the bound in every direction, 0.3 % of a duration
+CORNERS = 32  # of the polygon: it keeps 99.5 % of the bound in every direction, 0.3 % of a duration
 
 
 class ToolAcceleration(ToolBound):
@@ -112,17 +112,17 @@ class ToolAcceleration(ToolBound):
         return None
 
     def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear:
-        """A polygon of SIDES sides inside the circle, in the plane of g and c: |n_k . (g a + c b)| <= bound
-        cos(pi / SIDES) for half of its normals n_k.
+        """A polygon of CORNERS sides inside the circle, in the plane of g and c: |n_k . (g a + c b)| <= bound
+        cos(pi / CORNERS) for half of its normals n_k.
         """
         _, along, across = d.tool_motion(self.tool)
         # an orthonormal basis of the plane of both vectors, and the polygon's normals in it
         first = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
         rest = across - np.sum(across * first, axis=1, keepdims=True) * first
         second = rest / np.maximum(np.linalg.norm(rest, axis=1, keepdims=True), 1e-12)
-        angle = 2 * np.pi * np.arange(SIDES // 2) / SIDES
+        angle = 2 * np.pi * np.arange(CORNERS // 2) / CORNERS
         normal = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
-        inside = self.most * np.cos(np.pi / SIDES)
+        inside = self.most * np.cos(np.pi / CORNERS)
         ra, rb = (np.einsum("mki,mi->mk", normal, x) / inside for x in (along, across))
         return Linear(ra, rb, np.zeros_like(ra))
 

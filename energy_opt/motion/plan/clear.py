@@ -64,7 +64,7 @@ def kept_clear(
     """
     if context.cell is None:
         return free
-    wider = wider_optima(context, move, timing, retimed, free) if context.settings.ways else free
+    wider = wider_optima(context, move, timing, retimed, free) if context.settings.initial_paths else free
     if wider.trajectory is not None and _proven(context, wider.trajectory):
         return wider
     free_time = context.settings.objective == "time"
@@ -77,7 +77,7 @@ def kept_clear(
     if work.little(timing) and not context.stopped():
         for way in context.further():
             work.finish(task.curve(level.shape, passed(way, work.first.duration)), TRUST)
-    if context.settings.ways:
+    if context.settings.initial_paths:
         known = [work.first, *(outcome.curve for outcome in (wider.outcome, work.best) if outcome is not None)]
         found = further_lines(context, work.search.cell, task, level, known)
         work.best_of([(task.curve(level.shape, line), TRUST) for line in found])
@@ -119,14 +119,14 @@ class Clearing:
 
     def search_from(self, free: Candidate) -> None:
         """The best of what the first paths and the optima without regard to anything lead to."""
-        search, begun = self.search, [(curve, TRUST) for curve in self.curves]
+        search, trials_from = self.search, [(curve, TRUST) for curve in self.curves]
         optima = self._optima(free)
         for number, optimum in enumerate(optima):
             gap, touching = search.gap(optimum)
             if gap > -NEARLY and self.finish(optimum, TRUST) and number == 0:
                 return
             if touching < TOUCHING and gap > -DEEP:
-                begun.append((optimum, BOLD))
+                trials_from.append((optimum, BOLD))
             clear = (share for share in TOWARDS if search.gap(between(self.first, optimum, share))[0] > -HAIR)
             share = next(clear, None)
             if share is None:
@@ -134,8 +134,8 @@ class Clearing:
             mix = between(self.first, optimum, share)
             if number == 0 and share >= CLOSE and self.finish(mix, BOLD) and self._left(optimum) < LEFT:
                 return
-            begun.append((mix, BOLD))
-        self.best_of(begun)
+            trials_from.append((mix, BOLD))
+        self.best_of(trials_from)
         self._half_way(optima)
 
     def _optima(self, free: Candidate) -> list[Curve]:
@@ -149,13 +149,13 @@ class Clearing:
                 out.append(optimum.curve)
         return out[:OPTIMA]
 
-    def best_of(self, begun: Sequence[tuple[Curve, float]]) -> None:
+    def best_of(self, trials_from: Sequence[tuple[Curve, float]]) -> None:
         """Finish the most promising of searches that begin at curves with first steps [rad, m]."""
         search = self.search
-        if len(begun) == 1:
-            self.finish(*begun[0])
+        if len(trials_from) == 1:
+            self.finish(*trials_from[0])
             return
-        trials = [search.descent(curve, TRIAL, trust, ROUGH) for curve, trust in begun]
+        trials = [search.descent(curve, TRIAL, trust, ROUGH) for curve, trust in trials_from]
         ranked = sorted(trials, key=search.merit)
         done: list[Descent] = []
         for trial in ranked[:FINISHED]:

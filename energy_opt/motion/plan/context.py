@@ -137,7 +137,7 @@ class Context:
         stopped: asked between solves; True ends the work with the best known so far.
         progress: of the search: its deadline, and what was found when.
         cell: what is to be kept clear of; None for nothing.
-        ways: further free paths to start from, besides the move's own.
+        initial_paths: further free paths to start from, besides the move's own.
         looked_for: whether the first path is no straight line nor given, but took a search.
         further: looks for yet another one, asked where those that are there lead to little.
     """
@@ -152,7 +152,7 @@ class Context:
     workshop: Workshop
     stopped: Callable[[], bool]
     cell: Cell | None = None
-    ways: tuple[JointPath, ...] = ()
+    initial_paths: tuple[JointPath, ...] = ()
     looked_for: bool = False
     further: Callable[[], tuple[JointPath, ...]] = tuple
     progress: Progress = field(default_factory=lambda: Progress(None))

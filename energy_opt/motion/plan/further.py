@@ -1,4 +1,4 @@
-"""Further starts of a move that keeps clear: ways that were looked for, ways that are cheap, and more optima."""
+"""Further starts of a move that keeps clear: paths that were looked for, cheap paths, and more optima."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.candidates import Candidate, reshaped
 from energy_opt.motion.plan.context import Context
-from energy_opt.motion.plan.ways import room_between
+from energy_opt.motion.plan.first_path import room_between
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.task import Level, Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 
 SAME, LOOKED = 0.15, 40  # [rad] curves that are nearer at all of so many places are one
-WIDER = 3  # further seeds by which the optimum without regard to anything is looked for, where ways are asked for
+WIDER = 3  # further seeds by which the optimum without regard to anything is looked for, where paths are asked for
 PASSED = 400  # points of a path that a first curve is fitted to
 
 
@@ -33,13 +33,13 @@ def passed(path: JointPath, duration: float) -> Line:
 
 
 def further_lines(context: Context, cell: Cell, task: Task, level: Level, known: Sequence[Curve]) -> Iterator[Line]:
-    """First guesses besides a move's own: the context's ways, and as many that are cheap by what it costs to be there.
+    """First guesses besides a move's own: the context's paths, and as many that are cheap by what it costs to be there.
 
     Args:
-        known: curves about which cheap ways are looked for, free or not; the first has the move's duration.
+        known: curves about which cheap paths are looked for, free or not; the first has the move's duration.
     """
     duration, u = known[0].duration, np.linspace(0, 1, PASSED)
-    yield from (passed(way, duration) for way in context.ways)
+    yield from (passed(way, duration) for way in context.initial_paths)
     if context.settings.tube is not None or task.vias:
         return
 
@@ -49,7 +49,7 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
 
     room, ends, step = room_between(context.robot, cell, context.limits, task.ends.start, task.ends.goal)
     lines, settings = [curve.position(u) for curve in known], context.settings
-    for poses in cheap_paths(Looks(room, step), ends, rate, lines, settings.seed, settings.ways or 0):
+    for poses in cheap_paths(Looks(room, step), ends, rate, lines, settings.seed, settings.initial_paths or 0):
         yield Line(np.linspace(0, 1, len(poses)), poses, duration)
 
 
@@ -58,7 +58,7 @@ def wider_optima(
 ) -> Candidate:  # fmt: skip
     """What is found without regard to anything from other starts too, with all optima; `free` where that is no more."""
     found, settings = [free], context.settings
-    for k in range(1, 1 + min(settings.ways or 0, WIDER)):
+    for k in range(1, 1 + min(settings.initial_paths or 0, WIDER)):
         if context.stopped():
             break
         try:

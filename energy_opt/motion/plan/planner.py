@@ -27,9 +27,9 @@ from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.candidates import unseen
 from energy_opt.motion.plan.choice import instead
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
+from energy_opt.motion.plan.first_path import check_free, first_path
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.sketch import Settled, settled, sketched
-from energy_opt.motion.plan.ways import check_free, first_path
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.trajectory import Trajectory
@@ -45,7 +45,7 @@ CONFIRMING = 10.0  # [s] of CPU after which only the longest is tried; after thr
 BEYOND = 1.0, 1.01, 1.05  # times that which have to work too
 AT_REST = 1e-6  # [rad/s^2] an acceleration that is none
 
-Begun = tuple[Move, FirstPath, tuple[JointPath, ...]]
+Start = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
 
 def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
@@ -75,7 +75,7 @@ class Planner:
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
         self._shares: Mapping[str, float] = {}
-        self._begun: list[tuple[Cell | None, Move, Begun]] = []  # first paths by the cell and the move they are of
+        self._starts: list[tuple[Cell | None, Move, Start]] = []  # first paths by the cell and the move they are of
         self._workshop, self._stopped = Workshop(batch), stopped
         self._take_cell(cell)
         self._take_model(model)
@@ -128,7 +128,7 @@ class Planner:
     def within(self, shares: Mapping[str, float]) -> Planner:
         """A planner of the same moves that uses these shares of the limits' bounds, by their names; builds nothing."""
         out = copy(self)
-        out._shares, out._begun = shares, list(self._begun)
+        out._shares, out._starts = shares, list(self._starts)
         return out
 
     def as_ending(self, trajectory: Trajectory) -> Planner:
@@ -172,7 +172,7 @@ class Planner:
             return None
         return trajectory if context.judge(trajectory).certificate.valid else None
 
-    def first_path(self, move: Move) -> Begun:
+    def first_path(self, move: Move) -> Start:
         """The move with the path that it starts from, where this comes from, and further free paths.
 
         A move that is asked about at several durations has it looked for once.
@@ -181,13 +181,13 @@ class Planner:
             Infeasible: a move that keeps its path would touch something, or no way around was found.
         """
         timeless = replace(move, duration=None, max_duration=None)
-        found = next((b for cell, asked, b in self._begun if cell is self.cell and asked == timeless), None)
+        found = next((b for cell, asked, b in self._starts if cell is self.cell and asked == timeless), None)
         if found is None:
             cell = self._cell_of(move)
             found = first_path(self.robot, self.model, cell, self.settings, self.limits(timeless), timeless)
-            self._begun[:] = [*self._begun[1 - REMEMBERED :], (self.cell, timeless, found)]
-        begun, first, ways = found
-        return replace(begun, duration=move.duration, max_duration=move.max_duration), first, ways
+            self._starts[:] = [*self._starts[1 - REMEMBERED :], (self.cell, timeless, found)]
+        started, first, initial_paths = found
+        return replace(started, duration=move.duration, max_duration=move.max_duration), first, initial_paths
 
     def solve(self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None) -> Result:
         """The move with the least energy that is found, or by another objective if the settings say so.
@@ -276,24 +276,34 @@ class Planner:
         Raises:
             Infeasible: a move that keeps its path would touch something, or no way around was found.
         """
-        begun, first, ways = self.first_path(move)
+        started, first, initial_paths = self.first_path(move)
         further = cache(lambda: self._further(move, first.source))  # whatever the duration, another way is one way
-        context = replace(self.context(begun), ways=ways, further=further, looked_for=first.source in ("own", "ompl"))
-        return Single(context, begun, first)
+        context = replace(
+            self.context(started),
+            initial_paths=initial_paths,
+            further=further,
+            looked_for=first.source in ("own", "ompl"),
+        )
+        return Single(context, started, first)
 
     def _further(self, asked: Move, source: str) -> tuple[JointPath, ...]:
         """Another way, where what a path around something leads to is so little that this is worth its time."""
         settings = self.settings
-        if settings.ways is not None or settings.objective != "energy" or self.cell is None or source == "straight":
+        if (
+            settings.initial_paths is not None
+            or settings.objective != "energy"
+            or self.cell is None
+            or source == "straight"
+        ):
             return ()
-        other = replace(settings, ways=1, seed=settings.seed + OTHER)
+        other = replace(settings, initial_paths=1, seed=settings.seed + OTHER)
         try:
-            move, first, ways = first_path(
+            move, first, initial_paths = first_path(
                 self.robot, self.model, self._cell_of(asked), other, self.limits(asked), asked
             )
         except Infeasible:
             return ()
-        return (path_of(move),) if first.source in ("own", "ompl") else ways
+        return (path_of(move),) if first.source in ("own", "ompl") else initial_paths
 
     def context(self, move: Move) -> Context:
         """What the parts of a solve are given: the planner as it is now, with a judge for this move."""

@@ -72,7 +72,7 @@ class _Answer:
         """(K,) J by every judge."""
         return np.array([energy.total for energy in self.energies])
 
-    def dearer(self) -> np.ndarray:
+    def costlier(self) -> np.ndarray:
         """(K,) does the move cost more than the evenly slowed one?"""
         if self.slowed is None:
             return np.zeros(len(self.energies), dtype=bool)
@@ -138,7 +138,7 @@ class RobustPlanner:
         """Does a motion cost more than the evenly slowed one under any model, or at a corner of assumed friction?"""
         return any(exceeds(s.energy(trajectory).total, s.energy(slowed).total) for s in self._scorers)
 
-    def rows(self, trajectory: Trajectory, slowed: Trajectory | None) -> list[dict[str, object]]:
+    def compared(self, trajectory: Trajectory, slowed: Trajectory | None) -> list[dict[str, object]]:
         """What every model makes of a motion beside the evenly slowed one: records as of `Result.models`."""
         return [
             row_of(judge.name, scorer.energy(trajectory), None if slowed is None else scorer.energy(slowed))
@@ -169,7 +169,7 @@ class RobustPlanner:
             if b.name in names and b.valid
         ]
         value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
-        if baseline is None or not (best.dearer().any() or exceeds(self._value(best.totals), value)):
+        if baseline is None or not (best.costlier().any() or exceeds(self._value(best.totals), value)):
             return best
         message = "no other move that was found is cheaper than the evenly slowed one under every model"
         found = self._planner.instead(best.result, move, baseline.trajectory)
@@ -190,8 +190,8 @@ class RobustPlanner:
         """
         best = self._least(lambda planner, _: find(planner), self._stopped)
         result = self._stated(best)
-        dear = [judge.name for judge, more in zip(self._judges, best.dearer(), strict=True) if more]
-        said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in dear]
+        costly = [judge.name for judge, more in zip(self._judges, best.costlier(), strict=True) if more]
+        said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in costly]
         return replace(result, warnings=(*result.warnings, *said))
 
     def _least(
@@ -210,15 +210,15 @@ class RobustPlanner:
             bound = answer.result.optimality.lower_bound
             if bound is not None and (number == 0 or self.kind == "worst"):  # the largest is no less than any mean
                 bounds.append(bound)
-            dearer = answer.dearer()
+            costlier = answer.costlier()
             held = (
-                move is not None and number > 0 and (answers[-2].dearer() & ~dearer).any()
+                move is not None and number > 0 and (answers[-2].costlier() & ~costlier).any()
             )  # one more is, so that a mean of both holds
-            if stopped() or (self.kind == "mean" and (held or not dearer.any())):
+            if stopped() or (self.kind == "mean" and (held or not costlier.any())):
                 break
-            weights, members = self._moved(weights, answer, dearer)
+            weights, members = self._moved(weights, answer, costlier)
         assert best is not None
-        if move is not None and self.kind == "mean" and answers[0].dearer().any():
+        if move is not None and self.kind == "mean" and answers[0].costlier().any():
             blend = self._blend(move, answers)
             if blend is not None and self._rank(blend) < self._rank(best):
                 best = blend
@@ -251,18 +251,18 @@ class RobustPlanner:
         )
 
     def _rank(self, answer: _Answer) -> tuple[bool, float]:
-        return bool(answer.dearer().any()), self._value(answer.totals)
+        return bool(answer.costlier().any()), self._value(answer.totals)
 
     def _value(self, totals: np.ndarray) -> float:
         """What is minimised, J, of energies (K,) by every judge."""
         return float(totals[: len(self.rivals)].mean() if self.kind == "mean" else totals.max())
 
-    def _moved(self, weights: np.ndarray, answer: _Answer, dearer: np.ndarray) -> tuple[np.ndarray, list[PowerModel]]:
+    def _moved(self, weights: np.ndarray, answer: _Answer, costlier: np.ndarray) -> tuple[np.ndarray, list[PowerModel]]:
         """Weights and members of the next solve: of each model the values under which the move does worst."""
         totals = answer.totals
         if self.kind == "mean":
             assert answer.slowed is not None
-            excess = np.where(dearer, totals - np.array([energy.total for energy in answer.slowed]), 0.0)
+            excess = np.where(costlier, totals - np.array([energy.total for energy in answer.slowed]), 0.0)
             worst = self._worst(excess)
             weights = weights * np.where(excess[worst] > 0, GROWTH, 1.0)
         else:
@@ -285,7 +285,7 @@ class RobustPlanner:
     def _stated(self, answer: _Answer) -> Result:
         """The result with the first model's energies, and a row for every model."""
         result, scorer = answer.result, self._scorers[0]
-        rows = [
+        records = [
             row_of(rival.name, energy, None if answer.slowed is None else answer.slowed[k])
             for k, (rival, energy) in enumerate(zip(self._judges, answer.energies, strict=True))
         ]
@@ -300,7 +300,7 @@ class RobustPlanner:
                 for b in result.baselines
             ),
             **(self._minimised(answer) if several else {}),
-            models=tuple(rows),
+            models=tuple(records),
             warnings=(*result.warnings, *self._above(result.trajectory)),
         )
 

@@ -152,7 +152,7 @@ class Single:
     """Solves one move at any duration; what durations share is found once.
 
     Args:
-        context: with the ways that the move may start from besides its own path.
+        context: with the paths that the move may start from besides its own path.
         move: with its first path; its own duration is ignored.
         first: where that path comes from.
     """
@@ -184,16 +184,16 @@ class Single:
         context, workshop = replace(self.context, stopped=progress.ended, progress=progress), self.context.workshop
         move = replace(self.move, duration=duration, max_duration=max_duration)
         built, begin = workshop.seconds, time.perf_counter()
-        begun = None
+        judged_before = None
         if duration is not None and self.timing is not None and duration >= self.timing.duration:
-            begun = baselines_of(context, move, self.timing, duration)
-            judged = dict(begun)["scaled"]
+            judged_before = baselines_of(context, move, self.timing, duration)
+            judged = dict(judged_before)["scaled"]
             if judged.certificate.valid:
                 progress.found(judged.energy.loss)
         work = candidates_of(context, move, self.timing, warm, self.kept)
         build = workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
         try:
-            result = choose(context, move, work, build, time.perf_counter() - begin - build, begun)
+            result = choose(context, move, work, build, time.perf_counter() - begin - build, judged_before)
         except Infeasible as error:
             if not self.first.blocked or context.stopped():
                 raise

@@ -198,5 +198,5 @@ class ClearSearch:
 
     def _with(self, places: Places) -> Model:
         """The model with constraints at places."""
-        rows = ClearanceConstraints(self.near, places.u, self.margins.at(places), REACH)
-        return self._model.keeping(rows)
+        constraints = ClearanceConstraints(self.near, places.u, self.margins.at(places), REACH)
+        return self._model.keeping(constraints)

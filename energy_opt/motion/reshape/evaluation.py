@@ -153,10 +153,10 @@ class Evaluation:
             reach = min(self.clearance.reach, NEAREST + ARM * far)
             held.append(replace(self.clearance, reach=reach))
         for number, limit in enumerate(held):
-            rows = limit.places(lambda u: self._matrix(u) @ points)
-            if rows is not None:
-                q = self._matrix(rows.u) @ points
-                out.placed.append((number, rows, q, rows.value(q)))
+            constraints = limit.places(lambda u: self._matrix(u) @ points)
+            if constraints is not None:
+                q = self._matrix(constraints.u) @ points
+                out.placed.append((number, constraints, q, constraints.value(q)))
         return out
 
     @staticmethod
@@ -207,13 +207,16 @@ class Evaluation:
         out = float(np.maximum(np.abs(point.linear) - 1 - give, 0).sum())
         out += float(np.maximum(np.where(self._hot_one, point.hot, np.abs(point.hot)) - 1 - give, 0).sum())
         out += float(np.abs(point.via).sum())
-        for _, rows, _, value in point.placed:
-            out += float(np.maximum(np.maximum(rows.lower - value, value - rows.upper) - slack, 0).sum())
+        for _, constraints, _, value in point.placed:
+            out += float(np.maximum(np.maximum(constraints.lower - value, value - constraints.upper) - slack, 0).sum())
         return out
 
     def deepest(self, point: Point) -> float:
         """The largest excess of a numeric row, in its own unit."""
-        parts = (np.maximum(rows.lower - value, value - rows.upper) for _, rows, _, value in point.placed)
+        parts = (
+            np.maximum(constraints.lower - value, value - constraints.upper)
+            for _, constraints, _, value in point.placed
+        )
         return max((float(part.max(initial=0.0)) for part in parts), default=0.0)
 
     def excess(self, point: Point) -> float:

@@ -75,11 +75,11 @@ class Model(Evaluation):
             which = self.toward.start + np.flatnonzero(self.of == number)
             bend = surface.bend(q, along) @ force + self._sign(end) * self.scale * bending(surface.work, q, along)
             out.corner[np.ix_(which, which)] += bend
-        for number, rows, q, _ in point.placed:
+        for number, constraints, q, _ in point.placed:
             lam_place = multipliers.get(f"place {number}")  # how ends that move stretch with T is left out
             if lam_place is not None and lam_place.any():
-                window, local = self._placing(rows.u)
-                add_places(band, rows.hessian(q, lam_place), local, window, n)
+                window, local = self._placing(constraints.u)
+                add_places(band, constraints.hessian(q, lam_place), local, window, n)
         if s.vias and "via" in multipliers:
             self._add_via_curvature(out, point, multipliers["via"])
         return out
@@ -119,7 +119,7 @@ class Model(Evaluation):
         local = np.take_along_axis(self._matrix(u), first[:, None] + np.arange(LOCAL), axis=1)
         return first - self.shape.pinned, local
 
-    def linear_rows(self, point: Point, held: np.ndarray, side: np.ndarray | None = None) -> Constraints:
+    def linear_constraints(self, point: Point, held: np.ndarray, side: np.ndarray | None = None) -> Constraints:
         """Constraints on derivatives that are `held`, linearised at the bound that is nearer, or on `side` (L,)."""
         which = np.flatnonzero(held)
         time = 1 / point.duration ** self.order[which]
@@ -142,7 +142,7 @@ class Model(Evaluation):
         always = self._hot_always & np.isfinite(self._hot_scale)
         return np.asarray((self.hot_share(point) > share) | always)
 
-    def other_rows(
+    def other_constraints(
         self, point: Point, far: float, hot: np.ndarray | None = None, equalities: bool = True
     ) -> Constraints:
         """Constraints at nodes near their bounds, of via points, and numeric ones that steps of `far` can reach.
@@ -164,7 +164,7 @@ class Model(Evaluation):
             floor=np.where(self._hot_one[j], -np.inf, -1 - point.hot[k, j]), ceiling=1 - point.hot[k, j],
         )  # fmt: skip
         if s.vias and equalities:
-            out = out.joined(self._via_rows(point))
+            out = out.joined(self._via_constraints(point))
         for number, placed, q, value in point.placed:
             gradient, off = placed.gradient(q), np.minimum(value - placed.lower, placed.upper - value)
             reach = np.abs(gradient).sum(axis=1) * far + SPARE if np.isfinite(far) else np.inf
@@ -185,7 +185,7 @@ class Model(Evaluation):
             out = out.joined(at_places)
         return out.joined(self._end_bounds(point)) if self.moving else out
 
-    def _via_rows(self, point: Point) -> Constraints:
+    def _via_constraints(self, point: Point) -> Constraints:
         """Constraints that via points are passed."""
         s, n = self.shape, self.shape.joints
         basis, speed = s.basis.matrix(point.via_u), s.basis.matrix(point.via_u, 1) @ point.points
@@ -245,8 +245,8 @@ class Model(Evaluation):
         if (kind == VIA).any():
             out["via"] = np.zeros(len(point.via) * (self.shape.joints + AXES))
             out["via"][name[kind == VIA]] = values[kind == VIA]
-        for number, rows, _, _ in point.placed:
-            wanted = (rows.keys.astype(np.int64) * 64 + number) * 4 + AT_PLACES
+        for number, constraints, _, _ in point.placed:
+            wanted = (constraints.keys.astype(np.int64) * 64 + number) * 4 + AT_PLACES
             if len(keys) and len(wanted):
                 at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
                 out[f"place {number}"] = np.where(keys[at] == wanted, values[at], 0.0)

@@ -63,7 +63,7 @@ class PolishProgram:
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of all constraints."""
-        held = self.model.other_rows(self._begin, np.inf, self._hot)
+        held = self.model.other_constraints(self._begin, np.inf, self._hot)
         value = self._values(self._begin)[self._linear :]
         none = np.zeros(self._linear)
         return np.concatenate([none - np.inf, held.floor + value]), np.concatenate([none, held.ceiling + value])
@@ -81,7 +81,7 @@ class PolishProgram:
     def gradient(self, x: np.ndarray) -> np.ndarray:
         return self.model.gradient(self.at(x))
 
-    def rows(self, x: np.ndarray) -> np.ndarray:
+    def constraints(self, x: np.ndarray) -> np.ndarray:
         return self._values(self.at(x))
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
@@ -104,8 +104,8 @@ class PolishProgram:
         return (point.duration / self._begin.duration) ** self.model.order[self._held]
 
     def _constraints(self, point: Point) -> Constraints:
-        linear = self.model.linear_rows(point, self._held, self._side)
-        return linear.joined(self.model.other_rows(point, np.inf, self._hot))
+        linear = self.model.linear_constraints(point, self._held, self._side)
+        return linear.joined(self.model.other_constraints(point, np.inf, self._hot))
 
     def _values(self, point: Point) -> np.ndarray:
         """All constraints' values, those on derivatives first."""

@@ -76,12 +76,12 @@ def descend(
         known = model.multipliers(point, now.keys, now.multipliers)
         hessian, gradient = model.hessian(point, known, now.convex), model.gradient(point)
         held = np.abs(point.linear) > (-1.0 if turn < 2 else USED)
-        others, failed = model.other_rows(point, trust), 0
+        others, failed = model.other_constraints(point, trust), 0
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
         while True:
             bounds = box(model, point, trust)
             try:
-                found, rows, held = _program(
+                found, constraints, held = _program(
                     model, point, hessian, gradient, others, held, bounds, damping, give, loose
                 )
             except np.linalg.LinAlgError:  # no damping makes the program convex: numbers overflowed
@@ -106,7 +106,7 @@ def descend(
             good = ratio > ACCEPTED or abs(predicted) < 1e-9
             if good:
                 point, broken = trial, trial_broken
-                now.keys, now.multipliers, now.damping = rows.keys, found.multipliers, found.damping
+                now.keys, now.multipliers, now.damping = constraints.keys, found.multipliers, found.damping
                 now.point = point
                 costs.append(point.cost + price * broken)
                 if ratio > BOLD and step > 0.9 * trust:
@@ -116,7 +116,7 @@ def descend(
                 break
             failed += 1
             damping = found.damping
-            again = model.other_rows(trial, step, equalities=False) if model.deepest(trial) < SHALLOW else None
+            again = model.other_constraints(trial, step, equalities=False) if model.deepest(trial) < SHALLOW else None
             if again is not None and again.count:
                 others = others.joined(again.moved(found.d))
             full = failed == 1 and again is not None and again.count and trial_broken > broken
@@ -165,8 +165,8 @@ def _program(
 ) -> tuple[Minimum, Constraints, np.ndarray]:  # fmt: skip
     """The quadratic program of a linearisation; constraints that a step breaks are added, then it is solved again."""
     while True:
-        rows = model.linear_rows(point, held).joined(others)
-        found = minimise(hessian, gradient, box, rows, PRICE, model.mass, damping, loose)
+        constraints = model.linear_constraints(point, held).joined(others)
+        found = minimise(hessian, gradient, box, constraints, PRICE, model.mass, damping, loose)
         if held.all():
             break
         share = np.abs(model.linear_after(point, found.d))
@@ -174,4 +174,4 @@ def _program(
             break
         held = held | (share > 0.9)
         damping = found.damping
-    return found, rows, held
+    return found, constraints, held

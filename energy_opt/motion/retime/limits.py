@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.motion.limits.base import Functions, Limit, Linear
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime.law import WIDTHS, point_numbers
-from energy_opt.motion.retime.nlp import CurvedRows, LinearRows, Rows
+from energy_opt.motion.retime.nlp import CurvedConstraints, LinearConstraints, PathConstraints
 from energy_opt.motion.retime.points import Symbolic
 from energy_opt.motion.retime.quadrature import Lift, kept_lift, lift
 
@@ -217,11 +217,11 @@ class PathLimits:
             out[at.touched[use.max(axis=1) > NEAR]] = False
         return out
 
-    def rows(self, unit: float) -> Rows:
+    def constraints(self, unit: float) -> PathConstraints:
         """The limits that are held, for control values in the given unit."""
         places: list[np.ndarray] = []
         parts: list[tuple[np.ndarray, ...]] = []
-        curved: list[CurvedRows] = []
+        curved: list[CurvedConstraints] = []
         for held in self.at_points:
             if not held.held.any():
                 continue
@@ -237,21 +237,21 @@ class PathLimits:
         for piece in self.on_pieces:
             if piece.held.any():
                 k, j = np.nonzero(piece.held)
-                curved.append(CurvedRows(piece.lift.part(k), InUnit(piece.functions(k, j), unit), 1))
+                curved.append(CurvedConstraints(piece.lift.part(k), InUnit(piece.functions(k, j), unit), 1))
         if not places:
-            return Rows(None, tuple(curved))
+            return PathConstraints(None, tuple(curved))
         where = np.concatenate(places)
         ra, rb, r0, allowed = (np.concatenate([part[i] for part in parts]) for i in range(4))
-        return Rows(LinearRows(self.lift.part(where), ra, rb, r0, allowed), tuple(curved))
+        return PathConstraints(LinearConstraints(self.lift.part(where), ra, rb, r0, allowed), tuple(curved))
 
-    def _symbolic(self, held: AtPoints, unit: float) -> CurvedRows:
+    def _symbolic(self, held: AtPoints, unit: float) -> CurvedConstraints:
         """A limit that is not linear, all its columns at every place where one is held."""
         d, limit, k = self.dynamics, held.limit, np.unique(np.nonzero(held.held)[0])
         shared = np.concatenate([d.model.values(d.robot.n), [unit, WIDTHS[-1]], limit.values])
         numbers = point_numbers(d, np.zeros(len(d.s)))[:, k]
         scale = 1 / (limit.scale * held.tight[k] * held.reserve[k])
         functions = Symbolic.of(SharedByStructure(d.model), limit, numbers, shared, scale)
-        return CurvedRows(self.lift.part(k), functions, limit.scale.size, limit.one_sided)
+        return CurvedConstraints(self.lift.part(k), functions, limit.scale.size, limit.one_sided)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from energy_opt.numerics import ipopt
 
 
 @dataclass(frozen=True)
-class LinearRows:
+class LinearConstraints:
     """ra a + rb b + r0 at one place each (K,): speed, acceleration, and torque where it is affine.
 
     Its bound of 1 is kept a little tighter than the true limit, which is `allowed` (K,) >= 1.
@@ -66,7 +66,7 @@ class LinearRows:
 
 
 @dataclass(frozen=True)
-class CurvedRows:
+class CurvedConstraints:
     """Limits that are not linear in (a, b) or (a, b, w), `each` of them at every place of `lift`."""
 
     lift: Lift
@@ -91,14 +91,14 @@ class CurvedRows:
 
 
 @dataclass(frozen=True)
-class Rows:
+class PathConstraints:
     """All limits in force, the linear ones first."""
 
-    linear: LinearRows | None = None
-    curved: tuple[CurvedRows, ...] = ()
+    linear: LinearConstraints | None = None
+    curved: tuple[CurvedConstraints, ...] = ()
 
     @cached_property
-    def blocks(self) -> tuple[LinearRows | CurvedRows, ...]:
+    def blocks(self) -> tuple[LinearConstraints | CurvedConstraints, ...]:
         return self.curved if self.linear is None else (self.linear, *self.curved)
 
     @cached_property
@@ -114,8 +114,10 @@ class Rows:
     @property
     def lower(self) -> np.ndarray:
         """Lower bounds (count,)."""
-        sides = [(-np.inf if isinstance(b, CurvedRows) and b.one_sided else -1.0, len(b.first)) for b in self.blocks]
-        return np.concatenate([np.zeros(0), *(np.full(count, side) for side, count in sides)])
+        least = [
+            (-np.inf if isinstance(b, CurvedConstraints) and b.one_sided else -1.0, len(b.first)) for b in self.blocks
+        ]
+        return np.concatenate([np.zeros(0), *(np.full(count, side) for side, count in least)])
 
     def values(self, control: np.ndarray) -> np.ndarray:
         """(count,)."""
@@ -162,7 +164,7 @@ class Values:
     slope: np.ndarray
     time: float
     time_slope: np.ndarray
-    rows: np.ndarray
+    constraints: np.ndarray
 
 
 class RetimeProgram:
@@ -174,18 +176,24 @@ class RetimeProgram:
         cost: of the points.
         ends: (2,) first and last control value.
         reference: T_ref, in the program's unit of time.
-        rows: constraints of the limits in force.
+        constraints: constraints of the limits in force.
     """
 
     def __init__(
-        self, lift: Lift, weight: np.ndarray, cost: Cost, ends: np.ndarray, reference: float, rows: Rows
+        self,
+        lift: Lift,
+        weight: np.ndarray,
+        cost: Cost,
+        ends: np.ndarray,
+        reference: float,
+        constraints: PathConstraints,
     ) -> None:
-        self.lift, self.points, self.rows_held = lift, cost, rows
+        self.lift, self.points, self.held_constraints = lift, cost, constraints
         self._pace, self._ends = weight / reference, ends
         self.band = Band(lift.count - 2)
         self.hessian_pattern = self.band.pattern
         self._at = b""
-        n, first = lift.count - 2, rows.first
+        n, first = lift.count - 2, constraints.first
         row = np.concatenate([np.zeros(n, dtype=int), np.repeat(1 + np.arange(len(first)), 3)])
         column = np.concatenate([np.arange(n), (first[:, None] + np.arange(3) - 1).ravel()])
         order = np.lexsort((row, column))
@@ -209,7 +217,7 @@ class RetimeProgram:
             self._share = self._pace / np.sqrt(b)
             by_z = np.zeros_like(self._z)
             by_z[1] = -0.5 * self._share / b
-            time, constraints = float(self._share.sum()), self.rows_held.values(self._control)
+            time, constraints = float(self._share.sum()), self.held_constraints.values(self._control)
             self._values = Values(cost, self.lift.adjoint(slope), time, self.lift.adjoint(by_z), constraints)
         return self._values
 
@@ -219,13 +227,13 @@ class RetimeProgram:
     def gradient(self, x: np.ndarray) -> np.ndarray:
         return self.at(x).slope
 
-    def rows(self, x: np.ndarray) -> np.ndarray:
+    def constraints(self, x: np.ndarray) -> np.ndarray:
         here = self.at(x)
-        return np.concatenate([[here.time], here.rows])
+        return np.concatenate([[here.time], here.constraints])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         slope = self.at(x).time_slope
-        return np.concatenate([slope, self.rows_held.slopes(self._control).ravel()])[self._order]
+        return np.concatenate([slope, self.held_constraints.slopes(self._control).ravel()])[self._order]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         return self.banded_hessian(x, factor, multipliers)[self.band.inside]
@@ -235,7 +243,7 @@ class RetimeProgram:
         self.at(x)
         at_points = factor * self.points.curvature(self._z)
         at_points[2] += multipliers[0] * 0.75 * self._share / (self._z[1] * self._z[1])
-        return self.lift.hessian(at_points) + self.rows_held.hessian(self._control, multipliers[1:])
+        return self.lift.hessian(at_points) + self.held_constraints.hessian(self._control, multipliers[1:])
 
     def solve(
         self,
@@ -251,7 +259,7 @@ class RetimeProgram:
         `near` says that the start is close to the answer; `loosely`, that a bound is all that is wanted. The first row
         multiplier is that of T / T_ref.
         """
-        lower = self.rows_held.lower
+        lower = self.held_constraints.lower
         row_bounds = np.append(1.0 if exactly else -np.inf, lower), np.ones(1 + len(lower))
         start = np.clip(start, *bounds)
         used = 0

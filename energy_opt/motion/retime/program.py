@@ -27,7 +27,7 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.retime.law import WIDTHS
 from energy_opt.motion.retime.limits import MARGIN, PathLimits
-from energy_opt.motion.retime.nlp import RetimeProgram, Rows
+from energy_opt.motion.retime.nlp import PathConstraints, RetimeProgram
 from energy_opt.motion.retime.points import PathLaw
 from energy_opt.motion.retime.quadrature import GAUSS, quadrature
 from energy_opt.motion.timing.law import Timing
@@ -71,13 +71,13 @@ def lower_bound(program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray, 
         allowed: (N,) what the true velocity limits would allow in place of the program's bounds.
     """
     here = program.at(x)
-    of_time, of_rows = max(float(multipliers[0]), 0.0), multipliers[1:]
+    of_time, of_constraints = max(float(multipliers[0]), 0.0), multipliers[1:]
     value = here.cost + of_time * (here.time - 1)
     slope = here.slope + of_time * here.time_slope
-    linear = program.rows_held.linear
+    linear = program.held_constraints.linear
     if linear is not None:
-        value += float(of_rows @ here.rows - np.abs(of_rows) @ linear.allowed)
-        slope = slope + linear.adjoint(of_rows)
+        value += float(of_constraints @ here.constraints - np.abs(of_constraints) @ linear.allowed)
+        slope = slope + linear.adjoint(of_constraints)
     return value + float(np.minimum(-slope * x, slope * (allowed - x)).sum())
 
 
@@ -247,27 +247,27 @@ class Retiming:
         x = np.clip(start.control[1:-1] / unit, lower, upper)
         size = 1.0
 
-        def program(rows: Rows, width: float) -> RetimeProgram:
+        def program(constraints: PathConstraints, width: float) -> RetimeProgram:
             cost = law.cost(weight, unit, clock * energy / size, -price * clock / size, width)
-            return RetimeProgram(points, weight, cost, ends, longest / clock, rows)
+            return RetimeProgram(points, weight, cost, ends, longest / clock, constraints)
 
-        whole = program(Rows(), WIDTHS[0])
+        whole = program(PathConstraints(), WIDTHS[0])
         size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)
         self.limits.hold(self.shortest.control, always=True)
         self.limits.hold(start.control, always=True)
         widths = [WIDTHS[-1]] if law.coefficients is not None else list(WIDTHS)
         rounds = 0
         while True:
-            begun = time.perf_counter()
-            rows = self.limits.rows(unit)
-            whole = program(rows, widths[0])
+            before = time.perf_counter()
+            constraints = self.limits.constraints(unit)
+            whole = program(constraints, widths[0])
             built = time.perf_counter()
             near = law.coefficients is None and widths[0] < WIDTHS[0]
             answer = whole.solve(
                 x, (lower, upper), exactly=exactly, near=near, loosely=only_bound and law.coefficients is not None
             )
             self.tally.iterations += answer.iterations
-            self.tally.build += built - begun
+            self.tally.build += built - before
             self.tally.solve += time.perf_counter() - built
             if len(widths) > 1:
                 widths.pop(0)
@@ -282,7 +282,7 @@ class Retiming:
                 break
         timing = Timing(start.path, start.knots, control)
         bound = None
-        if answer.success and self.convex and not rows.curved:
+        if answer.success and self.convex and not constraints.curved:
             allowed = upper / (1 - MARGIN) ** 2
             bound = lower_bound(whole, x, answer.row_multipliers, allowed) * size
             if law.coefficients is None:

@@ -223,16 +223,18 @@ def _solve(
     _without_pyplot()
     from toppra.algorithm import TOPPRA
 
-    rows = _Rows.of(robot.joints, [(limit, line, tight.of(limit)) for limit, line in tangents if line is not None])
+    held = _Constraints.of(
+        robot.joints, [(limit, line, tight.of(limit)) for limit, line in tangents if line is not None]
+    )
     # in the unit of time in which squared speeds are of order one: the library's tolerances are absolute
-    unit = float(min(rows.speed.max(), max(ends) ** 2 if any(ends) else np.inf, rows.typical()))
-    algorithm = TOPPRA([_constraint(rows, unit)], _Interval(robot.n), gridpoints=at.s, solver_wrapper="seidel")
+    unit = float(min(held.speed.max(), max(ends) ** 2 if any(ends) else np.inf, held.typical()))
+    algorithm = TOPPRA([_constraint(held, unit)], _Interval(robot.n), gridpoints=at.s, solver_wrapper="seidel")
     speeds = [end / np.sqrt(unit) for end in ends]
     algorithm.compute_parameterization(*speeds)
     data = algorithm.problem_data
     if data.sd_vec is None or np.isnan(data.sd_vec).any():
         sets = None if data.K is None else np.asarray(data.K) * unit
-        raise _failure(rows, at.s, ends, sets)
+        raise _failure(held, at.s, ends, sets)
     control = unit * data.sd_vec**2
     control[1:-1] = np.maximum(control[1:-1], 1e-9 * control.max())
     control[[0, -1]] = np.square(ends)
@@ -240,7 +242,7 @@ def _solve(
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _Constraints:
     """Limits on the grid as |ra a + rb b + r0| <= 1, (M, m) each; and b <= speed (M,)."""
 
     ra: np.ndarray
@@ -251,7 +253,7 @@ class _Rows:
     fastest: tuple[tuple[str, str], ...]  # (M,) those of the limit that bounds the speed
 
     @classmethod
-    def of(cls, joints: tuple[str, ...], lines: Sequence[tuple[Limit, Linear, np.ndarray | float]]) -> _Rows:
+    def of(cls, joints: tuple[str, ...], lines: Sequence[tuple[Limit, Linear, np.ndarray | float]]) -> _Constraints:
         parts: list[list[np.ndarray]] = []
         names: list[tuple[str, str]] = []
         speeds: list[np.ndarray] = []
@@ -286,7 +288,7 @@ class _Interval:
         self.dof = dof
 
 
-def _constraint(rows: _Rows, unit: float) -> Any:
+def _constraint(held: _Constraints, unit: float) -> Any:
     """The constraints as the library's linear constraint, held at both ends of every grid interval."""
     from toppra.constraint import DiscretizationType, LinearConstraint
     from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
@@ -298,18 +300,18 @@ def _constraint(rows: _Rows, unit: float) -> Any:
             self.identical = True
 
         def compute_constraint_params(self, path: Any, gridpoints: np.ndarray) -> tuple[Any, ...]:
-            count = rows.ra.shape[1]
+            count = held.ra.shape[1]
             both = np.vstack([np.eye(count), -np.eye(count)])
             limit = np.ones(2 * count)
-            speed = np.stack([np.zeros_like(rows.speed), rows.speed / unit], axis=1)
-            linear = (rows.ra * unit, rows.rb * unit, rows.r0, both, limit)
+            speed = np.stack([np.zeros_like(held.speed), held.speed / unit], axis=1)
+            linear = (held.ra * unit, held.rb * unit, held.r0, both, limit)
             a, b, c, f, g, _, _ = canlinear_colloc_to_interpolate(*linear, None, None, gridpoints, identical=True)
             return a, b, c, f, g, None, speed
 
     return Given()
 
 
-def _failure(rows: _Rows, s: np.ndarray, ends: tuple[float, float], sets: np.ndarray | None) -> Infeasible:
+def _failure(held: _Constraints, s: np.ndarray, ends: tuple[float, float], sets: np.ndarray | None) -> Infeasible:
     """Where and on which limit the reachability analysis gave up."""
     lost = np.flatnonzero(np.isnan(sets).any(axis=1)) if sets is not None else np.zeros(0, dtype=int)
     if lost.size or sets is None:
@@ -321,7 +323,7 @@ def _failure(rows: _Rows, s: np.ndarray, ends: tuple[float, float], sets: np.nda
             f"the start's path speed {ends[0]:.4g} 1/s is not among those that lead to the goal, "
             f"{np.sqrt(max(sets[0, 0], 0)):.4g} to {np.sqrt(max(sets[0, 1], 0)):.4g} 1/s"
         )
-    joint, limit, excess = _tightest(rows, k, b)
+    joint, limit, excess = _tightest(held, k, b)
     return Infeasible(
         f"{joint}: {text}: the {limit} limit stands in the way",
         joint=joint,
@@ -331,11 +333,11 @@ def _failure(rows: _Rows, s: np.ndarray, ends: tuple[float, float], sets: np.nda
     )
 
 
-def _tightest(rows: _Rows, k: int, b: float) -> tuple[str, str, float]:
+def _tightest(held: _Constraints, k: int, b: float) -> tuple[str, str, float]:
     """The limit that binds most at grid point k and squared speed b: joint, kind, excess there."""
-    if b > rows.speed[k]:
-        return (*rows.fastest[k], float(np.sqrt(b / rows.speed[k]) - 1))
-    slope, rest = rows.ra[k], rows.rb[k] * b + rows.r0[k]
+    if b > held.speed[k]:
+        return (*held.fastest[k], float(np.sqrt(b / held.speed[k]) - 1))
+    slope, rest = held.ra[k], held.rb[k] * b + held.r0[k]
     with np.errstate(divide="ignore"):
         ends = np.stack([(1 - rest) / slope, (-1 - rest) / slope])
     steep = np.abs(slope) > 1e-12
@@ -344,5 +346,5 @@ def _tightest(rows: _Rows, k: int, b: float) -> tuple[str, str, float]:
     a = float(upper[row])
     value = np.abs(slope * a + rest if np.isfinite(a) else rest) - 1
     worst = int(np.argmax(value)) if value.max() > 1e-9 else row
-    joint, kind = rows.names[worst]
+    joint, kind = held.names[worst]
     return joint, kind, float(max(value[worst], 0.0))

@@ -29,8 +29,8 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, Tool
 from energy_opt.robot.kinematics import Kinematics
 
-WAYS = 1  # that are looked for where nothing free is given; the planner asks for more where it leads to little
-STEPS = (0.2, 0.1, 0.05, 0.025)  # [s] at the joints' speed limits, between places of ways through which a spline goes
+PATHS = 1  # that are looked for where nothing free is given; the planner asks for more where it leads to little
+STEPS = (0.2, 0.1, 0.05, 0.025)  # [s] at the joints' speed limits, between places of paths through which a spline goes
 
 
 def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
@@ -74,12 +74,12 @@ def first_path(
             "--mode reshape may start from it all the same",
             limit="clearance", position=found.time, excess=found.depth,
         )  # fmt: skip
-    ways = _around(robot, cell, settings, limits, move, found.proven)
+    paths = _around(robot, cell, settings, limits, move, found.proven)
     seconds = time.perf_counter() - begin
-    if found.proven or (move.path is not None and ways):
-        return move, FirstPath(source, seconds), tuple(way.path for way in ways)
-    if ways:
-        return replace(move, path=ways[0].path), FirstPath(ways[0].source, seconds), tuple(w.path for w in ways[1:])
+    if found.proven or (move.path is not None and paths):
+        return move, FirstPath(source, seconds), tuple(way.path for way in paths)
+    if paths:
+        return replace(move, path=paths[0].path), FirstPath(paths[0].source, seconds), tuple(w.path for w in paths[1:])
     extra = "" if ompl.installed() else "; pip install 'energy-opt[plan]' brings a planner that looks further"
     if move.path is not None:
         blocked = f"the {what} is not free: at {found.time:.4g} of it {found}"
@@ -92,7 +92,9 @@ def first_path(
 
 def _around(robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit], move: Move, free: bool) -> list[Way]:
     """Ways to start from besides a path that is given or `free`, or in place of one that is not."""
-    if settings.tube is not None or (free and (move.path is None or not settings.ways or move.mode == "retime")):
+    if settings.tube is not None or (
+        free and (move.path is None or not settings.initial_paths or move.mode == "retime")
+    ):
         return []
 
     def between(start: np.ndarray, goal: np.ndarray, count: int) -> list[Way]:
@@ -101,14 +103,14 @@ def _around(robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit
 
     if move.via and move.path is None:
         return _through(cell, between, [move.start, *move.via, move.goal])
-    count = max(1, WAYS if settings.ways is None else settings.ways)
+    count = max(1, PATHS if settings.initial_paths is None else settings.initial_paths)
     return between(move.start, move.goal, count if move.mode == "reshape" else 1)
 
 
 def room_between(
     robot: Robot, cell: Cell, limits: Sequence[Limit], start: np.ndarray, goal: np.ndarray
 ) -> tuple[Room, Ends, np.ndarray]:
-    """The room that ways from start to goal (n,) have, their ends, and how far apart their poses are looked at (n,)."""
+    """The room that paths from start to goal (n,) have, their ends, and how far apart poses are looked at (n,)."""
     lower, upper = box_of(limits, robot.n)
     ends = Ends.of(start, goal, lower, upper, robot.limits.velocity)
     return Room(cell, np.stack([start, goal])), ends, steps(robot.body.tree())
@@ -117,7 +119,7 @@ def room_between(
 def _through(
     cell: Cell, between: Callable[[np.ndarray, np.ndarray, int], list[Way]], points: Sequence[np.ndarray]
 ) -> list[Way]:
-    """One way through points (n,) one after the other, a spline through places of ways between them; or none."""
+    """One way through points (n,) one after the other, a spline through places of paths between them; or none."""
     legs: list[Way] = []
     for start, goal in itertools.pairwise(points):
         found = between(start, goal, 1)

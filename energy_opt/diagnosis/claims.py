@@ -39,6 +39,7 @@ def plain_fit(found: Search, f: Fit) -> Fit:
 
 
 def alike(a: Noise, b: Noise) -> bool:
+    """Whether two estimates of the noise are the same but for chance: white part, slow part, misfit and memory."""
     return (
         abs(np.log(a.white / b.white)) < 0.15
         and abs(a.wave - b.wave) < 0.35 * max(a.wave, b.wave, 0.3 * a.white)
@@ -94,6 +95,7 @@ def without_effects(found: Search, f: Fit) -> Fit:
 
 
 def without(found: Search, f: Fit, k: int) -> Fit:
+    """The fit anew without its k-th effect, and without those that need it."""
     charts = [c for i, c in enumerate(f.charts) if i != k and f.charts[k].term.name not in c.term.kind.needs]
     kept = [z for c, z in zip(f.charts, f.numbers, strict=True) if c in charts]
     return found.fitted(charts, kept, list(f.free), f.nuisance, f.amounts)

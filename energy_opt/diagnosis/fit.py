@@ -65,6 +65,7 @@ class Free:
 
     @property
     def key(self) -> tuple[str, int]:
+        """Signal and joint (-1: none) of the function."""
         return self.signal, self.joint
 
 
@@ -201,10 +202,12 @@ class Fit:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names of the effects, in order."""
         return tuple(c.term.name for c in self.charts)
 
     @property
     def theta(self) -> np.ndarray:
+        """All fitted numbers (P,): of the effects, of free functions, of links, of levels."""
         return np.concatenate([*self.numbers, self.weights, self.amounts, self.levels])
 
     @property

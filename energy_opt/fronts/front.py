@@ -132,6 +132,8 @@ class Steps(Protocol):
 
 
 class _Tracer:
+    """Traces the front of one move: its first optimum in full, the others from their neighbours."""
+
     def __init__(
         self,
         planner: Planner,

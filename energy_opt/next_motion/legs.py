@@ -38,6 +38,7 @@ class Way:
 
     @property
     def ends(self) -> Ends:
+        """Start and goal, at rest."""
         rest = np.zeros_like(self.start)
         return Ends(self.start, self.goal, rest, rest, np.zeros((0, len(rest))))
 

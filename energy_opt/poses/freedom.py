@@ -181,12 +181,14 @@ def used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[P
 
 
 def inside(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> bool:
+    """Whether positions q (n,) reach a pose within its tolerance, with a small margin."""
     off = tool.missed(pose, q[None])
     sizes = (float(np.linalg.norm(x)) for x in (off.shift, off.turn))
     return all(size <= allowed - MARGIN / 10 for size, allowed in zip(sizes, pose.tolerance, strict=True))
 
 
 def is_free(cell: Cell | None, q: np.ndarray) -> bool:
+    """Whether nothing touches at q (n,)."""
     return cell is None or not cell.checks or cell.touching(q) is None
 
 

@@ -146,12 +146,15 @@ class Mixture(PowerModel):
         return tuple(zip(self.weights.tolist(), self.members, strict=True))
 
     def replaced(self, effect: Effect) -> Mixture:
+        """The mixture of the members with this effect in place of theirs."""
         return Mixture.of([member.replaced(effect) for member in self.members], self.weights)
 
     def without(self, name: str) -> Mixture:
+        """The mixture of the members without the effect of that name."""
         return Mixture.of([member.without(name) for member in self.members], self.weights)
 
     def kept(self, wanted: Callable[[Effect], bool]) -> Mixture:
+        """The mixture of the members with the wanted effects only."""
         return Mixture.of([member.kept(wanted) for member in self.members], self.weights)
 
     def standing(self, roll: float, pitch: float) -> Mixture:
@@ -164,6 +167,7 @@ class Mixture(PowerModel):
 
     @property
     def structure(self) -> tuple[tuple[str, ...], ...]:
+        """The members' structures one after the other, each marked."""
         return tuple(form for member in self.members for form in (("member",), *member.structure))
 
     def values(self, joints: int) -> np.ndarray:
@@ -175,6 +179,7 @@ class Mixture(PowerModel):
         return ca.SX.sym("p", len(self.values(joints)))
 
     def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
+        """Weight, model and values of each member, of the symbols p."""
         out, at = [], 0
         for k, member in enumerate(self.members):
             size = len(member.values(joints))
@@ -183,6 +188,7 @@ class Mixture(PowerModel):
         return out
 
     def constant_power(self, joints: int) -> float:
+        """The weighted mean of the members' [W]."""
         return float(sum(weight * member.constant_power(joints) for weight, member in self.weighted))
 
 

@@ -35,12 +35,15 @@ class Polynomial:
     terms: tuple[tuple[int, float], ...]
 
     def value(self, duration: float) -> float:
+        """E(d) = sum of c_k d^k [J]."""
         return float(sum(c * duration**k for k, c in self.terms))
 
     def slope(self, duration: float) -> float:
+        """E'(d) = sum of k c_k d^(k - 1) [W]."""
         return float(sum(c * k * duration ** (k - 1) for k, c in self.terms if k))
 
     def breaks(self, least: float, most: float) -> np.ndarray:
+        """Durations [s] of the first tangents, denser where the curve bends more."""
         return np.geomspace(least, most, 16) if least > 0 else np.linspace(least, most, 16)
 
     def is_convex(self, least: float, most: float) -> bool:
@@ -82,13 +85,16 @@ class Hull:
         return cls(d, e)
 
     def value(self, duration: float) -> float:
+        """Energy [J], linear between the known durations."""
         return float(np.interp(duration, self.durations, self.energies))
 
     def slope(self, duration: float) -> float:
+        """Slope [W] of the piece that holds the duration."""
         if len(self.durations) < 2:
             return 0.0
         k = int(np.clip(np.searchsorted(self.durations, duration) - 1, 0, len(self.durations) - 2))
         return float(np.diff(self.energies)[k] / np.diff(self.durations)[k])
 
     def breaks(self, least: float, most: float) -> np.ndarray:
+        """The middle [s] of each piece: its tangent there is the piece itself."""
         return (self.durations[1:] + self.durations[:-1]) / 2 if len(self.durations) > 1 else self.durations

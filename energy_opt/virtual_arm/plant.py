@@ -43,6 +43,7 @@ class Cogging(Special):
     name: ClassVar[str] = "cogging"
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
+        """-A sin(k q + phase) [N m]."""
         return -self.amplitude * np.sin(self.periods * q + self.phase)
 
 
@@ -55,6 +56,7 @@ class SpeedRipple(Special):
     name: ClassVar[str] = "speed_ripple"
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
+        """A sin(2 pi v / period) [N m]."""
         return self.amplitude * np.sin(2 * np.pi * v / self.period)
 
 
@@ -70,6 +72,7 @@ class Backlash(Special):
     name: ClassVar[str] = "backlash"
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
+        """A exp(-travel / gap) tanh(v / 0.01) [N m], travel [rad] since the last reversal."""
         return self.amplitude * np.exp(-travel / self.gap) * np.tanh(v / 0.01)
 
 
@@ -84,6 +87,7 @@ class Fan(Special):
     name: ClassVar[str] = "fan"
 
     def added_power(self, t: np.ndarray) -> np.ndarray:
+        """The fan's power [W] while it is on, periodic in time."""
         return np.where(np.mod(t + self.offset, self.period) < self.duty * self.period, float(self.power), 0.0)
 
 
@@ -96,6 +100,7 @@ class StandbyStep(Special):
     name: ClassVar[str] = "standby_step"
 
     def added_power(self, t: np.ndarray) -> np.ndarray:
+        """The step's power [W] from its time on."""
         return np.where(t >= self.time, float(self.power), 0.0)
 
 

@@ -82,6 +82,7 @@ class Looks:
         self.poses = 0
 
     def clear(self, q: np.ndarray) -> bool:
+        """Whether the pose q (n,) is free with the margin that paths should have; counts the poses looked at."""
         self.poses += 1
         return self._free.clear(q)
 

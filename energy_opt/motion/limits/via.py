@@ -26,6 +26,7 @@ class ViaPoints(Limit):
 
     @classmethod
     def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
+        """The limit of a move's via points; None where it has none."""
         return cls(np.stack(move.via)) if move is not None and move.via else None
 
     def worst(self, x: Dense) -> Violation:

@@ -40,6 +40,7 @@ class NodeFunctions:
     kinked: bool = False
 
     def as_list(self) -> list[ca.Function]:
+        """All functions, in the order in which they are compiled."""
         return [self.cost, self.limited, self.curvature, self.value]
 
 
@@ -61,18 +62,22 @@ class NodeSymbols:
 
     @property
     def v(self) -> ca.SX:
+        """Velocity (n, 1) [rad/s]: q' / T."""
         return self.q1 / self.duration
 
     @property
     def a(self) -> ca.SX:
+        """Acceleration (n, 1) [rad/s^2]: q'' / T^2."""
         return self.q2 / self.duration**2
 
     @property
     def t(self) -> ca.SX:
+        """Time [s]: u T."""
         return self.u * self.duration
 
     @property
     def z(self) -> ca.SX:
+        """What a node's functions are differentiated by: q, q', q'' and T, (3 n + 1, 1)."""
         return ca.vertcat(self.q, self.q1, self.q2, self.duration)
 
 

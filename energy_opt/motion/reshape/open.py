@@ -45,6 +45,7 @@ class Open:
 
     @property
     def any(self) -> bool:
+        """Whether any end or via point is free."""
         return bool(self.ends) or any(self.via)
 
 

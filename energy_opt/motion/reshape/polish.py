@@ -76,15 +76,19 @@ class PolishProgram:
         return self._now
 
     def cost(self, x: np.ndarray) -> float:
+        """The model's cost at steps x from the curve."""
         return self.at(x).cost
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
+        """Its gradient."""
         return self.model.gradient(self.at(x))
 
     def constraints(self, x: np.ndarray) -> np.ndarray:
+        """Values of the constraints that are held."""
         return self._values(self.at(x))
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Their derivatives, entries in the order of the sparsity pattern."""
         point = self.at(x)
         held = self._constraints(point)
         factor = np.concatenate([self._side[self._held] * self._stretch(point), np.ones(held.count - self._linear)])
@@ -92,6 +96,7 @@ class PolishProgram:
         return np.asarray(value * factor[self._entries[0]])
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+        """Entries of the Hessian of factor cost + multipliers . constraints."""
         point, model = self.at(x), copy(self.model)
         model.scale *= factor
         lam = multipliers.copy()

@@ -262,12 +262,15 @@ class InUnit:
     unit: float
 
     def value(self, z: np.ndarray) -> np.ndarray:
+        """See `Functions.value`."""
         return self.functions.value(self.unit * z)
 
     def slope(self, z: np.ndarray) -> np.ndarray:
+        """See `Functions.slope`; by the chain rule once the unit."""
         return self.unit * self.functions.slope(self.unit * z)
 
     def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """See `Functions.curvature`; by the chain rule twice the unit."""
         return self.unit**2 * self.functions.curvature(self.unit * z, multipliers)
 
 

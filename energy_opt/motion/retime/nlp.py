@@ -76,16 +76,20 @@ class CurvedConstraints:
 
     @cached_property
     def first(self) -> np.ndarray:
+        """(count,) the first of the three control values that each constraint depends on."""
         return np.repeat(self.lift.first, self.each)
 
     def values(self, control: np.ndarray) -> np.ndarray:
+        """Values (count,) of the constraints at control values (N + 2,)."""
         return self.functions.value(self.lift.values(control)).ravel()
 
     def slopes(self, control: np.ndarray) -> np.ndarray:
+        """Derivatives (count, 3) by the three control values of each constraint."""
         slope = self.functions.slope(self.lift.values(control))
         return np.einsum("mrd,dmk->mrk", slope, self.lift.maps).reshape(-1, 3)
 
     def hessian(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
+        """Sum of the constraints' Hessians times multipliers (count,), in the form of `Lift.hessian`."""
         z = self.lift.values(control)
         return self.lift.hessian(self.functions.curvature(z, multipliers.reshape(-1, self.each)))
 
@@ -99,6 +103,7 @@ class PathConstraints:
 
     @cached_property
     def blocks(self) -> tuple[LinearConstraints | CurvedConstraints, ...]:
+        """The linear constraints, where there are any, then the curved ones."""
         return self.curved if self.linear is None else (self.linear, *self.curved)
 
     @cached_property
@@ -222,20 +227,25 @@ class RetimeProgram:
         return self._values
 
     def cost(self, x: np.ndarray) -> float:
+        """The cost at free control values x (N,)."""
         return self.at(x).cost
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
+        """Its gradient (N,)."""
         return self.at(x).slope
 
     def constraints(self, x: np.ndarray) -> np.ndarray:
+        """T / T_ref, then the constraints of the limits."""
         here = self.at(x)
         return np.concatenate([[here.time], here.constraints])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Their derivatives, entries in the order of the sparsity pattern."""
         slope = self.at(x).time_slope
         return np.concatenate([slope, self.held_constraints.slopes(self._control).ravel()])[self._order]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+        """Entries of the Hessian of factor cost + multipliers . constraints, in the order of the sparsity pattern."""
         return self.banded_hessian(x, factor, multipliers)[self.band.inside]
 
     def banded_hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:

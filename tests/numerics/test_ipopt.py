@@ -23,7 +23,7 @@ class Circle:
     def gradient(self, x: np.ndarray) -> np.ndarray:
         return np.ones(2)
 
-    def rows(self, x: np.ndarray) -> np.ndarray:
+    def constraints(self, x: np.ndarray) -> np.ndarray:
         return np.array([x @ x])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:

@@ -55,9 +55,10 @@ def of_a_file(folder: Path) -> Path:
 def of_a_message(folder: Path) -> Path:
     """A message that was packed alone."""
     import sqlite3
+    from contextlib import closing
 
     bag = bag2(folder, StoragePlugin.SQLITE3, CompressionMode.MESSAGE)
-    with sqlite3.connect(next(bag.glob("*.db3"))) as base:
+    with closing(sqlite3.connect(next(bag.glob("*.db3")))) as connection, connection as base:
         base.execute("UPDATE messages SET data = ?", (frames(zstd),))
     return bag
 

@@ -117,10 +117,11 @@ def test_compressed_bags(tmp_path: Path, mode: CompressionMode) -> None:
 def test_old_bags_without_definitions(tmp_path: Path) -> None:
     """Of ROS 2 Humble and before: sqlite3 without the table of definitions."""
     import sqlite3
+    from contextlib import closing
 
     write_plan(tmp_path / "bag", StoragePlugin.SQLITE3)
     (file,) = (tmp_path / "bag").glob("*.db3")
-    with sqlite3.connect(file) as base:
+    with closing(sqlite3.connect(file)) as connection, connection as base:
         base.execute("DELETE FROM message_definitions")
         base.execute("DELETE FROM topics WHERE name = '/display'")
     check(Trajectory(JOINTS, *_halved(read_trajectory(file, JOINTS))))

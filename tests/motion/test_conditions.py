@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 from poses import GOAL, START
 
+from energy_opt import optimize
 from energy_opt.cli.main import main
 from energy_opt.effects import CoulombFriction, Regeneration
 from energy_opt.errors import BadInput, Infeasible
@@ -145,6 +146,18 @@ def test_a_retiming_holds_velocity_where_the_tool_s_speed_bounds_the_path_beside
     xarm7 = load_robot("xarm7")
     result = Planner(xarm7, source_method_2("xarm7"), Settings(tool_speed=1.224)).solve(Move(start, goal, "retime"))
     assert result.status == "solved", result.message
+
+
+@pytest.mark.slow
+def test_a_retiming_that_narrow_kinks_stop_ends_with_wider_ones() -> None:
+    """Power under two models, one of them with friction: at the narrowest width the solver found no step."""
+    result = optimize(
+        "ur10e", payload=(0.521, 0.006, -0.009, 0.073), mode="retime", max_power=495.0, self_collision=False,
+        start=[0.933700, 1.426920, 1.383486, -1.016107, -0.243987, -1.551293],
+        goal=[0.589423, 0.570258, -0.635025, -1.158145, -0.795170, 0.356783],
+    )  # fmt: skip
+    assert result.status == "solved", result.message
+    assert [row["saving_joules"] > 0 for row in result.models] == [True, True]
 
 
 def test_tool_speed_keeps_retiming_convex(panda: Robot, model: PowerModel) -> None:

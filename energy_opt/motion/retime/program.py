@@ -82,6 +82,7 @@ def lower_bound(program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray, 
 
 
 ROUNDS = 12  # of adding constraints
+INFEASIBLE = "Infeasible_Problem_Detected"  # IPOPT's word
 # Share of a price above standby that is used: at the price itself, creeping at one place would cost nothing.
 CREDIT = 0.99
 FAR_OFF = 5.0  # times the start's duration, or a share of it: the program is scaled anew
@@ -256,7 +257,8 @@ class Retiming:
         self.limits.hold(self.shortest.control, always=True)
         self.limits.hold(start.control, always=True)
         widths = [WIDTHS[-1]] if law.coefficients is not None else list(WIDTHS)
-        rounds = 0
+        wider: tuple[float, np.ndarray] | None = None  # the last width that was solved, and its answer
+        rounds, rough = 0, False
         while True:
             before = time.perf_counter()
             constraints = self.limits.constraints(unit)
@@ -269,9 +271,12 @@ class Retiming:
             self.tally.iterations += answer.iterations
             self.tally.build += built - before
             self.tally.solve += time.perf_counter() - built
-            if len(widths) > 1:
-                widths.pop(0)
-                x = answer.x if answer.success else x
+            if len(widths) > 1 and answer.status != INFEASIBLE:  # the constraints are the same for all widths
+                width = widths.pop(0)
+                wider, x = ((width, answer.x), answer.x) if answer.success else (wider, x)
+                continue
+            if not answer.success and wider is not None:  # steps lead nowhere among narrow kinks
+                (widths[0], x), wider, rough = wider, None, True
                 continue
             x = answer.x
             control = unit * whole.control(x)
@@ -282,7 +287,7 @@ class Retiming:
                 break
         timing = Timing(start.path, start.knots, control)
         bound = None
-        if answer.success and self.convex and not constraints.curved:
+        if answer.success and self.convex and not constraints.curved and not rough:
             allowed = upper / (1 - MARGIN) ** 2
             bound = lower_bound(whole, x, answer.row_multipliers, allowed) * size
             if law.coefficients is None:

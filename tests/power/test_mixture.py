@@ -148,6 +148,11 @@ def test_power_is_within_its_limit_under_every_model(panda: Robot) -> None:
     _, power, _ = Scorer(panda, heavy).drive(*result.trajectory.sample(fine)[:3], fine)
     assert 129.0 < power.max() <= 130.0 * (1 + 1e-6) and result.status == "solved"
     assert not any("power reaches" in warning for warning in result.warnings)
+    paper = Scorer(panda, source_method_2())
+    for motion, peak in ((result.trajectory, result.certificate.peak_power),
+                         *((b.trajectory, b.peak_power) for b in result.baselines)):  # fmt: skip
+        at = np.linspace(0.0, motion.duration, 8001)
+        assert peak == pytest.approx(paper.drive(*motion.sample(motion.time[0] + at)[:3], at)[1].max(), rel=1e-5)
 
 
 def test_a_plan_of_the_source_model_says_what_friction_makes_of_it(panda: Robot) -> None:

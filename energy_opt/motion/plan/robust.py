@@ -24,7 +24,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput
-from energy_opt.motion.judge.certificate import ALLOWED, certify
+from energy_opt.motion.judge.certificate import ALLOWED, certify, looked_at
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.anytime import Progress
@@ -32,7 +32,7 @@ from energy_opt.motion.plan.blend import blended, least_weights
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.plan.sketch import Settled
 from energy_opt.motion.reshape.open import FIXED, Open
-from energy_opt.motion.result import Optimality, Result
+from energy_opt.motion.result import Baseline, Optimality, Result
 from energy_opt.motion.retime.solve import GLOBAL_GAP
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import Mixture, PowerModel
@@ -290,15 +290,18 @@ class RobustPlanner:
             for k, (rival, energy) in enumerate(zip(self._judges, answer.energies, strict=True))
         ]
         several = len(self.rivals if self.kind == "mean" else self._judges) > 1
+        peak, _, filled = looked_at(result.trajectory, scorer, ())
+
+        def stated(baseline: Baseline) -> Baseline:
+            own, energy, trajectory = looked_at(baseline.trajectory, scorer, ())
+            return replace(baseline, trajectory=trajectory, energy=energy, peak_power=own.peak_power)
+
         return replace(
             result,
-            trajectory=scorer.filled(result.trajectory),
+            trajectory=filled,
             energy=answer.energies[0],
-            certificate=replace(result.certificate, peak_power=certify(result.trajectory, scorer, ()).peak_power),
-            baselines=tuple(
-                replace(b, trajectory=scorer.filled(b.trajectory), energy=scorer.energy(b.trajectory))
-                for b in result.baselines
-            ),
+            certificate=replace(result.certificate, peak_power=peak.peak_power),
+            baselines=tuple(stated(baseline) for baseline in result.baselines),
             **(self._minimised(answer) if several else {}),
             models=tuple(records),
             warnings=(*result.warnings, *self._above(result.trajectory)),

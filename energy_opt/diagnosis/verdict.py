@@ -174,7 +174,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         accepted = plain_fit(found, accepted)
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
     if claims:
-        rivals = _as_good(found, judge, accepted) if unknown else _left_open(found, judge, rivals)
+        rivals = _as_good(found, judge, accepted) if unknown else left_open(found, judge, rivals)
         if rivals[0] is not accepted:
             accepted, claims = _borne_out(found, judge, *claimed(found, rivals[0]))
             rivals = (accepted, *(f for f in rivals[1:] if claims and f is not accepted))
@@ -254,7 +254,7 @@ def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
     return tuple(sorted(rivals, key=found.odds, reverse=True))
 
 
-def _left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, ...]:
+def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, ...]:
     """The alternatives that motions held out leave open too, the likeliest first.
 
     Laws that are the same to first order, as load friction and gears' efficiency are, tie where nothing is fitted yet:

@@ -76,10 +76,10 @@ def _shifted(planning: Planning, planned: Planned) -> Planned:
     schedule = finer if apart(finer) else schedule
     if schedule is planned.schedule:
         return planned
-    return replace(planning.proved(_from_zero(schedule)), around=planned.around)
+    return replace(planning.proved(from_zero(schedule)), around=planned.around)
 
 
-def _from_zero(schedule: Schedule) -> Schedule:
+def from_zero(schedule: Schedule) -> Schedule:
     """The schedule from the first step of the first robot on, other robots not before it where lags allow it."""
     cycle = schedule.problem.cycle_time
     starts = [own - schedule.starts[0][0] for own in schedule.starts]

@@ -17,7 +17,7 @@ from energy_opt.diagnosis.errors import reading_of
 from energy_opt.diagnosis.fit import Free
 from energy_opt.diagnosis.noise import Noise, meter_noise, standing_noise
 from energy_opt.diagnosis.usable import Foreseen, foreseen
-from energy_opt.diagnosis.verdict import _left_open
+from energy_opt.diagnosis.verdict import left_open
 from energy_opt.diagnosis.words import headline
 from energy_opt.effects import Standby, StandbyDrift, ViscousFriction
 from energy_opt.measured import read_set
@@ -137,14 +137,14 @@ def test_held_out_motions_settle_which_alternative_stays(gains, left):
     """Two laws of the same evidence on the motions fitted."""
     a, b = SimpleNamespace(name="a"), SimpleNamespace(name="b")
     judge = SimpleNamespace(held=1, gains=lambda more, _: np.array([gains[0] if more is a else gains[1]]))
-    assert "".join(f.name for f in _left_open(SimpleNamespace(score=lambda f: 5.0), judge, (a, b))) == left
+    assert "".join(f.name for f in left_open(SimpleNamespace(score=lambda f: 5.0), judge, (a, b))) == left
 
 
 def test_without_motions_held_out_the_likelier_alternative_is_claimed():
     """The search may end at either of two laws that are the same to first order."""
     a, b = SimpleNamespace(score=5.0), SimpleNamespace(score=6.0)
     found, judge = SimpleNamespace(score=lambda f: f.score), SimpleNamespace(held=None)
-    assert _left_open(found, judge, (a, b)) == (b, a)
+    assert left_open(found, judge, (a, b)) == (b, a)
 
 
 def test_the_headline_states_no_share_of_nothing():

@@ -11,16 +11,16 @@ damping implicitly. So the arm is stable at any gain and any friction, and comes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.virtual_arm.drives import JointLaws
 from energy_opt.virtual_arm.plant import Plant
-from energy_opt.virtual_arm.urdf_tree import Body, read_bodies, rotation
 
 if TYPE_CHECKING:
     from energy_opt.robot import Robot
@@ -33,7 +33,10 @@ NOMINAL_INERTIA = 0.5  # [kg m^2] that its gains count on beside the arm's own
 
 # Stands in until the true inertia is written into the compiled model: MuJoCo refuses inertia that no rigid body can
 # have, which some published URDFs hold, and must not take short cuts for a centred or aligned inertia here.
-PLACEHOLDER = '<inertial pos="0.1 0.2 0.3" quat="0.8 0.4 0.2 0.4" mass="1" diaginertia="0.3 0.25 0.2"/>'
+PLACEHOLDER = {
+    "mass": 1.0, "ipos": [0.1, 0.2, 0.3], "iquat": [0.8, 0.4, 0.2, 0.4], "inertia": [0.3, 0.25, 0.2],
+    "fullinertia": np.full(6, np.nan), "explicitinertial": True,
+}  # fmt: skip
 
 
 def import_mujoco() -> Any:
@@ -80,45 +83,58 @@ class MujocoArm:
             )
         self.mujoco = import_mujoco()
         self.joints = tuple(robot.joints)
-        n = len(self.joints)
-        bodies = read_bodies(robot.urdf, self.joints, robot.locked)
-        mass = plant.number("payload", "mass", 0.0)
-        com = plant.value("payload", "com")
-        if mass > 0 and com is not None:
-            bodies[robot.body.last].add(mass, com, np.zeros((3, 3)))
-        armature = plant.value("armature", "inertia", n)
-        self.armature = np.zeros(n) if armature is None else np.array(armature)
-        self.laws = JointLaws(plant, n)
-        self.model = self._compile(bodies)
-        tilt = rotation((plant.number("base_tilt", "roll", 0.0), plant.number("base_tilt", "pitch", 0.0), 0.0))
-        self.model.opt.gravity[:] = tilt.T @ np.asarray(robot.body.gravity)
+        armature = plant.value("armature", "inertia", robot.n)
+        self.armature = np.zeros(robot.n) if armature is None else np.array(armature)
+        self.laws = JointLaws(plant, robot.n)
+        self.model = self._compile(robot, plant.number("payload", "mass", 0.0), plant.value("payload", "com"))
+        if tuple(self.model.joint(k).name for k in range(self.model.njnt)) != self.joints:
+            raise BadInput(f"{robot.urdf}: joints {', '.join(self.joints)} are not in the order of the kinematic tree")
+        tilt, angles = np.zeros(4), [plant.number("base_tilt", name, 0.0) for name in ("roll", "pitch")]
+        self.mujoco.mju_euler2Quat(tilt, [*angles, 0.0], "XYZ")
+        self.mujoco.mju_negQuat(tilt, tilt)
+        self.mujoco.mju_rotVecQuat(self.model.opt.gravity, np.array(robot.body.gravity), tilt)
         self.data = self.mujoco.MjData(self.model)
 
-    def _compile(self, bodies: Sequence[Body]) -> Any:
-        """MuJoCo's model of the bodies. True masses and inertias are written into the compiled model."""
+    def _compile(self, robot: Robot, payload: float, com: np.ndarray | None) -> Any:
+        """MuJoCo's model of the robot's URDF. True masses and inertias are written into the compiled model.
+
+        Args:
+            robot: the arm; joints that it holds are welded. payload: a point mass [kg] at `com` (3,) [m] in the last
+                joint's frame.
+
+        Raises:
+            BadInput: MuJoCo cannot read the URDF.
+        """
         mujoco = self.mujoco
-        text = [_opening(body, inertia) for body, inertia in zip(bodies, self.armature, strict=True)]
-        children: dict[int, list[int]] = {}
-        for k, body in enumerate(bodies):
-            children.setdefault(body.parent, []).append(k)
-
-        def nested(k: int) -> str:
-            return text[k] + "".join(nested(child) for child in children.get(k, [])) + "</body>"
-
-        world = "".join(nested(k) for k in children.get(-1, []))
-        model = mujoco.MjModel.from_xml_string(
-            f'<mujoco><compiler angle="radian" autolimits="false"/><option timestep="{STEP}" integrator="Euler">'
-            f'<flag contact="disable" constraint="disable"/></option><worldbody>{world}</worldbody></mujoco>'
-        )
-        for k, body in enumerate(bodies):
-            com, inertia = body.about_centre()
-            # MuJoCo numbers bodies depth first, as they stand in `bodies`; body 0 is the world.
-            model.body_mass[k + 1] = body.mass
-            model.body_ipos[k + 1] = com
-            values, axes = np.linalg.eigh(inertia)
+        try:
+            spec = mujoco.MjSpec.from_string(_bare(robot.urdf))
+        except ValueError as error:
+            raise BadInput(f"{robot.urdf}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+        spec.compiler.fusestatic = False
+        spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_EULER
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        rotors = dict(zip(self.joints, self.armature.tolist(), strict=True))
+        for joint in list(spec.joints):
+            if joint.name in rotors:
+                joint.armature = rotors[joint.name]
+            else:
+                _weld(mujoco, joint, robot.locked.get(joint.name, 0.0))
+                spec.delete(joint)
+        if payload > 0 and com is not None:
+            spec.joint(self.joints[robot.body.last]).parent.add_body(
+                pos=com, mass=payload, ipos=np.zeros(3), explicitinertial=True
+            )
+        bodies = spec.bodies[1:]  # the first is the world
+        true = [_inertial(mujoco, body) for body in bodies]
+        for body in bodies:
+            for name, value in PLACEHOLDER.items():
+                setattr(body, name, value)
+        model = spec.compile()
+        for body, (mass, centre, inertia) in zip(bodies, true, strict=True):
+            model.body_mass[body.id], model.body_ipos[body.id] = mass, centre
+            model.body_inertia[body.id], axes = np.linalg.eigh(inertia)
             axes[:, 0] *= np.linalg.det(axes)
-            mujoco.mju_mat2Quat(model.body_iquat[k + 1], axes.ravel())
-            model.body_inertia[k + 1] = values
+            mujoco.mju_mat2Quat(model.body_iquat[body.id], axes.ravel())
         return model
 
     def inverse(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -211,23 +227,38 @@ class MujocoArm:
         return Played((np.arange(steps) + 0.5) * STEP, q, np.zeros_like(q), u, few.tracking_error)
 
 
-def _opening(body: Body, armature: float) -> str:
-    """The MJCF of a body up to where its children stand."""
-    quat = _quaternion(body.placement[:3, :3])
-    kind = "slide" if body.slides else "hinge"
-    return (
-        f'<body pos="{_words(body.placement[:3, 3])}" quat="{_words(quat)}">{PLACEHOLDER}'
-        f'<joint type="{kind}" axis="{_words(body.axis)}" armature="{float(armature)!r}"/>'
-    )
+COUNT = ("inertial", "origin", "parent", "child", "axis")  # elements of links and joints that move an arm
 
 
-def _words(values: np.ndarray) -> str:
-    """Numbers as MJCF text, with all digits."""
-    return " ".join(repr(float(value)) for value in values)
+def _bare(urdf: Path) -> str:
+    """The text of a URDF without what moves nothing, such as shapes, whose meshes need not be there."""
+    root = ElementTree.parse(urdf).getroot()
+    for element in list(root):
+        if element.tag not in ("link", "joint"):
+            root.remove(element)
+        for part in [part for part in element if part.tag not in COUNT]:
+            element.remove(part)
+    return ElementTree.tostring(root, encoding="unicode")
 
 
-def _quaternion(matrix: np.ndarray) -> np.ndarray:
-    """Unit quaternion (w, x, y, z) of a rotation matrix."""
-    out = np.zeros(4)
-    import_mujoco().mju_mat2Quat(out, np.ascontiguousarray(matrix).ravel())
-    return out
+def _weld(mujoco: Any, joint: Any, position: float) -> None:
+    """Move the body of a joint to where the joint is at `position` [rad, m]."""
+    body, turn, way = joint.parent, np.zeros(4), np.zeros(3)
+    if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
+        mujoco.mju_rotVecQuat(way, position * np.array(joint.axis), body.quat)
+        body.pos = body.pos + way
+    else:
+        mujoco.mju_axisAngle2Quat(turn, joint.axis, position)
+        mujoco.mju_mulQuat(turn, body.quat, turn.copy())
+        body.quat = turn
+
+
+def _inertial(mujoco: Any, body: Any) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2], in the frame of a body."""
+    if not body.explicitinertial:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    xx, yy, zz, xy, xz, yz = body.fullinertia if np.isfinite(body.fullinertia).all() else (*body.inertia, 0, 0, 0)
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, body.iquat)
+    axes = turn.reshape(3, 3)
+    return body.mass, np.array(body.ipos), axes @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ axes.T

@@ -38,6 +38,9 @@ PLACEHOLDER = {
     "fullinertia": np.full(6, np.nan), "explicitinertial": True,
 }  # fmt: skip
 
+CARRIED = "carried by the arm"  # no link has such a name
+Inertial = tuple[float, np.ndarray, np.ndarray]  # mass [kg], its centre (3,) [m], inertia about it (3, 3) [kg m^2]
+
 
 def import_mujoco() -> Any:
     """The mujoco module; BadInput with the way to get it where it is absent."""
@@ -89,10 +92,8 @@ class MujocoArm:
         self.model = self._compile(robot, plant.number("payload", "mass", 0.0), plant.value("payload", "com"))
         if tuple(self.model.joint(k).name for k in range(self.model.njnt)) != self.joints:
             raise BadInput(f"{robot.urdf}: joints {', '.join(self.joints)} are not in the order of the kinematic tree")
-        tilt, angles = np.zeros(4), [plant.number("base_tilt", name, 0.0) for name in ("roll", "pitch")]
-        self.mujoco.mju_euler2Quat(tilt, [*angles, 0.0], "XYZ")
-        self.mujoco.mju_negQuat(tilt, tilt)
-        self.mujoco.mju_rotVecQuat(self.model.opt.gravity, np.array(robot.body.gravity), tilt)
+        tilt = _turn(np.array([*(plant.number("base_tilt", name, 0.0) for name in ("roll", "pitch")), 0.0]))
+        self.model.opt.gravity[:] = tilt.T @ np.asarray(robot.body.gravity)
         self.data = self.mujoco.MjData(self.model)
 
     def _compile(self, robot: Robot, payload: float, com: np.ndarray | None) -> Any:
@@ -106,8 +107,9 @@ class MujocoArm:
             BadInput: MuJoCo cannot read the URDF.
         """
         mujoco = self.mujoco
+        text, inertials = _bare(robot.urdf)
         try:
-            spec = mujoco.MjSpec.from_string(_bare(robot.urdf))
+            spec = mujoco.MjSpec.from_string(text)
         except ValueError as error:
             raise BadInput(f"{robot.urdf}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
         spec.compiler.fusestatic = False
@@ -121,16 +123,15 @@ class MujocoArm:
                 _weld(mujoco, joint, robot.locked.get(joint.name, 0.0))
                 spec.delete(joint)
         if payload > 0 and com is not None:
-            spec.joint(self.joints[robot.body.last]).parent.add_body(
-                pos=com, mass=payload, ipos=np.zeros(3), explicitinertial=True
-            )
+            spec.joint(self.joints[robot.body.last]).parent.add_body(name=CARRIED, pos=com)
+            inertials[CARRIED] = payload, np.zeros(3), np.zeros((3, 3))
         bodies = spec.bodies[1:]  # the first is the world
-        true = [_inertial(mujoco, body) for body in bodies]
         for body in bodies:
             for name, value in PLACEHOLDER.items():
                 setattr(body, name, value)
         model = spec.compile()
-        for body, (mass, centre, inertia) in zip(bodies, true, strict=True):
+        for body in bodies:
+            mass, centre, inertia = inertials[body.name]
             model.body_mass[body.id], model.body_ipos[body.id] = mass, centre
             model.body_inertia[body.id], axes = np.linalg.eigh(inertia)
             axes[:, 0] *= np.linalg.det(axes)
@@ -227,18 +228,36 @@ class MujocoArm:
         return Played((np.arange(steps) + 0.5) * STEP, q, np.zeros_like(q), u, few.tracking_error)
 
 
-COUNT = ("inertial", "origin", "parent", "child", "axis")  # elements of links and joints that move an arm
+COUNT = ("origin", "parent", "child", "axis")  # elements of joints that place and move links
 
 
-def _bare(urdf: Path) -> str:
-    """The text of a URDF without what moves nothing, such as shapes, whose meshes need not be there."""
+def _bare(urdf: Path) -> tuple[str, dict[str, Inertial]]:
+    """The text of a URDF's tree of joints, without what meshes and limits say; and the inertia of each link by name."""
     root = ElementTree.parse(urdf).getroot()
+    inertials = {str(link.get("name")): _inertial(link.find("inertial")) for link in root.findall("link")}
     for element in list(root):
         if element.tag not in ("link", "joint"):
             root.remove(element)
         for part in [part for part in element if part.tag not in COUNT]:
             element.remove(part)
-    return ElementTree.tostring(root, encoding="unicode")
+    return ElementTree.tostring(root, encoding="unicode"), inertials
+
+
+def _inertial(given: ElementTree.Element | None) -> Inertial:
+    """What an <inertial> says; a robot that was loaded has all its numbers. A link without one has no mass."""
+    numbers = {} if given is None else {key: text for part in given.iter() for key, text in part.attrib.items()}
+    place, rpy = (np.array([float(x) for x in numbers.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
+    xx, yy, zz, xy, xz, yz = (float(numbers.get(f"i{key}", "0")) for key in ("xx", "yy", "zz", "xy", "xz", "yz"))
+    turn = _turn(rpy)
+    return float(numbers.get("value", "0")), place, turn @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ turn.T
+
+
+def _turn(rpy: np.ndarray) -> np.ndarray:
+    """The rotation matrix (3, 3) of roll, pitch, yaw [rad] as URDF defines them, by MuJoCo."""
+    quaternion, out = np.zeros(4), np.zeros(9)
+    import_mujoco().mju_euler2Quat(quaternion, rpy, "XYZ")
+    import_mujoco().mju_quat2Mat(out, quaternion)
+    return out.reshape(3, 3)
 
 
 def _weld(mujoco: Any, joint: Any, position: float) -> None:
@@ -251,14 +270,3 @@ def _weld(mujoco: Any, joint: Any, position: float) -> None:
         mujoco.mju_axisAngle2Quat(turn, joint.axis, position)
         mujoco.mju_mulQuat(turn, body.quat, turn.copy())
         body.quat = turn
-
-
-def _inertial(mujoco: Any, body: Any) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2], in the frame of a body."""
-    if not body.explicitinertial:
-        return 0.0, np.zeros(3), np.zeros((3, 3))
-    xx, yy, zz, xy, xz, yz = body.fullinertia if np.isfinite(body.fullinertia).all() else (*body.inertia, 0, 0, 0)
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, body.iquat)
-    axes = turn.reshape(3, 3)
-    return body.mass, np.array(body.ipos), axes @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ axes.T

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,17 @@ class Line:
 
 
 @dataclass(frozen=True)
+class Block:
+    """A bar along a chart's time: its lane, its name, start and duration [s], and its kind, which has a colour."""
+
+    lane: str
+    name: str
+    start: float
+    duration: float
+    kind: str
+
+
+@dataclass(frozen=True)
 class Chart:
     """One pair of axes.
 
@@ -43,6 +54,8 @@ class Chart:
         bars: instead of lines, by group the value of each label.
         stacked: bars of one label stand on each other instead of side by side.
         spread: instead of lines, by name the values (N,) whose spread is shown; each is a point.
+        blocks: instead of lines, bars along the time in lanes, as of a Gantt chart.
+        waterfall: instead of lines, values by name: the first one, what each next one changes, and what is left.
     """
 
     title: str
@@ -55,11 +68,14 @@ class Chart:
     bars: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     stacked: bool = False
     spread: Mapping[str, np.ndarray] = field(default_factory=dict)
+    blocks: Sequence[Block] = ()
+    waterfall: Sequence[tuple[str, float]] = ()
 
     @property
     def empty(self) -> bool:
         """There is nothing to draw."""
-        return not (any(len(line.x) for line in self.lines) or any(self.bars.values()) or self.spread)
+        others = any(self.bars.values()) or self.spread or self.blocks or self.waterfall
+        return not (any(len(line.x) for line in self.lines) or others)
 
     def data(self) -> dict[str, Any]:
         """As the page's script takes it."""
@@ -76,6 +92,8 @@ class Chart:
             },
             "spread": {name: [rounded(value) for value in values] for name, values in self.spread.items()},
             "lines": [_line(line) for line in self.lines],
+            "blocks": [{**asdict(b), "start": rounded(b.start), "duration": rounded(b.duration)} for b in self.blocks],
+            "waterfall": [[name, rounded(value)] for name, value in self.waterfall],
         }
 
 

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from energy_opt.reports.charts import Chart
+from energy_opt.reports.charts import Block, Chart, Line
 from energy_opt.reports.motion import Motion, Played, Solid, player
 from energy_opt.reports.optimize import assumed, motion_charts
 from energy_opt.reports.page import Report
-from energy_opt.reports.timeline import timeline
 from energy_opt.reports.words import yearly
 from energy_opt.robot import Robot
 
 COLUMNS = ("start", "duration", "energy_total", "payload", "source")
+LANES = {"move": "moves", "wait": "waits", "standby": "standby"}
 GIVEN = "through the poses"  # what a result calls a given path is, in a job, the curve through poses that are passed
 
 
@@ -46,7 +47,11 @@ def page(
     names = [f"{k}. {row['name']}" for k, row in enumerate(steps, start=1)]
     phases = [(row["start"], name) for name, row in zip(names, steps, strict=True)]
     report.player(player(robot, [Played("result", cycle)], bodies, scene, phases=phases))
-    report.section("Timeline").drawing(timeline(steps, document["cycle_time"], power))
+    drawn = [] if power is None else [Line("power", *power)]
+    report.section("Timeline").charts(
+        Chart("What the arm does", "time [s]", "", timed=True, blocks=timeline(steps)),
+        Chart("Electrical power of the cycle", "time [s]", "power [W]", drawn, timed=True),
+    )
     durations, energies = (
         {name: float(row[key]) for name, row in zip(names, steps, strict=True)} for key in ("duration", "energy_total")
     )
@@ -83,6 +88,20 @@ def page(
     charts = [chart for chart in motion_charts(cycle, {}, robot) if not chart.empty]
     report.section("Motion").charts(*charts)
     return report.command(document.get("request"))
+
+
+def timeline(steps: Sequence[Mapping[str, Any]]) -> list[Block]:
+    """A cycle's moves and waits as bars along its time, and each payload for as long as it stays.
+
+    Args:
+        steps: name, kind ("move", "wait" or "standby"), start, duration [s] and payload [kg].
+    """
+    out = [Block(LANES[s["kind"]], str(s["name"]), s["start"], s["duration"], s["kind"]) for s in steps]
+    for mass, held in groupby(steps, lambda step: float(step["payload"] or 0.0)):
+        carrying = list(held)
+        seconds = sum(step["duration"] for step in carrying)
+        out += [Block("payload", f"{mass:.3g} kg", carrying[0]["start"], seconds, "payload")] if mass else []
+    return out
 
 
 def headline(document: Mapping[str, Any]) -> str:

@@ -166,10 +166,6 @@ class Report:
             self._charts.append(chart.data())
         return self._add(f'<div class="charts">{"".join(places)}</div>') if drawn else self
 
-    def drawing(self, svg: str) -> Report:
-        """Add a drawing, an SVG element that is escaped already."""
-        return self._add(f'<div class="wide">{svg}</div>')
-
     def player(self, motion: Mapping[str, Any] | None) -> Report:
         """Add the moving arm (see `motion.player`); the page has room for one."""
         if motion is None:

@@ -15,7 +15,7 @@ from browser import CHROMIUM, Browser
 
 from energy_opt.cli.examples import example
 from energy_opt.cli.main import main
-from energy_opt.reports.charts import MOST_POINTS, Chart, Line
+from energy_opt.reports.charts import MOST_POINTS, Block, Chart, Line
 from energy_opt.reports.motion import Closest, Played, Solid, player
 from energy_opt.reports.page import Report
 from energy_opt.robot import Robot
@@ -67,7 +67,7 @@ b = 1.5
 """
 # Verb -> plots on its page (None: as many as there are joints and runs), and whether an arm moves there.
 PAGES = {
-    "optimize": (8, True), "tradeoff": (3, True), "job": (5, True), "bench": (2, False),
+    "optimize": (8, True), "tradeoff": (3, True), "job": (7, True), "bench": (2, False),
     "identify": (1, False), "diagnose": (None, False),
 }  # fmt: skip
 
@@ -88,6 +88,8 @@ def _report(robot: Robot) -> Report:
             "Bars", "energy [J]", "", bars={"result": {"copper </script>": 1.0}, "scaled": {"copper </script>": 2.0}}
         ),
         Chart("Spread", "loss saved [%]", "", spread={"panda": np.array([1.0, 2.0, 4.0])}),
+        Chart("Blocks", "time [s]", "", blocks=[Block("a", "</script>", 0.5, 1.0, "moves")], timed=True),
+        Chart("Waterfall", "", "energy [J]", waterfall=[("as is", 1000.0), ("speeds", 900.0), ("modes", 600.0)]),
         Chart("Nothing", "", ""),
     )
     return report.table(["a", "b"], [["x" * 300, 1.0]])
@@ -199,7 +201,7 @@ def test_a_page_of_odd_texts_draws_everything(panda: Robot, tmp_path: Path, brow
     browser.view(400, dark=True)
     browser.open(page)
     assert browser.run("document.body.dataset.ready") == "yes"
-    assert browser.run("document.querySelectorAll('.plot[data-drawn]').length") == 3
+    assert browser.run("document.querySelectorAll('.plot[data-drawn]').length") == 5
     assert browser.run("document.querySelector('canvas[data-drawn]') !== null")
     assert browser.said == []
 

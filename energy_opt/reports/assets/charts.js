@@ -1,7 +1,8 @@
 "use strict";
 // Draws the page's plots. A role ("result", "scaled", a joint) has one colour on every plot.
 const COLOURS = ["#2f74c0", "#e07b28", "#2e9a60", "#9a52b8", "#c94545", "#7d8794", "#b59a00", "#1498a8", "#dd7aa6", "#7a5a38"];
-const FIXED = { result: 0, scaled: 1, toppra: 2, input: 3, measured: 5, declared: 1, calibrated: 0, baseline: 1 };
+const FIXED = { result: 0, scaled: 1, toppra: 2, input: 3, measured: 5, declared: 1, calibrated: 0, baseline: 1,
+  move: 0, wait: 5, standby: 6, payload: 2 };
 
 function colourOf(role, roles) {
   if (role in FIXED) return COLOURS[FIXED[role]];
@@ -47,11 +48,44 @@ function tracesOf(chart, roles) {
       line: { width: 1 }, marker: { color: colourOf(name, roles), size: 5, opacity: 0.6 },
     });
   }
+  for (const kind of kindsOf(chart)) {
+    const blocks = chart.blocks.filter((block) => block.kind === kind), names = blocks.map((block) => block.name.replaceAll("<", "&lt;"));
+    traces.push({
+      type: "bar", orientation: "h", name: kind, base: blocks.map((block) => block.start), x: blocks.map((block) => block.duration),
+      y: blocks.map((block) => block.lane), text: names, textposition: "inside", insidetextanchor: "middle", textangle: 0,
+      hovertemplate: "%{text}: %{base:.4g} s, %{customdata:.4g} s long", customdata: blocks.map((block) => block.duration),
+      marker: { color: colourOf(kind, roles), line: { width: 1, color: styleOf("--paper") } },
+    });
+  }
+  if (chart.waterfall.length) {
+    const [names, values] = [0, 1].map((k) => chart.waterfall.map((step) => step[k]));
+    const changes = values.slice(1).map((value, k) => value - values[k]), last = values[values.length - 1];
+    traces.push({
+      type: "waterfall", x: [...names, "the plan"], y: [values[0], ...changes, last],
+      measure: ["absolute", ...changes.map(() => "relative"), "total"], textposition: "outside",
+      text: [values[0], ...changes, last].map((value) => value.toPrecision(6) / 1 + " J"),
+      totals: { marker: { color: COLOURS[0] } }, increasing: { marker: { color: COLOURS[1] } }, decreasing: { marker: { color: COLOURS[2] } },
+    });
+  }
   return traces;
 }
 
+function kindsOf(chart) {
+  return [...new Set(chart.blocks.map((block) => block.kind))];
+}
+
+function lanesOf(chart) {
+  return [...new Set(chart.blocks.map((block) => block.lane))];
+}
+
+// Energies that differ by little are seen where the axis does not begin at 0.
+function floorOf(chart) {
+  const values = chart.waterfall.map((step) => step[1]), low = Math.min(...values), high = Math.max(...values);
+  return low > 0 ? [Math.max(0, low - 2 * (high - low)), high + 0.15 * (high - Math.max(0, low - 2 * (high - low)))] : undefined;
+}
+
 function namesOf(chart) {
-  return [...chart.lines.map((line) => line.name), ...Object.keys(chart.marks), ...Object.keys(chart.bars)];
+  return [...chart.lines.map((line) => line.name), ...Object.keys(chart.marks), ...Object.keys(chart.bars), ...kindsOf(chart)];
 }
 
 // Rows that the legend takes below a plot of this width [px]; its entries are as wide as the widest.
@@ -64,12 +98,12 @@ function legendRows(chart, width) {
 
 function heightOf(chart, width) {
   const groups = Object.keys(chart.bars), labels = new Set(groups.flatMap((group) => Object.keys(chart.bars[group])));
-  const inner = groups.length ? Math.max(90, labels.size * (chart.stacked ? 22 : 8 + 16 * groups.length)) : 200;
+  const inner = chart.blocks.length ? Math.max(90, 34 * lanesOf(chart).length) : groups.length ? Math.max(90, labels.size * (chart.stacked ? 22 : 8 + 16 * groups.length)) : 200;
   return inner + 78 + 19 * legendRows(chart, width);
 }
 
 function layoutOf(chart, width) {
-  const ink = styleOf("--ink"), rule = styleOf("--rule"), bars = Object.keys(chart.bars).length + Object.keys(chart.spread).length > 0;
+  const ink = styleOf("--ink"), rule = styleOf("--rule"), bars = Object.keys(chart.bars).length + Object.keys(chart.spread).length + chart.blocks.length > 0;
   const axis = (title) => ({ title: { text: title, standoff: 8 }, gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true });
   const shapes = [], annotations = [];
   for (const [name, value] of Object.entries(chart.levels)) {
@@ -82,8 +116,8 @@ function layoutOf(chart, width) {
   return {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 12, family: "system-ui, sans-serif" },
     margin: { l: 56, r: 12, t: 28, b: 46 + 19 * legendRows(chart, width) }, xaxis: axis(chart.x),
-    yaxis: bars ? { ...axis(chart.y), autorange: "reversed" } : axis(chart.y),
-    barmode: chart.stacked ? "stack" : "group", hovermode: bars ? "closest" : (chart.timed ? "x unified" : "closest"),
+    yaxis: bars ? { ...axis(chart.y), autorange: "reversed", categoryarray: chart.blocks.length ? lanesOf(chart) : undefined } : { ...axis(chart.y), range: chart.waterfall.length ? floorOf(chart) : undefined },
+    barmode: chart.blocks.length ? "overlay" : chart.stacked ? "stack" : "group", hovermode: bars ? "closest" : (chart.timed ? "x unified" : "closest"),
     hoverlabel: { bgcolor: styleOf("--panel"), bordercolor: rule, font: { color: ink } },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: styleOf("--dim"), activecolor: ink },
     legend: { orientation: "h", x: 0, xref: "container", y: 0, yref: "container", yanchor: "bottom", itemsizing: "constant", font: { size: 11 } },
@@ -115,7 +149,7 @@ class Charts {
       cursor.className = "cursor";
       place.append(cursor);
       this.places.push({ chart, plot, cursor });
-      if (chart.timed) {
+      if (chart.timed && !chart.blocks.length) {
         plot.on("plotly_hover", (event) => { if (this.onTime && event.points.length) this.onTime(event.points[0].x); });
       }
     }

@@ -278,7 +278,9 @@ def _of_move(
 def summary(rows: Sequence[dict[str, Any]]) -> str:
     """How many were answered rightly, and every one that was not."""
     bad = [row for row in rows if row["faults"]]
-    kinds = Counter(row["status"] for row in rows)
+    kinds: Counter[str] = Counter()
+    for row in rows:
+        kinds.update(row["status"] if isinstance(row["status"], dict) else [row["status"]])  # a batch: a count for each
     lines = [f"{len(rows)} option sets: {', '.join(f'{kind} {count}' for kind, count in sorted(kinds.items()))}"]
     lines += [f"  {row['number']}: {'; '.join(row['faults'])[:400]}" for row in bad]
     cpu = sorted(row["cpu"] for row in rows) or [0.0]

@@ -8,9 +8,11 @@ import numpy as np
 
 from energy_opt.diagnosis.candidates import candidates
 from energy_opt.diagnosis.evidence import Subset, noise_of
-from energy_opt.diagnosis.fit import Fit, fit
+from energy_opt.diagnosis.fit import Fit, columns_of, fit, linearised
+from energy_opt.diagnosis.hypothesis import Chart
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, moved, root
+from energy_opt.effects import StoreEffect
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
@@ -21,7 +23,8 @@ LAGS = 1.5  # times the time that positions leave open, which a lag of the meter
 AS_LINKS = ("payload", "base_tilt", "gravity_spring")  # effects that deviations of links can stand for
 MOST = 6  # alternatives that are fitted
 LIKE = 0.1  # of an effect's squares, that a free function of the same signal leaves at most
-TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
+TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word, and an effect may not
+TRIED = 30  # sizes of a store
 WIDE_ENOUGH = 1.1  # times as wide, below which a law stays as it is
 
 
@@ -157,23 +160,37 @@ def trifling(found: Search, named: Fit, best: Fit) -> bool:
 def other_drives(found: Search, f: Fit) -> list[Fit]:
     """Every other law of what becomes of negative power, for the one that there is and alone in place of all.
 
-    Stores are no straight step away, and what is beside the wrong law may only make up for it. A store's size starts at
-    each value tried, as readings bend in it.
+    Stores are no straight step away, and what is beside the wrong law may only make up for it. Readings bend in a
+    store's size, so its fit starts at the likeliest of many. Alone, a law starts at the URDF's links, as links that
+    were fitted without it make up for it, too.
     """
     at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
     if at is None or f.charts[at].term.declared:
         return []
-    bases = [without(found, f, at)]
-    if len(f.charts) > 1 or f.free:
-        bases.append(root(found.world, f.nuisance))
+    bases = [(without(found, f, at), f.amounts), (root(found.world, f.nuisance), np.zeros_like(f.amounts))]
+    own = f.charts[at].term.name
+    others = [c for c in candidates(bases[0][0]) if c.chart.term.kind.stage == "drive" and c.chart.term.name != own]
+    stores = {c.chart.term.name: c.chart for c in others if issubclass(c.chart.term.kind, StoreEffect)}
+    laws = [(c.chart, c.start(np.where(np.isfinite(c.low), c.low, c.high) / 2)) for c in others]
     out = []
-    for c in candidates(bases[0]):
-        if c.chart.term.kind.stage == "drive" and c.chart.term.name != f.charts[at].term.name:
-            start = c.start(np.where(np.isfinite(c.low), c.low, c.high) / 2)
-            for base in bases:
-                charts, starts = [*base.charts, c.chart], [*base.numbers, start]
-                out.append(found.fitted(charts, starts, list(base.free), f.nuisance, f.amounts))
+    for base, amounts in bases:
+        tried = [row for row in laws if row[0].term.name not in stores]
+        tried += [(c, _likeliest_size(base, c, amounts)) for c in stores.values()]
+        for c, start in tried:
+            out.append(found.fitted([*base.charts, c], [*base.numbers, start], list(base.free), f.nuisance, amounts))
     return out
+
+
+def _likeliest_size(base: Fit, c: Chart, amounts: np.ndarray) -> np.ndarray:
+    """The size (1,) of a store, of `TRIED`, beside a fit with these amounts of links, by the white residual."""
+    world, charts = base.world, [*base.charts, c]
+    sizes = np.geomspace(max(c.lower[0], 1e-3 * c.upper[0]), c.upper[0], TRIED)
+
+    def squares(size: float) -> float:
+        theta = np.concatenate([*base.numbers, [size], base.weights, amounts, base.levels])
+        return float(np.sum(linearised(world, charts, columns_of(world, base.free), theta)[3][:, 0] ** 2))
+
+    return np.array([min(sizes.tolist(), key=squares)])
 
 
 def alternatives(found: Search, accepted: Fit, reach: float = RIVAL) -> tuple[Fit, ...]:

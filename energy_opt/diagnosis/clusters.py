@@ -19,6 +19,7 @@ POINTS = 24  # of a run's path, by which motions are compared
 SAME = 0.05  # [rad] motions whose paths are this near at all points are repeats
 PACE = 0.1  # and their durations within this share
 SHARE = 0.25  # of the motions of each kind that are held out
+DRAWS = 100  # of motions to hold out
 FEWEST = 3  # motions of a kind, of which one may be held out
 BY_TIME = 4  # pieces of a recording that never rests
 KNOTS, MOST_KNOTS = 0.3, 40  # [s] between those of a motion's discrepancy
@@ -48,22 +49,26 @@ def clusters(samples: Samples) -> list[list[int]]:
 def split(samples: Samples, seed: int = 0) -> tuple[list[int], list[int]]:
     """Indices of training and holdout runs; repeats of a motion stay together.
 
-    Motions are ranked by where they lead, and drawn by rank: neither their order in the log nor their files' names
-    matter, nor rounding by other units. A kind with fewer than `FEWEST` motions is not split.
+    Of `DRAWS` drawings the one is taken whose motions resemble all of their kind most, by the means of every joint's
+    speed, torque squared, and power given and taken: what is held out can then tell of the same effects as the rest.
+    Neither the order of the log nor the files' names matter. A kind with fewer than `FEWEST` motions is not split.
     """
     rng = np.random.default_rng(seed)
-    weights = np.random.default_rng(0).normal(size=(3, samples.n))
-
-    def rank(group: list[int]) -> float:
-        picked = [samples.q[[s.start, (s.start + s.stop) // 2, s.stop - 1]] for s in (samples.slices[r] for r in group)]
-        return float(np.sum(weights * np.mean(picked, axis=0)))
-
+    torque = samples.body.torque(samples.q, samples.v, samples.a)
+    power = torque * samples.v
+    signals = np.column_stack([torque**2, np.abs(samples.v), np.maximum(power, 0), np.minimum(power, 0)])
     groups, holdout = clusters(samples), []
     for kind in ("motion", "static"):
-        own = sorted((g for g in groups if samples.kinds[g[0]] == kind), key=rank)
-        if len(own) >= FEWEST:
-            drawn = rng.permutation(len(own))[: max(1, round(SHARE * len(own)))]
-            holdout += [r for k in drawn for r in own[int(k)]]
+        own = [g for g in groups if samples.kinds[g[0]] == kind]
+        if len(own) < FEWEST:
+            continue
+        means = np.array([np.mean([signals[samples.slices[r]].mean(axis=0) for r in g], axis=0) for g in own])
+        order = np.argsort(means[:, : samples.n].sum(axis=1))
+        means = (means - means.mean(axis=0)) / np.maximum(means.std(axis=0), 1e-9)
+        count = max(1, round(SHARE * len(own)))
+        drawn = [order[rng.permutation(len(own))[:count]] for _ in range(DRAWS)]
+        best = min(drawn, key=lambda held: float(np.sum(means[held].mean(axis=0) ** 2)))
+        holdout += [r for k in best for r in own[int(k)]]
     return [k for k in range(len(samples.kinds)) if k not in holdout], sorted(holdout)
 
 

@@ -19,13 +19,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 from scipy.linalg.lapack import dposv
 
 from energy_opt.diagnosis.candidates import Candidate
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance
+from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance, World, linearised
+from energy_opt.diagnosis.links import Links
 from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, no_less, weighed
 from energy_opt.numerics.box import bounded_step
 
@@ -196,23 +197,59 @@ def links_odds(bank: Bank) -> float:
     return max(value for n, value in worth.items() if n.spread != SPREADS[0]) - exact
 
 
-def left_out(f: Fit) -> np.ndarray:
-    """Sum of squared white residuals of every cluster of runs (C,), by the hypothesis fitted without it.
+def density(white: np.ndarray, jacobian: np.ndarray, before: np.ndarray) -> float:
+    """Logarithm of the density of white errors (m,) of which the numbers behind `jacobian` (m, p) are open.
 
-    The fit is repeated from what is known before the data, around the same linearisation; the cluster's own levels are
-    not known to it.
+    `before`: their precision (p, p). Constants of m alone are left out.
+    """
+    after, pull = before + jacobian.T @ jacobian, jacobian.T @ white
+    squares = float(white @ white - pull @ np.linalg.solve(after, pull))
+    return -0.5 * (squares + float(np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]))
+
+
+def left_out(f: Fit) -> np.ndarray:
+    """Logarithm (C,) of the density that the other runs foresee for the readings of each cluster of runs.
+
+    The fit is repeated without the cluster, around the same linearisation. What its numbers leave open counts: an error
+    that they allow for is none.
     """
     s = f.world.samples
-    white = f.world.whiten(f.residual)
-    jacobian, off = f.jacobian, f.theta - f.mean
+    white, off = f.world.whiten(f.residual), f.theta - f.mean
+    jacobian = f.jacobian
     whole = jacobian.T @ jacobian + f.precision
     right = jacobian.T @ (white + jacobian @ off)
     out = []
     for group in clusters(s):
         samples = np.concatenate([np.arange(s.parts[r].start, s.parts[r].stop) for r in group])
         own = jacobian[samples]
-        found = np.linalg.solve(whole - own.T @ own, right - own.T @ (white[samples] + own @ off))
-        out.append(float(np.sum((white[samples] - own @ (found - off)) ** 2)))
+        before = whole - own.T @ own
+        found = np.linalg.solve(before, right - own.T @ (white[samples] + own @ off))
+        out.append(density(white[samples] - own @ (found - off), own, before))
+    return np.array(out)
+
+
+def foreseen_density(f: Fit, held: Samples, noise: Noise) -> np.ndarray:
+    """Logarithm (C,) of the density that a fit foresees for the readings of each cluster of runs held out.
+
+    Repeats count once. The level of a run follows from those of the runs fitted, as far as meters drift slowly.
+    """
+    w = f.world
+    links = Links(w.links.basis, held.deviating(w.links.basis))
+    there = World.of(held, w.declared, w.scale, links, noise)
+    times = [np.array([s.at[p].mean() for p in s.parts]) for s in (w.samples, held)]
+    count = len(times[0])
+    levels = f.nuisance.levels(np.concatenate(times))
+    slope = np.linalg.solve(levels[:count, :count], levels[:count, count:]).T
+    open_levels = levels[count:, count:] - slope @ levels[:count, count:]
+    theta = np.concatenate([*f.numbers, f.amounts, slope @ f.levels])
+    white = linearised(there, f.charts, np.zeros((len(held.power), 0)), theta)[3]
+    own = len(theta) - len(held.parts)
+    jacobian = np.column_stack([white[:, 1 : 1 + own], white[:, 1 + own :] @ slope, white[:, 1 + own :]])
+    before = block_diag(f.hessian, np.linalg.inv(open_levels))
+    out = []
+    for group in clusters(held):
+        samples = np.concatenate([np.arange(held.parts[r].start, held.parts[r].stop) for r in group])
+        out.append(density(white[samples, 0], jacobian[samples], before) / len(group))
     return np.array(out)
 
 

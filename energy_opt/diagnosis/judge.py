@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.diagnosis.claims import CLAIM, written
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, quality
-from energy_opt.diagnosis.evidence import drift_of, left_out
+from energy_opt.diagnosis.evidence import drift_of, foreseen_density, left_out
 from energy_opt.diagnosis.fit import Fit
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.power import PowerModel
@@ -32,17 +32,13 @@ class Judge:
     noise: Noise
     most: Noise
     drifts: Fit | None = None
-    seen: dict[tuple[int, bool, bool], tuple[Fit, Quality]] = field(default_factory=dict)
+    seen: dict[int, tuple[Fit, Quality]] = field(default_factory=dict)
 
-    def of(self, f: Fit, level: bool = True, beside: bool = True) -> Quality:
-        """The error of the model that is written for a fit; with `level` the runs' common level goes to its standby.
-
-        `beside`: whether it does so in the model that this one is compared with.
-        """
-        key = id(f), level, beside
-        if key not in self.seen:
-            self.seen[key] = f, self.of_model(written(f, level=level), f, beside)
-        return self.seen[key][1]
+    def of(self, f: Fit) -> Quality:
+        """The error of the model that is written for a fit."""
+        if id(f) not in self.seen:
+            self.seen[id(f)] = f, self.of_model(written(f), f, True)
+        return self.seen[id(f)][1]
 
     def of_model(self, model: PowerModel, f: Fit, level: bool = False) -> Quality:
         """The same of a model; `f` has the runs where none is held out. `level`: its standby has the common level."""
@@ -52,15 +48,14 @@ class Judge:
 
     def gains(self, more: Fit, less: Fit) -> np.ndarray:
         """Logarithm of the odds (C,) by which each motion is likelier under `more`; repeats count once."""
-        if self.held is None:
-            return (left_out(less) - left_out(more)) / 2
-        level = "standby" not in set(more.names) - set(less.names)
-        after = self.of(more, True, level)
-        return (self.of(less, level, level).squares - after.squares) * after.counts / 2
+        held = self.held
+        if held is None:
+            return left_out(more) - left_out(less)
+        return foreseen_density(more, held, self.noise) - foreseen_density(less, held, self.noise)
 
     def trained(self, more: Fit, less: Fit) -> np.ndarray:
         """The same of each motion of the training set, by fits without it; none where `gains` has these."""
-        return np.zeros(0) if self.held is None else (left_out(less) - left_out(more)) / 2
+        return np.zeros(0) if self.held is None else left_out(more) - left_out(less)
 
     def share(self, f: Fit) -> float:
         """Readings held out for one that was fitted; without any, 1: each motion was left out in turn."""

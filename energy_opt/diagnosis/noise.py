@@ -26,6 +26,7 @@ NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight
 SETTLED, FEW = 0.5, 40  # [s] after a stop in which drives settle; readings of which noise can be estimated
 JUMP = 6.0  # standard deviations of the difference of neighbouring readings, beyond which it is a step, no noise
+SWITCHES = 0.02  # of the samples at which a signal changes, below which it is one that switches
 SLACK = 2e-3  # [s] by which motion and meter may be apart
 SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings of a slow meter; its noise over the level
 
@@ -112,19 +113,20 @@ LESS = 0.7  # of the noise of single readings; a wave takes part in their differ
 MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # over white noise
 
 
-def standing_noise(samples: Samples) -> tuple[Noise, Noise]:
+def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
     """The meter's noise at rest, each stretch's own mean taken out: the likeliest, and as much as may be.
 
-    A stretch begins `SETTLED` after the arm stopped, where some are that long, and ends where the power jumps: brakes
-    that fall and fans that switch are no noise with memory. The second has a larger wave, so that the whole is one
-    standard deviation more: some standstills tell little of noise that remembers seconds.
+    A stretch begins `SETTLED` after the arm stopped, where some are that long, and ends where the power jumps or a
+    logged signal switches: brakes that fall and fans that switch are no noise with memory. The second has a larger
+    wave, so that the whole is one standard deviation more: some standstills tell little of noise with a long memory.
     """
-    stretches = _standing(samples, SETTLED)
+    single = sets[0].noise
+    stretches = [x for samples in sets for x in _standing(samples, SETTLED)]
     if sum(len(t) for t, _ in stretches) < FEW:
-        stretches = _standing(samples, 0.0)
+        stretches = [x for samples in sets for x in _standing(samples, 0.0)]
     count = sum(len(t) for t, _ in stretches)
     if count < FEW:
-        return (Noise(samples.noise, 0.3 * samples.noise, 0.5),) * 2
+        return (Noise(single, 0.3 * single, 0.5),) * 2
     times = [t for t, _ in stretches]
     y = np.concatenate([p for _, p in stretches])
     levels = np.repeat(np.eye(len(times)), [len(t) for t in times], axis=0)
@@ -140,7 +142,7 @@ def standing_noise(samples: Samples) -> tuple[Noise, Noise]:
         value = -0.5 * free * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(gram)[1])
         return value, white**0.5
 
-    found = weighed(worth, LESS * samples.noise, count - len(times), FINE_WAVES, FINE_MEMORIES)
+    found = weighed(worth, LESS * single, count - len(times), FINE_WAVES, FINE_MEMORIES)
     found = [(v + np.log(len(found)) * (n.wave == 0), n) for v, n in found]  # as likely before as any with memory
     value, best = max(found, key=lambda row: row[0])
     odds = np.exp([v - value for v, _ in found])
@@ -157,14 +159,17 @@ def by_chance(noise: Noise, lasts: float) -> Noise:
 
 def _standing(samples: Samples, settled: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Times and readings of stretches without a jump while the arm is at rest, from `settled` s after it stopped."""
-    out = []
+    out, changes = [], [np.diff(x, prepend=x[0]) != 0 for x in samples.logged.values()]
+    rare = [x for x in changes if np.mean(x) < SWITCHES]
+    switched = samples.t[np.any(rare, axis=0)] if rare else np.zeros(0)
     for part in samples.parts:
         still = np.concatenate([[False], ~samples.moving[part], [False]]).astype(int)
         edges, time, power = np.flatnonzero(np.diff(still)), samples.at[part], samples.power[part]
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             first = int(np.searchsorted(time, time[first] + settled))
-            jumps = np.flatnonzero(np.abs(np.diff(power[first:last])) > JUMP * 2**0.5 * samples.noise)
-            for a, b in pairwise([first, *(first + 1 + jumps), last]):
+            jumps = first + 1 + np.flatnonzero(np.abs(np.diff(power[first:last])) > JUMP * 2**0.5 * samples.noise)
+            cuts = {*jumps.tolist(), *(k for k in np.searchsorted(time, switched).tolist() if first < k < last)}
+            for a, b in pairwise([first, *sorted(cuts), last]):
                 a, b = a + EDGE, b - EDGE  # what is doubted of a motion's ends
                 if b - a >= 6:
                     out.append((time[a:b], power[a:b]))

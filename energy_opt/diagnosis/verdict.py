@@ -15,6 +15,7 @@ import numpy as np
 from energy_opt.diagnosis.claims import (
     CLAIM,
     RIVAL,
+    TRIFLE,
     Claim,
     alike,
     alternatives,
@@ -128,7 +129,7 @@ def infer(
     samples = weighted(samples, now)
     held = weighted(held, predict(declared, held)) if held is not None else None
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
-    still, most = standing_noise(samples)
+    still, most = standing_noise(*([samples] if held is None else [samples, held]))
     lasts = sum(float(np.ptp(time)) for time, _ in (held or samples).single) / 2  # as in motion, or at rest
     judge = Judge(held, still, by_chance(most, max(lasts, samples.step)))
     scale = replace(Scale.of(limits, samples.power), measured=measured or {})
@@ -175,9 +176,10 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
     if claims:
         rivals = _as_good(found, judge, accepted) if unknown else left_open(found, judge, rivals)
-        if rivals[0] is not accepted:
-            accepted, claims = _borne_out(found, judge, *claimed(found, rivals[0]))
-            rivals = (accepted, *(f for f in rivals[1:] if claims and f is not accepted))
+        borne = {id(f): _borne_out(found, judge, *claimed(found, f)) for f in rivals if f is not accepted}
+        borne[id(accepted)] = accepted, claims
+        rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names)
+        accepted, claims = borne[id(rivals[0])]
     rivals = tuple(widened(f) for f in rivals)
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     after = judge.of(accepted)
@@ -217,6 +219,7 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
         log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
         tried[:] = [found]
         best = found.descend(best, EARLY)
+        best = max([best, *other_drives(found, best)], key=found.score)
         noise = noise_of(best)
         if alike(noise, found.world.whiten.noise):
             break
@@ -270,12 +273,15 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
     """The claims that motions held out bear out: each lowers the error there.
 
     Where more than noise is left, an unknown law is shared out among effects that resemble it: there each must hold a
-    good part of what is explained, and all of them most of what there was, whichever motion is left out.
+    good part of what is explained, and all of them most of what there was, whichever motion is left out. Elsewhere each
+    must hold `TRIFLE`: no law holds in every detail, and what it lacks is no other effect.
     """
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # nothing can be left out
     while claims and not blind:
         other = next((c for c in claims if is_a_step(accepted, c) or is_a_line(accepted, c)), None)
+        if other is None and (k := shaped_otherwise(found, accepted)) is not None:
+            other = next((c for c in claims if accepted.names[k] not in c.without.names), None)
         if other is not None:
             accepted, claims = claimed(found, other.without)
             continue
@@ -284,7 +290,7 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
         noisy = left.ratio >= NOISE
         if noisy and not mostly_explained(judge.of(start), left, bool(accepted.free)):
             return without_effects(found, accepted), ()
-        whole = BESIDE * float(np.sum(judge.gains(plain, start))) if noisy else 0.0
+        whole = (BESIDE if noisy else TRIFLE) * float(np.sum(judge.gains(plain, start)))
         gains = [judge.gains(plain, plain_fit(found, c.without)) for c in claims]
         least = [max(whole, 0.0) + by_chance_least(share * c.odds) for c in claims]
         spare = [

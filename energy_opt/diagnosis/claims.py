@@ -16,6 +16,7 @@ from energy_opt.effects import StoreEffect
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
+DETAIL = 0.01  # of a law's logarithm of odds, that errors of its form may be worth: a tenth of what it does
 RIVAL = 3.0  # and within which another set explains as well: twenty to one
 TURNS = 3
 SURE = 2.0  # standard deviations of a time constant, by which it may be longer
@@ -23,7 +24,7 @@ LAGS = 1.5  # times the time that positions leave open, which a lag of the meter
 AS_LINKS = ("payload", "base_tilt", "gravity_spring")  # effects that deviations of links can stand for
 MOST = 6  # alternatives that are fitted
 LIKE = 0.1  # of an effect's squares, that a free function of the same signal leaves at most
-TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word, and an effect may not
+TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
 TRIED = 30  # sizes of a store
 WIDE_ENOUGH = 1.1  # times as wide, below which a law stays as it is
 
@@ -52,7 +53,10 @@ def alike(a: Noise, b: Noise) -> bool:
 
 
 def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
-    """The hypothesis less the effects that are not sure enough, the least sure first, and the claims that stay."""
+    """The hypothesis less the effects that are not sure enough, the least sure first, and the claims that stay.
+
+    No law holds in every detail; beside one that is very sure, what it lacks must not be taken for another effect.
+    """
     while True:
         claims = []
         for k, c in enumerate(best.charts):
@@ -63,7 +67,7 @@ def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
         if not claims:
             return best, ()
         weakest = min(claims, key=lambda c: c.odds)
-        if weakest.odds >= CLAIM:
+        if weakest.odds >= CLAIM + DETAIL * max(c.odds for c in claims):
             return best, tuple(claims)
         best = weakest.without
 

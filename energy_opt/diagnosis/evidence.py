@@ -228,8 +228,8 @@ def left_out(f: Fit) -> np.ndarray:
     return np.array(out)
 
 
-def foreseen_density(f: Fit, held: Samples, noise: Noise) -> np.ndarray:
-    """Logarithm (C,) of the density that a fit foresees for the readings of each cluster of runs held out.
+def foresight(f: Fit, held: Samples, noise: Noise) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Of each cluster of runs held out: errors, Jacobian and precision as `density` takes them, by a fit.
 
     Repeats count once. The level of a run follows from those of the runs fitted, as far as meters drift slowly.
     """
@@ -249,8 +249,9 @@ def foreseen_density(f: Fit, held: Samples, noise: Noise) -> np.ndarray:
     out = []
     for group in clusters(held):
         samples = np.concatenate([np.arange(held.parts[r].start, held.parts[r].stop) for r in group])
-        out.append(density(white[samples, 0], jacobian[samples], before) / len(group))
-    return np.array(out)
+        once = len(group) ** -0.5
+        out.append((once * white[samples, 0], once * jacobian[samples], before))
+    return out
 
 
 def noise_of(f: Fit) -> Noise:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from energy_opt.diagnosis.claims import CLAIM, written
+from energy_opt.diagnosis.claims import CLAIM, Claim, written
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, quality
-from energy_opt.diagnosis.evidence import drift_of, foreseen_density, left_out
+from energy_opt.diagnosis.evidence import density, drift_of, foresight, left_out
 from energy_opt.diagnosis.fit import Fit
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.power import PowerModel
@@ -33,6 +33,7 @@ class Judge:
     most: Noise
     drifts: Fit | None = None
     seen: dict[int, tuple[Fit, Quality]] = field(default_factory=dict)
+    foreseen: dict[int, tuple[Fit, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]] = field(default_factory=dict)
 
     def of(self, f: Fit) -> Quality:
         """The error of the model that is written for a fit."""
@@ -48,18 +49,33 @@ class Judge:
 
     def gains(self, more: Fit, less: Fit) -> np.ndarray:
         """Logarithm of the odds (C,) by which each motion is likelier under `more`; repeats count once."""
-        held = self.held
-        if held is None:
+        if self.held is None:
             return left_out(more) - left_out(less)
-        return foreseen_density(more, held, self.noise) - foreseen_density(less, held, self.noise)
+        return np.array([density(*row) for row in self._of(more)]) - [density(*row) for row in self._of(less)]
+
+    def expected(self, more: Fit, claim: Claim, less: Fit) -> float:
+        """The sum of `gains` that a claim lets expect, where its law holds.
+
+        Half of the squares by which both fits' predictions differ, beside what the numbers of `less` leave open.
+        """
+        if self.held is None:
+            return claim.odds
+        out = 0.0
+        for (errors, _, _), (others, jacobian, before) in zip(self._of(more), self._of(less), strict=True):
+            apart = others - errors
+            pull = jacobian.T @ apart
+            out += 0.5 * float(apart @ apart - pull @ np.linalg.solve(before + jacobian.T @ jacobian, pull))
+        return out
+
+    def _of(self, f: Fit) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        assert self.held is not None
+        if id(f) not in self.foreseen:
+            self.foreseen[id(f)] = f, foresight(f, self.held, self.noise)
+        return self.foreseen[id(f)][1]
 
     def trained(self, more: Fit, less: Fit) -> np.ndarray:
         """The same of each motion of the training set, by fits without it; none where `gains` has these."""
         return np.zeros(0) if self.held is None else left_out(more) - left_out(less)
-
-    def share(self, f: Fit) -> float:
-        """Readings held out for one that was fitted; without any, 1: each motion was left out in turn."""
-        return 1.0 if self.held is None else len(self.held.power) / len(f.world.samples.power)
 
 
 def by_chance_least(expected: float) -> float:

@@ -15,7 +15,6 @@ import numpy as np
 from energy_opt.diagnosis.claims import (
     CLAIM,
     RIVAL,
-    TRIFLE,
     Claim,
     alike,
     alternatives,
@@ -273,8 +272,7 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
     """The claims that motions held out bear out: each lowers the error there.
 
     Where more than noise is left, an unknown law is shared out among effects that resemble it: there each must hold a
-    good part of what is explained, and all of them most of what there was, whichever motion is left out. Elsewhere each
-    must hold `TRIFLE`: no law holds in every detail, and what it lacks is no other effect.
+    good part of what is explained, and all of them most of what there was, whichever motion is left out.
     """
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # nothing can be left out
@@ -286,13 +284,15 @@ def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, 
             accepted, claims = claimed(found, other.without)
             continue
         plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
-        left, share = judge.of(plain), judge.share(accepted)
+        left = judge.of(plain)
         noisy = left.ratio >= NOISE
         if noisy and not mostly_explained(judge.of(start), left, bool(accepted.free)):
             return without_effects(found, accepted), ()
-        whole = (BESIDE if noisy else TRIFLE) * float(np.sum(judge.gains(plain, start)))
-        gains = [judge.gains(plain, plain_fit(found, c.without)) for c in claims]
-        least = [max(whole, 0.0) + by_chance_least(share * c.odds) for c in claims]
+        whole = BESIDE * float(np.sum(judge.gains(plain, start))) if noisy else 0.0
+        fewer = [plain_fit(found, c.without) for c in claims]
+        gains = [judge.gains(plain, less) for less in fewer]
+        expected = [judge.expected(plain, c, less) for c, less in zip(claims, fewer, strict=True)]
+        least = [max(whole, 0.0) + by_chance_least(x) for x in expected]
         spare = [
             -np.inf if contradicted([*g, *judge.trained(accepted, c.without)]) else float(np.sum(g)) - x
             for g, x, c in zip(gains, least, claims, strict=True)

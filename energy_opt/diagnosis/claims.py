@@ -248,17 +248,23 @@ def instead_of_links(found: Search, start: Fit) -> list[Fit]:
 
 
 def widened(f: Fit) -> Fit:
-    """The hypothesis fitted anew under laws as wide as its numbers ask for; itself where the usual ones are."""
+    """The hypothesis fitted anew under laws as wide as its numbers ask for; itself where the usual ones are.
+
+    Numbers of an effect share a width. Declared ones have each their own: one joint's friction may have changed alone.
+    """
     measured = f.world.scale.measured
     usual, widened = f.charts, f
-    widths = np.ones(len(usual))
+    widths = [np.ones(len(c.mean)) for c in usual]
     for _ in range(TURNS):
-        wanted = np.ones(len(usual))
-        for k, (c, z) in enumerate(zip(usual, widened.numbers, strict=True)):
-            if c.term.name not in measured:
-                sizes = ((z - c.mean) ** 2 / np.diag(np.linalg.inv(c.precision)))[~c.shapes]
-                wanted[k] = max(1.0, float(np.sqrt(sizes.mean()))) if len(sizes) else 1.0
-        if (wanted <= WIDE_ENOUGH * widths).all():
+        wanted = []
+        for c, z in zip(usual, widened.numbers, strict=True):
+            squares = np.where(c.shapes, 0.0, (z - c.mean) ** 2 / np.diag(np.linalg.inv(c.precision)))
+            if c.term.name in measured:
+                squares = np.zeros_like(squares)
+            elif not c.term.declared:
+                squares[:] = squares.sum() / max((~c.shapes).sum(), 1)
+            wanted.append(np.maximum(1.0, np.sqrt(squares)))
+        if all((new <= WIDE_ENOUGH * old).all() for new, old in zip(wanted, widths, strict=True)):
             break
         widths = wanted
         charts = [c.wider(width) for c, width in zip(usual, widths, strict=True)]

@@ -125,8 +125,8 @@ class Chart:
         """(Z,) True for numbers that only shape the effect."""
         return np.array([p.shapes for p, *_ in entries(self.term.kind, self.n, len(self.base))])[self.kept]
 
-    def wider(self, times: float) -> Chart:
-        """The chart with what is known before of its sizes so many times as wide; shapes are as before."""
+    def wider(self, times: np.ndarray) -> Chart:
+        """The chart with what is known before of its sizes so many times as wide, (Z,); shapes are as before."""
         narrow = np.where(self.shapes, 1.0, 1 / times)
         return replace(self, precision=self.precision * np.outer(narrow, narrow))
 

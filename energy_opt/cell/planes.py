@@ -27,7 +27,6 @@ from energy_opt.robot.kinematics import Poses, cross, into
 
 LENGTH = 0.1  # [m] that constraints are divided by, so that they are of order one
 MOST = 2  # pieces of a pair of bodies that are looked at, at a place, the nearest: more make steps slow
-KEPT = 0.06  # [m] where the last plane shows a pair to be farther apart, that plane is taken again
 VERTICES = 3  # of a near pair get a row, at most
 BESIDE, ABOVE = 0.02, 0.02  # [m] that these are apart at least, and above the lowest at most
 TURNING = 0.03  # [m] pairs that are farther get a row for the lowest vertex alone
@@ -37,8 +36,8 @@ KEYS, POINTS = 100_000, 100_000  # names of places within a pair of pieces, and 
 class Near:
     """Pairs of convex pieces that are near each other along a curve, with their distances and planes between them.
 
-    The last plane of each pair is kept by place. If it still shows that the pair is farther apart than KEPT, the pair
-    is not measured again. Distances are therefore lower bounds.
+    The last plane of each pair is kept by place. If it still shows that the pair is farther apart than what is asked
+    about, the pair is not measured again.
 
     Args:
         bodies: the bodies and pairs.
@@ -68,7 +67,7 @@ class Near:
         triples = [(p, i, j) for p in usable.tolist() for i in of[bodies.pairs[p, 0]] for j in of[bodies.pairs[p, 1]]]
         self.pair, self.a, self.b = np.array(triples, dtype=int).reshape(-1, 3).T
         self._measures: dict[int, Plane] = {}
-        self._kept = b"", np.zeros((0, 0, 3))
+        self._kept = np.zeros(0), np.zeros((0, 0, 3))
         self._seen = np.ones(len(self.pair), dtype=bool)
         if free is not None and wanted is not None:
             self._pass_over(free, wanted)
@@ -95,13 +94,11 @@ class Near:
         """
         poses = self.bodies.poses(q, u)
         k, number = np.nonzero((self._apart(poses) < reach) & self._seen)
-        if self._kept[0] != u.tobytes():
-            self._kept = u.tobytes(), np.zeros((len(u), len(self.pair), 3))
-        known = self._kept[1]
+        known = self._planes(u)
         normal, distance = known[k, number], np.full(len(k), -np.inf)
         old = np.flatnonzero(normal.any(axis=1))
         distance[old] = self._heights(poses, k[old], number[old], normal[old])
-        again = np.flatnonzero(distance < KEPT)
+        again = np.flatnonzero(distance < reach)
         of_a, of_b = self.body[self.a[number[again]]], self.body[self.b[number[again]]]
         placed = self.bodies.placements(poses, np.tile(k[again], 2), np.concatenate([of_a, of_b]))
         columns = (again, k[again], number[again], of_a, of_b)
@@ -120,6 +117,19 @@ class Near:
         rank = np.arange(len(order)) - np.repeat(first, np.diff(np.append(first, len(order))))
         order = order[rank < MOST]
         return k[order], number[order], distance[order], normal[order], poses
+
+    def _planes(self, u: np.ndarray) -> np.ndarray:
+        """The last normals (K, pairs of pieces, 3) at places u (K,), those of the nearest places before where u is new;
+        zero where there is none. What is written to them is kept.
+        """
+        if not np.array_equal(self._kept[0], u):
+            old, normals = self._kept
+            if len(old):
+                normals = normals[np.abs(u[:, None] - old).argmin(axis=1)]
+            else:
+                normals = np.zeros((len(u), len(self.pair), 3))
+            self._kept = u.copy(), normals
+        return self._kept[1]
 
     def _apart(self, poses: Poses) -> np.ndarray:
         """Lower bounds (K, pairs of pieces) [m] of distances, from boxes along the axes of the base."""

@@ -59,7 +59,7 @@ def reshaped(
     limits = scaled(joint_limits(way.limits), SPARE)
     start = leg if rng is None else _bent(level, way, leg, limits, parameters, rng)
     task = Task(way.ends, limits, parameters, way.durations, 0.0)
-    outcome = task.descended(level, start, ITERATIONS, trust=TRUST, tolerance=TOLERANCE)
+    outcome = task.descended(task.model(level), start, ITERATIONS, trust=TRUST, tolerance=TOLERANCE)
     return outcome.curve if outcome.broken < 1 / SPARE - 1 else leg
 
 

@@ -1,16 +1,20 @@
 """CasADi functions of one point evaluated over many points at once, straight from and into NumPy memory.
 
-The function over a block of points is built once and shared by all who want it; it has no memory of its own. The
-memory, a batch's arrays, belongs to the one who made the batch: two batches of one function, in two threads too, never
-meet.
+A function that is not compiled is built once over a block of points and shared by all who want it; it has no memory of
+its own. The memory, a batch's arrays, belongs to the one who made the batch: two batches of one function, in two
+threads too, never meet.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+import ctypes
+from collections.abc import Callable
+from functools import lru_cache, partial
 
 import casadi as ca
 import numpy as np
+
+from energy_opt.numerics.lanes import LANES, Compiled, sizes
 
 # Points a block: building the function over a block takes time and memory in proportion to it (0.3 ms at 256 for a
 # law of power, several ms for a Hessian), more calls cost next to nothing.
@@ -24,29 +28,42 @@ def _over(function: ca.Function, count: int) -> ca.Function:
 
 
 class Batch:
-    """A CasADi function of dense columns applied to K points: arguments (K, inputs), results (K, entries)."""
+    """A function of dense columns applied to K points: arguments (K, inputs), results (K, entries)."""
 
-    def __init__(self, function: ca.Function, count: int) -> None:
-        block = max(1, min(count, BLOCK))
+    def __init__(self, function: ca.Function | Compiled, count: int) -> None:
+        if isinstance(function, Compiled):
+            block, inputs, outputs = LANES, function.inputs, function.outputs
+        else:
+            block = max(1, min(count, BLOCK))
+            inputs, outputs = sizes(function)
         padded = -(-count // block) * block
-        self._in = [np.zeros((padded, function.nnz_in(i))) for i in range(function.n_in())]
-        self._out = [np.zeros((padded, function.nnz_out(i))) for i in range(function.n_out())]
+        self._in = [np.zeros((padded, size)) for size in inputs]
+        self._out = [np.zeros((padded, size)) for size in outputs]
         self._given = [given[:count] for given in self._in]
         self._answer = [out[:count] for out in self._out]
+        self._calls: list[Callable[[], object]] = []
+        if isinstance(function, Compiled):
+            pointers = [(ctypes.c_void_p * len(held))(*(x.ctypes.data for x in held)) for held in (self._in, self._out)]
+            self._calls.append(partial(function.many, *pointers, ctypes.c_long(padded // block)))
+            return
         over = _over(function, block)
-        self._blocks = []
         for first in range(0, padded, block):
             buffer, evaluate = over.buffer()
             for i, given in enumerate(self._in):
                 buffer.set_arg(i, given[first : first + block].data)
             for i, out in enumerate(self._out):
                 buffer.set_res(i, out[first : first + block].data)
-            self._blocks.append((buffer, evaluate))
+            self._calls.append(partial(_evaluated, buffer, evaluate))
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
         """The results; each call overwrites those of the call before."""
         for given, value in zip(self._given, arguments, strict=True):
             given[...] = value
-        for _, evaluate in self._blocks:
-            evaluate()
+        for call in self._calls:
+            call()
         return self._answer
+
+
+def _evaluated(buffer: object, evaluate: Callable[[], object]) -> None:
+    """Evaluate; `buffer` is held as long as it may be wanted."""
+    evaluate()

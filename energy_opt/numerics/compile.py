@@ -14,18 +14,21 @@ import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
 import casadi as ca
 
 from energy_opt.errors import BadInput
-from energy_opt.numerics import library
+from energy_opt.numerics import lanes, library
+from energy_opt.numerics.lanes import Compiled
 
 log = logging.getLogger(__name__)
 RATE = 2e4  # [characters of C a second], about: for the time that is said to be left
 POLICIES = ("auto", "always", "never")
+
+Source = Callable[[], str]  # gives the C, which is only written where it is built
 
 
 def compiler() -> str | None:
@@ -49,10 +52,11 @@ def _own_folder() -> Path:
     return Path(out)
 
 
-def _built(cache: Path, key: str, source: str, cc: str, flags: tuple[str, ...] = ()) -> Path:
+def _built(cache: Path, key: str, source: Source, cc: str, flags: tuple[str, ...] = ()) -> Path:
     """The library, built now."""
-    log.info("compiling functions, once and for all later runs", extra={"expected": len(source) / RATE})
-    return library.build(cache, key, source, cc, flags)
+    code = source()
+    log.info("compiling functions, once and for all later runs", extra={"expected": len(code) / RATE})
+    return library.build(cache, key, code, cc, flags)
 
 
 def library_of(source: str, flags: tuple[str, ...]) -> Path | None:
@@ -62,10 +66,10 @@ def library_of(source: str, flags: tuple[str, ...]) -> Path | None:
         BadInput: the compiler fails, or nothing can be written anywhere.
     """
     cc = compiler()
-    return None if cc is None else _always(source, cc, library.key_of(source, cc, *flags), flags)
+    return None if cc is None else _always(lambda: source, cc, library.key_of(source, cc, *flags), flags)
 
 
-def _always(source: str, cc: str, key: str, flags: tuple[str, ...] = ()) -> Path:
+def _always(source: Source, cc: str, key: str, flags: tuple[str, ...] = ()) -> Path:
     """The library, built now where the cache has none.
 
     Raises:
@@ -82,7 +86,7 @@ def _always(source: str, cc: str, key: str, flags: tuple[str, ...] = ()) -> Path
         raise BadInput(f"--compile always: {error}") from None
 
 
-def _auto(source: str, cc: str, key: str, batch: bool) -> Path | None:
+def _auto(source: Source, cc: str, key: str, batch: bool) -> Path | None:
     """The library if it is there, or pays at once; else None, and from the second time on a build is started."""
     try:
         cache = library.folder()
@@ -90,7 +94,7 @@ def _auto(source: str, cc: str, key: str, batch: bool) -> Path | None:
         if found is None and batch:
             return _built(cache, key, source, cc)
         if found is None and not library.mark(cache, f"{key}.seen"):
-            library.build_in_background(cache, key, source, cc)
+            library.build_in_background(cache, key, source(), cc)
         return found
     except (library.Unusable, OSError):
         return None
@@ -98,8 +102,8 @@ def _auto(source: str, cc: str, key: str, batch: bool) -> Path | None:
 
 def compiled(
     functions: Sequence[ca.Function], policy: str = "auto", batch: bool = False
-) -> tuple[list[ca.Function], bool]:
-    """The functions, compiled where the policy and the machine allow; and whether they are.
+) -> tuple[list[ca.Function] | list[Compiled], bool]:
+    """The functions for `numerics.batch`, compiled where the policy and the machine allow; and whether they are.
 
     Args:
         policy: "always" builds now, "never" keeps CasADi's virtual machine, "auto" as the module says.
@@ -115,9 +119,13 @@ def compiled(
         return list(functions), False
     if cc is None:
         raise BadInput("--compile always: no C compiler found (cc, gcc or clang, or name one in CC)")
-    source = _source(functions)
-    key = library.key_of(source, cc, ca.CasadiMeta.version())
+    scalar, how = _source(functions), Path(lanes.__file__).read_text(encoding="utf-8")
+    key = library.key_of(scalar, how, cc, ca.CasadiMeta.version())
+
+    def source() -> str:
+        return lanes.source_of(functions, scalar)
+
     found = _always(source, cc, key) if policy == "always" else _auto(source, cc, key, batch)
     if found is None:
         return list(functions), False
-    return [ca.external(function.name(), str(found)) for function in functions], True
+    return [Compiled.of(function, found) for function in functions], True

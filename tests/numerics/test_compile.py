@@ -13,6 +13,7 @@ import pytest
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.numerics import compile as compile_module
 from energy_opt.numerics import library
+from energy_opt.numerics.batch import Batch
 from energy_opt.numerics.compile import compiled, compiler
 from energy_opt.robot import load_robot
 
@@ -33,7 +34,8 @@ def functions():
 
 
 def works(built):
-    return float(built[1]([0.5, 2.0])) == pytest.approx(2 * np.sin(0.5), rel=1e-15)
+    answer = Batch(built[1], 1)(np.array([[0.5, 2.0]]))[0]
+    return float(answer[0, 0]) == pytest.approx(2 * np.sin(0.5), rel=1e-15)
 
 
 def libraries(cache):

@@ -106,8 +106,8 @@ class ClearSearch:
         self.margins = Margins(cell, ends)
         self.wanted = self.margins.wanted
         self.near, self._many = (Near(cell.bodies, ends, self.wanted) for _ in range(2))
-        self._model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset, open_=task.open)
-        self._model.scale = self.scale = scale
+        self.scale = scale
+        self._model = task.model(level).scaled(scale)
         self.iterations = 0
 
     def proof(self, curve: Curve) -> Clearance:

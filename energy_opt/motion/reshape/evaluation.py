@@ -174,6 +174,12 @@ class Evaluation:
         out.clearance = clearance
         return out
 
+    def scaled(self, scale: float) -> Self:
+        """The same problem with its cost multiplied by another number."""
+        out = copy(self)
+        out.scale = scale
+        return out
+
     def outcome(self, point: Point, iterations: int, converged: bool, status: str = "sqp") -> Outcome:
         """What a search came to."""
         curve = Curve(self.shape, point.points, point.duration, point.via_u)

@@ -147,9 +147,10 @@ class Reshaper:
         guesses = [refined(task.within(o.curve), fine.shape, task.ends) for o in optima]
         guesses += [task.curve(fine.shape, line) for line in lines[1:]]
         compared: list[Outcome] = []
+        rough = replace(task, width=MIDDLE)
+        model = rough.model(fine)
         for guess in guesses:
-            rough = replace(task, width=MIDDLE)
-            compared.append(rough.descended(fine, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped))
+            compared.append(rough.descended(model, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped))
             if stopped():
                 break
         iterations = spent + sum(o.iterations for o in compared)
@@ -184,15 +185,18 @@ class Reshaper:
         spent = 0
         for width in WIDTHS if self._nodes.kinked and not near else ():
             there = replace(task, width=width)
-            rough = there.descended(level, curve, ROUGHLY, trust=TRUST / 4, tolerance=ROUGH / 3, stopped=stopped)
+            rough = there.descended(
+                there.model(level), curve, ROUGHLY, trust=TRUST / 4, tolerance=ROUGH / 3, stopped=stopped
+            )
             curve, spent = rough.curve, spent + rough.iterations
         trust = NEAR_KINKS if self._nodes.kinked and not near else TRUST / 4
-        found = task.descended(level, curve, ITERATIONS, trust=trust, tolerance=FINE, give=EXACT, stopped=stopped)
+        model = task.model(level)
+        found = task.descended(model, curve, ITERATIONS, trust=trust, tolerance=FINE, give=EXACT, stopped=stopped)
         for _ in range(AGAIN if self._nodes.kinked else 0):  # kinks: until no more is won
             if found.converged or stopped():
                 break
             more = task.descended(
-                level, found.curve, ITERATIONS, trust=trust / 4, tolerance=FINE, give=EXACT, stopped=stopped
+                model, found.curve, ITERATIONS, trust=trust / 4, tolerance=FINE, give=EXACT, stopped=stopped
             )
             settled = task.cost(found) - task.cost(more) < ROUGH * task.cost(found)
             spent += more.iterations

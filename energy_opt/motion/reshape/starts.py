@@ -22,7 +22,8 @@ from energy_opt.motion.reshape.curve import Curve, Outcome, between
 from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task
 
 log = logging.getLogger(__name__)
-FEWEST, OFTEN = 12, 3  # starts at least, and how many of them must have found the best optimum
+FEWEST, OFTEN = 10, 3  # starts at least, and how many of them must have found the best optimum
+FEW, MOST = 8, 0.8  # or so many starts at least, of which this share must have found it
 NEAR = 0.01  # relative: coarse costs that differ less count as one
 BETWEEN = (0.25, 0.5, 0.75)  # shares of the way from one optimum to another at which a ridge is looked for
 SAME = 0.5  # [rad] coarse curves of one cost that differ less everywhere are one optimum
@@ -59,13 +60,13 @@ def search(
     Args:
         known: what fewer starts led to, which is continued.
     """
-    straight = task.curve(level.shape, line)
-
+    straight, model = task.curve(level.shape, line), task.model(level)
     found, costs = list(known.found), list(known.costs)
     used, iterations, enough = known.starts, known.iterations, False
     while used < starts and not enough:
         guess = _bent(level, straight, task, seed, used - 1) if used else straight
-        outcome = task.descended(level, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, loose=LOOSE)
+        rival = min(costs, default=np.inf)
+        outcome = task.descended(model, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, loose=LOOSE, rival=rival)
         used, iterations = used + 1, iterations + outcome.iterations
         text = "start %d of at most %d: cost %.6g, %d iterations"
         log.info(text, used, starts, task.cost(outcome), outcome.iterations, extra={"share": 0.1 + 0.4 * used / starts})
@@ -81,11 +82,11 @@ def search(
 
 def followed(level: Level, task: Task, known: Optima) -> Optima:
     """What optima of another duration lead to in the task's."""
+    model, spent = task.model(level), 0
     found: list[Outcome] = []
-    spent = 0
     for optimum in known.found:
         guess = task.within(optimum.curve)
-        outcome = task.descended(level, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, loose=LOOSE)
+        outcome = task.descended(model, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, loose=LOOSE)
         spent += outcome.iterations
         if not any(_same(other, outcome, task) for other in found):
             found.append(outcome)
@@ -94,10 +95,9 @@ def followed(level: Level, task: Task, known: Optima) -> Optima:
 
 
 def _enough(costs: np.ndarray, starts: int) -> bool:
-    """Did `OFTEN` of `FEWEST` starts or more find the least cost? `costs` (N,) of feasible outcomes ascend."""
-    if starts < FEWEST or len(costs) < OFTEN:
-        return False
-    return bool(costs[OFTEN - 1] <= costs[0] + NEAR * abs(costs[0]))
+    """Did enough of the starts find the least cost? `costs` (N,) of feasible outcomes ascend."""
+    found = int((costs <= costs[0] + NEAR * abs(costs[0])).sum()) if len(costs) else 0
+    return (starts >= FEWEST and found >= OFTEN) or (starts >= FEW and found >= MOST * starts)
 
 
 def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve:
@@ -112,29 +112,33 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
     size = side * deviation * np.clip((upper - lower) / 2, 0, np.pi)
     u = np.linspace(0, 1, shape.basis.controls)
 
-    def copied(amplitude: np.ndarray) -> tuple[float, float, Curve]:
-        """The bent copy, its cost (costlier by its excess) and by how many times it exceeds a limit."""
-        bend = np.sin(np.pi * u)[:, None] ** 2 * amplitude[0] + np.sin(2 * np.pi * u)[:, None] ** 3 * amplitude[1]
-        points = np.clip(straight.points + bend, lower, upper)
-        points[: shape.pinned] = straight.points[: shape.pinned]
-        points[-shape.pinned :] = straight.points[-shape.pinned :]
-        curve = replace(straight, points=points)
-        cost, excess = level.excess(curve, task.parameters, task.limits)
-        excess = max(0.0, excess)
-        return (cost - task.offset * curve.duration) * (1 + excess), excess, curve
+    def bent(amplitudes: np.ndarray) -> np.ndarray:
+        """Control points (C, controls, n) of copies bent by amplitudes (C, 2, n)."""
+        waves = np.stack([np.sin(np.pi * u) ** 2, np.sin(2 * np.pi * u) ** 3])
+        points = np.clip(straight.points + np.einsum("wu,cwj->cuj", waves, amplitudes), lower, upper)
+        points[:, : shape.pinned] = straight.points[: shape.pinned]
+        points[:, -shape.pinned :] = straight.points[-shape.pinned :]
+        return points
 
-    best, least = np.zeros((2, shape.joints)), np.inf
-    for _ in range(drawn):
-        amplitude = rng.normal(size=(2, shape.joints)) * [[1.0], [0.5]] * size
+    def rated(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Costs of copies, more by their excess, and by how many times they exceed a limit."""
+        costs, excess = level.excesses(points, straight.duration, task.parameters, task.limits)
+        excess = np.maximum(0.0, excess)
+        return (costs - task.offset * straight.duration) * (1 + excess), excess
+
+    amplitudes = np.empty((drawn, 2, shape.joints))
+    for amplitude in amplitudes:
+        amplitude[:] = rng.normal(size=(2, shape.joints)) * [[1.0], [0.5]] * size
         amplitude *= rng.random(shape.joints) < share
-        score = copied(amplitude)[0]
-        if score < least:
-            best, least = amplitude, score
-    while True:
-        _, excess, curve = copied(best)
-        if excess <= HOPELESS or np.abs(best).max() < SMALLEST:
-            return curve
+    points = bent(amplitudes)
+    costs, excess = rated(points)
+    least = int(np.argmin(costs))
+    best, points, excess = amplitudes[least], points[least : least + 1], excess[least : least + 1]
+    while excess[0] > HOPELESS and np.abs(best).max() >= SMALLEST:
         best = best / 2
+        points = bent(best[None])
+        excess = rated(points)[1]
+    return replace(straight, points=points[0])
 
 
 def _same(a: Outcome, b: Outcome, task: Task) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class Level:
 
     def __init__(self, shape: Shape, nodes: NodeFunctions) -> None:
         self.shape, self._nodes = shape, nodes
-        self._value = Batch(nodes.value, len(shape.grid[0]))
+        self._value = cache(lambda curves: Batch(nodes.value, curves * len(shape.grid[0])))
 
     def model(
         self, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray, durations: tuple[float, float],
@@ -37,21 +38,31 @@ class Level:
         self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
     ) -> tuple[float, dict[int, np.ndarray]]:
         """Cost, and the share of its bound that each limit uses at every place, (sites or nodes, columns) by number."""
-        s = self.shape
+        cost, shares = self._shares(curve.points[None], curve.duration, parameters, limits, width)
+        return float(cost[0]), {number: share[0] for number, share in shares.items()}
+
+    def _shares(
+        self, points: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
+    ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """The same of curves with control points (C, controls, n), all at once: costs (C,), shares (C, ., .)."""
+        s, count = self.shape, len(points)
         u, w = s.grid
-        q = [m @ curve.points for m in s.matrices[:3]]
-        z = np.hstack([*q, np.full((len(u), 1), curve.duration)])
-        rate, limited = self._value(z, u[:, None], np.concatenate([parameters, values_of(limits, width)]))
+        z = np.empty((count, len(u), 3 * s.joints + 1))
+        z[..., :-1] = np.concatenate([m @ points for m in s.matrices[:3]], axis=2)
+        z[..., -1] = duration
+        values = np.concatenate([parameters, values_of(limits, width)])
+        rate, limited = self._value(count)(z.reshape(-1, z.shape[2]), np.tile(u, count)[:, None], values)
+        limited = limited.reshape(count, len(u), -1)
         shares, used = {}, 0
         for number, limit in enumerate(limits):
             if limit.order:
-                moved = s.sites[limit.order - 1] @ curve.points
-                shares[number] = np.abs(moved) / curve.duration**limit.order / limit.bound
+                moved = s.sites[limit.order - 1] @ points
+                shares[number] = np.abs(moved) / duration**limit.order / limit.bound
             if limit.scale.size:
-                values = limited[:, used : used + limit.scale.size]
-                shares[number] = (values if limit.one_sided else np.abs(values)) / limit.scale
+                of_limit = limited[..., used : used + limit.scale.size]
+                shares[number] = (of_limit if limit.one_sided else np.abs(of_limit)) / limit.scale
                 used += limit.scale.size
-        return float(w @ rate[:, 0]), shares
+        return rate.reshape(count, -1) @ w, shares
 
     def standing(self, q: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit]) -> np.ndarray:
         """What standing at each of q (M, n) costs, by the second (M,)."""
@@ -61,18 +72,27 @@ class Level:
         for first in range(0, len(q), count):
             block = q[first : first + count]
             z[: len(block), : self.shape.joints] = block
-            rates.append(self._value(z, np.full((count, 1), 0.5), values)[0][: len(block), 0] / duration)
+            rates.append(self._value(1)(z, np.full((count, 1), 0.5), values)[0][: len(block), 0] / duration)
         return np.concatenate(rates)
 
     def excess(self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit]) -> tuple[float, float]:
         """Cost, and the worst excess over a limit; planes between bodies aside, as they are no limit of their own."""
-        cost, shares = self.shares(curve, parameters, limits)
-        placed = [limit.excess_at(self.shape.matrices[0] @ curve.points) for limit in limits]
-        return cost, max([float(share.max()) - 1 for share in shares.values()] + placed)
+        cost, excess = self.excesses(curve.points[None], curve.duration, parameters, limits)
+        return float(cost[0]), float(excess[0])
+
+    def excesses(
+        self, points: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same (C,) of curves with control points (C, controls, n)."""
+        costs, shares = self._shares(points, duration, parameters, limits)
+        q = self.shape.matrices[0] @ points
+        placed = [[limit.excess_at(x) for limit in limits] for x in q]
+        return costs, np.column_stack([*(x.max(axis=(1, 2)) - 1 for x in shares.values()), placed]).max(axis=1)
 
 
 FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed it by, to be repaired later
 SLACK = 0.01  # the same of a constraint at a place, as beside bodies and in tubes, while a search goes on
+SOON, HOPELESS = 8, 1.2  # after so many iterations a search may cost so many times what its rival does, at most
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 
 
@@ -131,24 +151,30 @@ class Task:
 
     def polished(self, level: Level, found: Outcome) -> Outcome:
         """An outcome solved again by IPOPT from where it is."""
-        model = self.model(level)
-        model.scale = 1 / max(abs(self.cost(found)), 0.01 * abs(found.cost), 1e-6)
-        return polished(model, found.curve)
+        scale = 1 / max(abs(self.cost(found)), 0.01 * abs(found.cost), 1e-6)
+        return polished(self.model(level).scaled(scale), found.curve)
 
     def descended(
-        self, level: Level, guess: Curve, iterations: int, *, trust: float, tolerance: float, loose: float = 1e-6,
-        give: float = FREE, stopped: Callable[[], bool] = lambda: False,
+        self, model: Model, guess: Curve, iterations: int, *, trust: float, tolerance: float, loose: float = 1e-6,
+        give: float = FREE, stopped: Callable[[], bool] = lambda: False, rival: float = np.inf,
     ) -> Outcome:  # fmt: skip
-        """What sequential quadratic programming comes to on a level from a guess."""
-        model = self.model(level)
+        """What sequential quadratic programming on the task's model comes to from a guess.
+
+        Args:
+            rival: cost of an optimum that is known; a search that is far above it is given up (`HOPELESS`).
+        """
         lower, upper = model.box
-        guess = replace(guess, points=np.clip(guess.points, lower, upper))
-        point = model.at_curve(guess)
-        model.scale = 1 / max(abs(point.cost), 1e-6)
-        now = begin(model.at_curve(guess))
+        point = model.at_curve(replace(guess, points=np.clip(guess.points, lower, upper)))
+        scale = 1 / max(abs(point.cost), 1e-6)
+        model = model.scaled(scale)
+        now = begin(replace(point, cost=scale * point.cost, slope=scale * point.slope))
+
+        def ended() -> bool:
+            return stopped() or (now.iterations >= SOON and now.point.cost > HOPELESS * scale * rival)
+
         descend(
             model, now, iterations, trust, tolerance=tolerance, give=give, slack=min(give, SLACK), loose=loose,
-            stopped=stopped,
+            stopped=ended if 0 < rival < np.inf else stopped,
         )  # fmt: skip
         return model.outcome(now.point, now.iterations, now.converged)
 

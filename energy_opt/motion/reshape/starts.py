@@ -23,7 +23,6 @@ from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task
 
 log = logging.getLogger(__name__)
 FEWEST, OFTEN = 10, 3  # starts at least, and how many of them must have found the best optimum
-FEW, MOST = 8, 0.8  # or so many starts at least, of which this share must have found it
 NEAR = 0.01  # relative: coarse costs that differ less count as one
 BETWEEN = (0.25, 0.5, 0.75)  # shares of the way from one optimum to another at which a ridge is looked for
 SAME = 0.5  # [rad] coarse curves of one cost that differ less everywhere are one optimum
@@ -97,7 +96,7 @@ def followed(level: Level, task: Task, known: Optima) -> Optima:
 def _enough(costs: np.ndarray, starts: int) -> bool:
     """Did enough of the starts find the least cost? `costs` (N,) of feasible outcomes ascend."""
     found = int((costs <= costs[0] + NEAR * abs(costs[0])).sum()) if len(costs) else 0
-    return (starts >= FEWEST and found >= OFTEN) or (starts >= FEW and found >= MOST * starts)
+    return starts >= FEWEST and found >= OFTEN
 
 
 def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve:

@@ -282,8 +282,8 @@ def repaired(
     """Tighten the limits that the judge finds broken, and solve again from where we are; and the iterations spent."""
     limits, spent, stuck = task.limits, 0, 0
     for turn in range(REPAIRS + 1):
-        trajectory = trajectory_of(best.curve, context.robot.joints)
-        certificate = context.judge(trajectory).within
+        judged = context.judge.of(best.curve)
+        trajectory, certificate = judged.trajectory, judged.within
         if certificate.valid or turn == REPAIRS or stuck == STUCK or context.stopped():
             break
         limits = certificate.tightened(limits)

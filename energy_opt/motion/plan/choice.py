@@ -186,7 +186,7 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
     if timing is not None:
         toppra = _held(context, move, timing)
         same = abs(duration / timing.duration - 1) <= SAME_DURATION
-        scaled = toppra if same else timing.slowed(duration).trajectory(context.robot.joints)
+        scaled = toppra if same else context.judge.slowed(timing, duration).trajectory
         out += [("toppra", toppra), ("scaled", scaled)]
     if move.input is not None:
         out.append(("input", move.input))

@@ -217,19 +217,18 @@ class Clearing:
         curve = self.best.curve
         if timing is None or timing.duration > curve.duration:
             return False
-        joints, scorer = self.context.robot.joints, self.context.scorer
-        scaled, found = timing.slowed(curve.duration).trajectory(joints), trajectory_of(curve, joints)
-        return scorer.energy(found).loss > (1 - LITTLE) * scorer.energy(scaled).loss
+        judge = self.context.judge
+        return judge.of(curve).energy.loss > (1 - LITTLE) * judge.slowed(timing, curve.duration).energy.loss
 
 
 def repaired_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Candidate:
     """A curve that keeps clear, within limits by the judge too: solved again under tighter ones where it breaks one."""
     limits = task.limits
     for _ in range(REPAIRS):
-        trajectory = trajectory_of(outcome.curve, context.robot.joints)
-        certificate = context.judge(trajectory).within
+        judged = context.judge.of(outcome.curve)
+        certificate = judged.within
         if certificate.valid:
-            return Candidate(trajectory, 0, outcome=outcome)
+            return Candidate(judged.trajectory, 0, outcome=outcome)
         limits = certificate.tightened(limits)
         again = search.under(replace(task, limits=limits), outcome)
         if again is None:
@@ -250,7 +249,7 @@ def _lines(
         lines.append(Line.of(line.trajectory))
     elif timing is not None:
         duration = float(np.clip(timing.duration, *task.durations))  # as asked for, where that is fixed
-        lines.append(Line.of(timing.slowed(duration).trajectory(context.robot.joints)))
+        lines.append(Line.of(context.judge.slowed(timing, duration).trajectory))
     else:
         lines.append(passed(path_of(move), reference))
     return lines

@@ -18,8 +18,9 @@ from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.plan.anytime import Progress
+from energy_opt.motion.reshape.curve import Curve
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
-from energy_opt.motion.reshape.search import Reshaper
+from energy_opt.motion.reshape.search import Reshaper, trajectory_of
 from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
@@ -86,6 +87,7 @@ class Judge:
     def __init__(self, scorer: Scorer, limits: tuple[Limit, ...], samples: int | None, cell: Cell | None) -> None:
         self._scorer, self._limits, self._samples, self._cell = scorer, limits, samples, cell
         self._known: dict[int, Judged] = {}
+        self._of: dict[tuple[int, float], tuple[Curve | Timing, Judged]] = {}
 
     def __call__(self, trajectory: Trajectory) -> Judged:
         """The trajectory, judged; on a grid ten times denser than its samples, or of the samples asked for."""
@@ -94,6 +96,20 @@ class Judge:
             known = Judged(trajectory, self._scorer, self._limits, self._cell, self._samples)
             self._known[id(trajectory)] = known
         return known
+
+    def of(self, curve: Curve) -> Judged:
+        """The trajectory of a curve, judged."""
+        return self._once(curve, curve.duration, lambda: trajectory_of(curve, self._scorer.robot.joints))
+
+    def slowed(self, timing: Timing, duration: float) -> Judged:
+        """The trajectory of a timing that is slowed evenly to `duration` s, judged."""
+        return self._once(timing, duration, lambda: timing.slowed(duration).trajectory(self._scorer.robot.joints))
+
+    def _once(self, source: Curve | Timing, duration: float, made: Callable[[], Trajectory]) -> Judged:
+        key = id(source), duration  # what is kept holds the source
+        if key not in self._of:
+            self._of[key] = source, self(made())
+        return self._of[key][1]
 
 
 class Workshop:

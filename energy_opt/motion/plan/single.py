@@ -33,7 +33,6 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 log = logging.getLogger(__name__)
-EVEN = 0.7  # of the loss of the path slowed evenly: in so little time its best timing has 0.82 or more (54 moves)
 HURRIED = 1.2  # times the least time on the first path: in more, zero acceleration at the ends costs next to nothing
 
 
@@ -81,10 +80,10 @@ def candidates_of(
     curve = _curve(context, move, timing, retimed, warm, kept)
     hurried = wanted is None or timing is None or wanted < HURRIED * timing.duration or curve.trajectory is None
     zero = context.settings.end_acceleration == "zero" and hurried and not context.stopped()
-    if zero and _costs_more(context, move, timing, curve, retimed):
+    if zero and _costs_more(context, curve, retimed):
         freed = replace(context, settings=replace(context.settings, end_acceleration="free"))
         other = _curve(freed, move, timing, retimed, warm, kept)
-        if other.trajectory is not None and not _costs_more(context, move, timing, other, retimed):
+        if other.trajectory is not None and not _costs_more(context, other, retimed):
             curve = replace(other, iterations=curve.iterations + other.iterations)
     return Work(timing, None, curve, None, warm, retimed)
 
@@ -103,26 +102,13 @@ def _curve(
     return curve
 
 
-def _costs_more(
-    context: Context, move: Move, timing: Timing | None, curve: Candidate, retimed: Callable[[], RetimeSolution | None]
-) -> bool:
+def _costs_more(context: Context, curve: Candidate, retimed: Callable[[], RetimeSolution | None]) -> bool:
     """Is a curve, from zero acceleration to zero, beaten by the best timing of the first path?
 
     Timings begin and end with any acceleration. Near the least time that counts: building it up takes about 1 % longer.
-    The best timing is not solved for where the curve costs less than timings do by experience (see `EVEN`).
     """
     if context.settings.objective != "energy":
         return False
-    if curve.trajectory is not None and timing is not None:
-        energy, rate = context.judge(curve.trajectory).energy, context.model.constant_power(context.robot.n)
-        longest = HURRIED * timing.duration if move.duration is None else max(move.duration, timing.duration)
-        shortest = timing.duration if move.duration is None else longest
-        slowed = context.scorer.energy(timing.slowed(longest).trajectory(context.robot.joints))
-        least = rate * shortest + EVEN * slowed.loss
-        if move.duration is None:  # or longer, for which the constant power alone counts
-            least = min(least, rate * longest)
-        if energy.total - energy.stored < least:
-            return False
     solution = retimed()
     return solution is not None and (
         curve.trajectory is None or context.judge(curve.trajectory).energy.total > solution.energy

@@ -10,7 +10,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, cho_solve_banded, c
 from scipy.sparse import csr_matrix, diags_array, eye_array, vstack
 
 BARRIER = 1e-3  # the first barrier parameter, where the cost is of order one
-BEGIN_BOX, BEGIN_ROW = 1e-3, 1e-2  # least first distances from bounds
+BEGIN_BOX, BEGIN_ROW = 1e-3, 1e-1  # least first distances from bounds
 CLOSE = 0.995  # of the distance to the nearest bound is used up
 STEPS = 40
 PRIMAL, DUAL = 1e-5, 1e-4  # residuals at which it ends

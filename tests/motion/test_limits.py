@@ -108,7 +108,7 @@ def test_a_limit_of_numeric_constraints_is_kept_by_a_solve(panda: Robot, model: 
     task = Task(ends, own, model.values(7), (2.0, 2.0), 0.0)
 
     def solved(task: Task, curve: Curve) -> Outcome:
-        return task.polished(level, task.descended(level, curve, 60, trust=0.2, tolerance=1e-5, give=1e-6))
+        return task.polished(level, task.descended(task.model(level), curve, 60, trust=0.2, tolerance=1e-5, give=1e-6))
 
     free = solved(task, bent)
     ball = OutsideBall(free.curve.position(np.array([0.5]))[0] + 0.02, 0.3)  # in the way, not about its centre

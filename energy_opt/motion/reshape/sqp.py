@@ -18,7 +18,7 @@ from energy_opt.motion.reshape.model import Model
 from energy_opt.numerics.quadratic import LEAST_DAMPING, Banded, Constraints, Minimum, minimise
 
 PRICE = 30.0  # of a row's excess in a quadratic program, where the cost is of order one
-USED = 0.3  # share of a bound from which a linear row is held, and, in a trial, is added
+USED = 0.1  # share of a bound from which a linear row is held, and, in a trial, is added
 BOLD, FAIR = 0.7, 0.3  # ratios of what was won to what was expected above, and below, which the trust region changes
 LEAST_TRUST = 2e-4  # [rad]
 ACCEPTED = 1e-3  # least such ratio at which a step is taken

@@ -104,33 +104,43 @@ void banded_multiply(const double *ab, I size, I width, const double *x, double 
     }
 }
 
-/* Add the sum over nodes of L' C L to a band: `blocks` C (count, m, m), m >= 3 n, Hessians by position and its first
-   two derivatives; `local` (count, 3, LOCAL) values of the basis and its derivatives; `first` (count,) windows;
-   `half` (n, 3 n) for its own use. */
-void banded_add_nodes(double *ab, I size, const double *blocks, I count, I m, const double *local, const I *first, I n,
-               double *half) {
-    I points = size / n, width = LOCAL * n;
-    for (I k = 0; k < count; k++) {
-        const double *c = blocks + k * m * m, *b = local + k * 3 * LOCAL;
-        for (I a = 0; a < LOCAL; a++) {
-            I row = first[k] + a;
-            if (row < 0 || row >= points) continue;
-            double x = b[a], y = b[LOCAL + a], z = b[2 * LOCAL + a];
+/* What a node with window `first` adds to a band: L' C L, C (m, m) symmetric, L from the basis and its derivatives `b`
+   (3, LOCAL); `half` (3 n, n) for its own use. It is built for usual n, so that loops over joints have known lengths. */
+static inline void add_node(double *ab, I points, const double *restrict c, I m, const double *b, I first, I n,
+                            double *restrict half) {
+    I width = LOCAL * n;
+    for (I a = 0; a < LOCAL; a++) {
+        I row = first + a;
+        if (row < 0 || row >= points) continue;
+        double x = b[a], y = b[LOCAL + a], z = b[2 * LOCAL + a];
+        for (I j = 0; j < 3 * n; j++)
             for (I i = 0; i < n; i++)
-                for (I j = 0; j < 3 * n; j++)
-                    half[i * 3 * n + j] = x * c[i * m + j] + y * c[(n + i) * m + j] + z * c[(2 * n + i) * m + j];
-            for (I d = 0; d <= a; d++) {
-                I column = first[k] + d;
-                if (column < 0) continue;
-                double x2 = b[d], y2 = b[LOCAL + d], z2 = b[2 * LOCAL + d];
-                for (I j = 0; j < n; j++)
-                    for (I i = row == column ? j : 0; i < n; i++) {
-                        const double *h = half + i * 3 * n + j;
-                        ab[(column * n + j) * width + (row - column) * n + i - j] +=
-                            x2 * h[0] + y2 * h[n] + z2 * h[2 * n];
-                    }
+                half[j * n + i] = x * c[j * m + i] + y * c[j * m + n + i] + z * c[j * m + 2 * n + i];
+        for (I d = 0; d <= a; d++) {
+            I column = first + d;
+            if (column < 0) continue;
+            double x2 = b[d], y2 = b[LOCAL + d], z2 = b[2 * LOCAL + d];
+            for (I j = 0; j < n; j++) {
+                double *restrict to = ab + (column * n + j) * width + (row - column) * n - j;
+                const double *h = half + j * n;
+                for (I i = row == column ? j : 0; i < n; i++)
+                    to[i] += x2 * h[i] + y2 * h[n * n + i] + z2 * h[2 * n * n + i];
             }
         }
+    }
+}
+
+/* Add the sum over nodes of L' C L to a band: `blocks` C (count, m, m), m >= 3 n, Hessians by position and its first two
+   derivatives; `local` (count, 3, LOCAL) values of the basis and its derivatives; `first` (count,) windows; `half`
+   (3 n, n) for its own use. */
+void banded_add_nodes(double *ab, I size, const double *blocks, I count, I m, const double *local, const I *first, I n,
+               double *half) {
+    I points = size / n;
+    for (I k = 0; k < count; k++) {
+        const double *c = blocks + k * m * m, *b = local + k * 3 * LOCAL;
+        if (n == 6) add_node(ab, points, c, m, b, first[k], 6, half);
+        else if (n == 7) add_node(ab, points, c, m, b, first[k], 7, half);
+        else add_node(ab, points, c, m, b, first[k], n, half);
     }
 }
 

@@ -88,7 +88,7 @@ class Evaluation:
         self._z_slope = np.concatenate(
             [(s.stacked @ self._pinned_slope).reshape(len(u), -1), np.ones((len(u), 1))], axis=1
         )
-        self._linear_slope = self._per * (self._linear_all @ self._pinned_slope.ravel())
+        self._linear_slope = self._per * self._derivatives(self._pinned_slope)
         stacked = s.stacked.reshape(len(u), 3, -1)[self._quad].reshape(3 * len(self._quad), -1)
         self._down = stacked.T[s.pinned : controls - s.pinned].copy()
         self._down_all = stacked.T.copy()
@@ -98,8 +98,9 @@ class Evaluation:
             self.share[k, controls - s.pinned :] = 0.0 if end == 0 else 1.0
         self.end_z = (self.share @ s.stacked.T).reshape(-1, len(u), 3)
         if self.moving:
-            linear = self._linear_all.toarray().reshape(-1, controls, n)
-            self.end_linear = self._per[:, None] * np.einsum("lci,kc->kli", linear, self.share)
+            along = [[np.kron(site @ share[:, None], np.eye(n)) for site in self._sites] for share in self.share]
+            none = np.zeros((0, n))
+            self.end_linear = np.stack([self._per[:, None] * np.concatenate([none, *by_order]) for by_order in along])
             u = np.linspace(0, 1, 6 * controls)[:, None]  # how the curve follows what an end bends off its tangent
             pinned = np.zeros((s.pinned, 1)), np.ones((s.pinned, 1))
             goal = s.basis.fit(u[:, 0], u**3 * (10 - 15 * u + 6 * u**2), *pinned)[:, 0]
@@ -109,12 +110,24 @@ class Evaluation:
         """Rows of bounds on derivatives: as functions of all control points, and their squares."""
         n = self.shape.joints
         held = [limit for limit in self.limits if limit.order]
-        linear = self.shape.linear(tuple(limit.order for limit in held))
-        self._linear_all, self._linear_first, self._linear_joint, self._linear_local = linear
+        self._sites = [self.shape.sites[limit.order - 1] for limit in held]
+        linear = self.shape.linear([limit.order for limit in held])
+        self._linear_first, self._linear_joint, self._linear_local = linear
         counts = [len(self.shape.sites[limit.order - 1]) for limit in held]
         self.order = np.repeat([limit.order for limit in held], np.array(counts, dtype=int) * n)
         bounds = [np.tile(1 / limit.bound, count) for count, limit in zip(counts, held, strict=True)]
         self._per = np.concatenate([np.zeros(0), *bounds])
+        self._by_time = 0.0, self._per
+
+    def _derivatives(self, points: np.ndarray) -> np.ndarray:
+        """Bounded derivatives (L,) of control points, times powers of T."""
+        return np.concatenate([np.zeros(0), *((site @ points).ravel() for site in self._sites)])
+
+    def _shares(self, points: np.ndarray, duration: float) -> np.ndarray:
+        """Signed shares (L,) of the bounds on derivatives."""
+        if self._by_time[0] != duration:
+            self._by_time = duration, self._per / duration**self.order
+        return np.asarray(self._by_time[1] * self._derivatives(points))
 
     def _set_hot(self) -> None:
         """What is limited at nodes."""
@@ -134,7 +147,7 @@ class Evaluation:
         z[:, -1] = duration
         rate, slope = self._cost(z[self._quad], self._u[self._quad], self._values)
         cost = self.scale * (float(self._weight @ rate[:, 0]) - self.offset * duration)
-        linear = self._per * (self._linear_all @ points.ravel()) / duration**self.order
+        linear = self._shares(points, duration)
         for end, surface in self.moving:
             before = self.ends.goal if end else self.ends.start
             cost += self.scale * self._sign(end) * float(np.diff(surface.work(np.stack([before, points[end]])))[0])
@@ -262,4 +275,4 @@ class Evaluation:
     def linear_after(self, point: Point, d: np.ndarray) -> np.ndarray:
         """Signed shares of bounds of derivatives after a step."""
         points, duration, _ = self.moved(point, d)
-        return np.asarray(self._per * (self._linear_all @ points.ravel()) / duration**self.order)
+        return self._shares(points, duration)

@@ -6,11 +6,11 @@ a band of width 6 n, kept as its lower diagonals (see `numerics.quadratic`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from energy_opt.numerics.bspline import DEGREE, Basis
 from energy_opt.numerics.quadratic import add_places
@@ -110,29 +110,17 @@ class Shape:
             out.append((first, np.take_along_axis(matrix, first[:, None] + np.arange(LOCAL), axis=1)))
         return out
 
-    @cached_property
-    def _linear(self) -> dict[tuple[int, ...], tuple[csr_matrix, np.ndarray, np.ndarray, np.ndarray]]:
-        return {}
-
-    def linear(self, orders: tuple[int, ...]) -> tuple[csr_matrix, np.ndarray, np.ndarray, np.ndarray]:
-        """Control points of derivatives of those orders, site by site and joint by joint.
-
-        Returns a matrix over all control points, and for each of them window, joint and coefficients (L, 6).
-        """
-        if orders not in self._linear:
-            n = self.joints
-            first, local, joint = [np.zeros(0, dtype=np.int64)], [np.zeros((0, LOCAL))], [np.zeros(0, dtype=np.int64)]
-            for k in orders:
-                begin, values = self.site_local[k - 1]
-                first.append(np.repeat(begin, n))
-                local.append(np.repeat(values, n, axis=0))
-                joint.append(np.tile(np.arange(n), len(begin)))
-            f, c, j = (np.concatenate(x) for x in (first, local, joint))
-            index = (f[:, None] + np.arange(LOCAL)) * n + j[:, None]
-            pointer = np.arange(len(f) + 1) * LOCAL
-            every = csr_matrix((c.ravel(), index.ravel(), pointer), shape=(len(f), self.basis.controls * n))
-            self._linear[orders] = every, f - self.pinned, j, c
-        return self._linear[orders]
+    def linear(self, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of control points of derivatives of those orders, site by site and joint by joint: window (L,), joint (L,)
+        and coefficients (L, 6)."""
+        n = self.joints
+        first, local, joint = [np.zeros(0, dtype=np.int64)], [np.zeros((0, LOCAL))], [np.zeros(0, dtype=np.int64)]
+        for k in orders:
+            begin, values = self.site_local[k - 1]
+            first.append(np.repeat(begin - self.pinned, n))
+            local.append(np.repeat(values, n, axis=0))
+            joint.append(np.tile(np.arange(n), len(begin)))
+        return np.concatenate(first), np.concatenate(joint), np.concatenate(local)
 
     @cached_property
     def mass(self) -> np.ndarray:

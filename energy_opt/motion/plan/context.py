@@ -105,10 +105,10 @@ class Judge:
         """The trajectory of a timing that is slowed evenly to `duration` s, judged."""
         return self._once(timing, duration, lambda: timing.slowed(duration).trajectory(self._scorer.robot.joints))
 
-    def _once(self, source: Curve | Timing, duration: float, made: Callable[[], Trajectory]) -> Judged:
+    def _once(self, source: Curve | Timing, duration: float, build: Callable[[], Trajectory]) -> Judged:
         key = id(source), duration  # what is kept holds the source
         if key not in self._of:
-            self._of[key] = source, self(made())
+            self._of[key] = source, self(build())
         return self._of[key][1]
 
 

@@ -245,14 +245,14 @@ class Motors:
 
     def shown(self, power: np.ndarray) -> np.ndarray:
         """What the meter makes of the power of a run, W, (N,), at steps of the world."""
+        time = np.arange(len(power)) * STEP
         if self.cause == "meter_delay":
-            k = round(self.lag / STEP)
-            return np.concatenate([np.full(k, power[0]), power[: len(power) - k]])
-        if self.cause == "meter_filter":
-            out, state = np.empty(len(power)), power[0]
-            for k, x in enumerate(power):
-                state += STEP / self.lag * (x - state)
-                out[k] = state
+            return np.interp(time - self.lag, time, power)
+        if self.cause == "meter_filter":  # exact between steps where the power is linear
+            out, kept = power.astype(float), np.exp(-STEP / self.lag)
+            for k in range(1, len(power)):
+                behind = self.lag * (power[k] - power[k - 1]) / STEP
+                out[k] = power[k] - behind + kept * (out[k - 1] - power[k - 1] + behind)
             return out
         return power
 

@@ -153,39 +153,48 @@ def solved(move: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def enumerated(move: dict[str, Any], duration: float) -> dict[str, Any]:
-    """The least energy over all branches and 15 degrees of every freedom.
+def turned(move: dict[str, Any], duration: float, k: int) -> dict[str, Any]:
+    """Sketches of the moves to every branch, with the tool turned by k times 15 degrees in its freedom.
 
-    A sketch (one coarse start, blind to bodies) costs no more than the motion around them: goals are solved in full in
-    the order of their sketches, while these are below the best.
+    A sketch (one coarse start, blind to bodies) costs no more than the motion around them.
     """
-    robot, pose = move["robot"], move["pose"]
-    cell = load_cell(robot, CellRequest(scene=move["scene"]))
-    settings = eo.Settings(solver="sqp")
-    planner = eo.Planner(robot, rivals_from([MODEL], None, robot, None)[0][0].model, settings, cell=cell)
-    tool, begin, sketches, full = ToolKinematics(robot), time.process_time(), [], 0
-    for k in range(TURNS if pose.free else 1):
-        at = pose.matrix.copy()
-        at[:3, :3] = at[:3, :3] @ pin.exp3(np.array([0.0, 0.0, k * 2 * np.pi / TURNS]))
-        for goal in spread(free_of(reach(tool, Pose(at), near=move["start"]).positions, cell)):
-            asked = eo.Move(move["start"], goal, "reshape", duration)
-            try:
-                sketches.append((planner.score(planner.sketch(asked)).total, len(sketches), asked))
-            except Infeasible:
-                sketches.append((np.inf, len(sketches), asked))
-    best, loss = np.inf, np.nan
-    for energy, _, asked in sorted(sketches):
-        if energy >= best or full == MOST or not np.isfinite(energy):
+    planner, pose = planning(move), move["pose"]
+    begin, at, sketches = time.process_time(), pose.matrix.copy(), []
+    at[:3, :3] = at[:3, :3] @ pin.exp3(np.array([0.0, 0.0, k * 2 * np.pi / TURNS]))
+    found = reach(ToolKinematics(move["robot"]), Pose(at), near=move["start"]).positions
+    for goal in spread(free_of(found, planner.cell)):
+        asked = eo.Move(move["start"], goal, "reshape", duration)
+        try:
+            sketches.append([planner.score(planner.sketch(asked)).total, *goal.tolist()])
+        except Infeasible:
+            sketches.append([None, *goal.tolist()])
+    return {"sketches": sketches, "sketch_seconds": time.process_time() - begin}
+
+
+def enumerated(move: dict[str, Any], duration: float, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """The least energy over all that was sketched: goals are solved in full, in order, while sketches are below it."""
+    planner, begin, best, loss, full = planning(move), time.process_time(), np.inf, np.nan, 0
+    sketches = [sketch for row in rows for sketch in row["sketches"]]
+    for energy, *goal in sorted(sketch for sketch in sketches if sketch[0] is not None):
+        if energy >= best or full == MOST:
             break
         full += 1
         try:
-            found = planner.solve(asked)
+            found = planner.solve(eo.Move(move["start"], np.array(goal), "reshape", duration))
         except Infeasible:
             continue
         if found.status == "solved" and found.energy.total < best:
             best, loss = found.energy.total, found.energy.loss
+    seconds = time.process_time() - begin + sum(row["sketch_seconds"] for row in rows)
     return {"least": best, "least_loss": loss, "count": len(sketches), "solved_in_full": full,
-            "enumerate_seconds": time.process_time() - begin}  # fmt: skip
+            "enumerate_seconds": seconds}  # fmt: skip
+
+
+def planning(move: dict[str, Any]) -> eo.Planner:
+    """What solves a move to a joint goal in its scene."""
+    robot, cell = move["robot"], load_cell(move["robot"], CellRequest(scene=move["scene"]))
+    model = rivals_from([MODEL], None, robot, None)[0][0].model
+    return eo.Planner(robot, model, eo.Settings(solver="sqp"), cell=cell)
 
 
 def spread(q: np.ndarray) -> np.ndarray:
@@ -215,7 +224,12 @@ def main() -> int:
         row = kept(f"{name} {number} solve", partial(part, name, number, kind, solved))
         if number < args.first + args.enumerate and "duration" in row:
             duration = row["duration"]
-            row = row | kept(f"{name} {number} enumerate", partial(part, name, number, kind, enumerated, duration))
+            turns = [
+                kept(f"{name} {number} turned by {15 * k} deg", partial(part, name, number, kind, turned, duration, k))
+                for k in range(TURNS if row["free"] else 1)
+            ]
+            key = f"{name} {number} enumerate"
+            row = row | kept(key, partial(part, name, number, kind, enumerated, duration, turns))
         rows.append(row)
     names = [args.arms[number % len(args.arms)] for number in range(args.jobs)]
     jobs = [kept(f"{name} job {k}", partial(job_of_six, name, k, args.starts)) for k, name in enumerate(names)]

@@ -18,7 +18,7 @@ from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.ends import Ends
 from energy_opt.poses.given import Given, poses_of_request
 from energy_opt.poses.judge import pose_document
-from energy_opt.poses.pose import AnyOf, Freedom, Pose
+from energy_opt.poses.pose import EXACT, AnyOf, Freedom, Pose
 from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot
 
@@ -48,6 +48,8 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | N
         raise BadInput("--free belongs to --goal-pose")
     if passed and len(passed) < len(request.via) + len(request.via_pose):
         raise BadInput("--via and --via-pose are both given; give one")
+    if passed and request.mode == "retime":
+        raise BadInput("--via-pose belongs to --mode reshape; for retime give the points as a --path file")
     reader, tolerance = Given(None, poses_of_request(around)), request.pose_tolerance
     allowed: Any = tolerance if tolerance is None or isinstance(tolerance, str) else tuple(tolerance)
 
@@ -100,7 +102,7 @@ def written(given: Mapping[str, Any], name: str) -> Pose:
             Freedom(axis, -np.inf if low is None else float(low), np.inf if high is None else float(high))
             for axis, low, high in given.get("free", ())
         ]
-        distance, angle = (float(x) for x in given.get("tolerance", (1e-6, 1e-6)))
+        distance, angle = (float(x) for x in given.get("tolerance", EXACT))
         matrix = np.asarray(given["matrix"], dtype=float)
     except (KeyError, TypeError, ValueError) as fault:
         raise BadInput(f"{name}: {fault}; a pose has matrix, free and tolerance") from None

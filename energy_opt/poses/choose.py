@@ -6,13 +6,14 @@ improve     the most promising are moved along their freedom to where the estima
 screen      these are sketched, in order, while the next may be better than the best
 settle      of the best sketch, curve and goal are optimized together, within what the pose leaves free
 solve       the best in full, settled once more; and the goal nearest to the start at that duration: that is the saving
+            (settled too where it costs less than the best)
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -20,17 +21,18 @@ from energy_opt.cell.cell import Cell, Contact
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Move
-from energy_opt.motion.reshape.open import Open
 from energy_opt.motion.result import Result
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.chosen import Candidate, Chosen
-from energy_opt.poses.estimate import curves, fastest
-from energy_opt.poses.freedom import WIDE, Bent, PosedGoal, has_freedom, improved, inside, is_free, used
+from energy_opt.poses.estimate import curves, fastest, straight
+from energy_opt.poses.freedom import directions, has_freedom, improved
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Target, unreached
+from energy_opt.poses.settling import Settle, Settling
 
-IMPROVED = 5  # goals that are moved along their freedom by the estimate
+IMPROVED = 5  # goals that are moved along their freedom by the estimate, each to another place
+TRIED = 7  # the same, those that come to the place of another one among them
 SCREENED = 3  # goals that are sketched
 HOPE = 1.5  # a goal is screened if its estimate, less so many of the largest gain so far, is below the best energy
 EQUAL = 1e-5  # relative: goals with estimates nearer than this differ by a joint that costs nothing
@@ -39,9 +41,14 @@ APART = 0.35  # [rad, m] distance of goals that are both screened
 LISTED = 40  # goals that an answer lists
 FREE = 60  # goals without contact among which is chosen
 
-Solve = Callable[[Move, Sequence[Trajectory]], Result]
 Sketch = Callable[[Move, Sequence[Trajectory]], Trajectory]
-Settle = Callable[[Move, Trajectory, Open, bool], tuple[Trajectory, tuple[np.ndarray, ...]]]
+
+
+class Solve(Protocol):
+    """What solves a move in full, see `Planner.solve`; unless it is to confirm it, an error is raised in less time."""
+
+    def __call__(self, move: Move, warm: Sequence[Trajectory] = (), *, confirm: bool = True) -> Result:
+        """The answer."""
 
 
 Solved = tuple[Candidate, Result]
@@ -76,9 +83,16 @@ class Chooser:
     ) -> None:
         self.tool, self.scorers, self.seed, self._worst = tool, list(scorers), seed, worst
         self.cell = cell if cell is not None and cell.checks else None
-        self._solver, self._sketch, self._settle = solver, sketch, settle
-        self._start, self._via = start, tuple(via)
+        self._solver, self._sketch = solver, sketch
+        self._settle = Settling(tool, scorers, self.cell, settle, start, via)
         self.solves = self.screened = 0
+
+    def cheapest(self, moves: Sequence[Move]) -> Move:
+        """The move, of some with their own ends and via points, whose sketch costs least; the first if none has one."""
+        if len(moves) == 1:
+            return moves[0]
+        found = [self._sketched(move, Candidate(move.goal, np.nan)) for move in moves]
+        return moves[int(np.argmin([_cost(each[0]) if each else np.inf for each in found]))]
 
     def choose(self, move: Move, goals: Sequence[Target]) -> Chosen:
         """The cheapest motion from the move's start to any of the goals.
@@ -101,23 +115,17 @@ class Chooser:
         settled: list[Sketched] = []
         if tried:
             best = min(tried, key=_cost)
-            settled = self._settled(move, *best, False)  # within limits, which a sketch need not be: in its place
+            settled = self._settling(move, *best, False)  # within limits, which a sketch need not be: in its place
             tried = [*settled, *(item for item in tried if item is not best)] if settled else tried
         answer, solved = self._full(move, promising, tried)
-        worth = WORTH * sum(scorer.energy(answer[1].trajectory).loss for scorer in self.scorers) / len(self.scorers)
         same = settled and np.array_equal(settled[0][0].goal, answer[0].goal)
-        done = same and abs(_cost(settled[0]) - _cost(answer)) < worth  # the motion that its goal was settled with
-        better = [] if done else self._settled(move, answer[0], answer[1].trajectory, True)
-        again = None
-        if better and _cost(better[0]) < (answer[0].energy or np.inf) - worth:
-            again = self._attempt(move, better[0][0], [better[0][1]])
-        if again is not None and not isinstance(again, Infeasible):
-            solved.append(again)
-            answer = min(answer, again, key=_rank)
+        if not (same and abs(_cost(settled[0]) - _cost(answer)) < self._worth(answer)):
+            answer = self._refined(move, answer, solved)
         nearest = min(open_, key=lambda c: self._distance(move, c.goal))
         near = self._compared(move, nearest, answer)
         if near is not None and _rank(near) < _rank(answer):  # the search was not as good
-            answer = near
+            solved.append(near)
+            answer = self._refined(move, near, solved)
         listed = [answer[0], *(c for c, _ in sorted(solved, key=_rank) if c is not answer[0])]
         others = {c.goal.tobytes(): c for c in (*found, *(c for c, _ in tried))}  # as it was looked at last
         rest = [c for goal, c in others.items() if all(goal != x.goal.tobytes() for x in listed)]
@@ -153,9 +161,11 @@ class Chooser:
 
     def _estimates(self, move: Move, goals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether straight moves to goals (K, n) are possible (K,), and their energy (K,) [J]."""
-        found = curves(self.scorers, np.broadcast_to(_last(move), goals.shape), goals)
-        if move.duration is not None:
-            return found.shortest <= move.duration, found.at(np.full(len(goals), move.duration))
+        start, time = np.broadcast_to(_last(move), goals.shape), move.duration
+        if time is not None:
+            possible = fastest(self.tool.robot, start, goals) <= time
+            return possible, straight(self.scorers, start, goals, np.full(len(goals), time))
+        found = curves(self.scorers, start, goals)
         longest = np.inf if move.max_duration is None else move.max_duration
         return found.shortest <= longest, found.cheapest(longest=longest)[0]
 
@@ -173,16 +183,32 @@ class Chooser:
             return np.where(possible, energy, np.inf)
 
         out: list[Candidate] = []
+        tried = 0
         for goal in goals:
-            if len(out) == IMPROVED:
+            if len(out) == IMPROVED or tried == TRIED:
                 break
-            if any(_alike(goal, other) for other in out):
+            if any(self._alike(goal, other) for other in out):
                 continue
             if goal.pose is not None and has_freedom(self.tool, goal.pose):
+                tried += 1
                 q = improved(self.tool, goal.pose, goal.goal, cost, self.cell)
                 goal = replace(goal, goal=q, estimate=float(cost(q[None])[0]))
+                same = [k for k, other in enumerate(out) if self._alike(goal, other)]
+                if same:  # it came to where another one is: the cheaper of both
+                    out[same[0]] = min(goal, out[same[0]], key=lambda c: c.estimate)
+                    continue
             out.append(goal)
         return sorted(out, key=lambda c: c.estimate)
+
+    def _alike(self, one: Candidate, two: Candidate) -> bool:
+        """Whether goals are near each other, but for a shift along what the pose leaves free, or cost the same."""
+        if abs(one.estimate - two.estimate) < EQUAL * abs(two.estimate):
+            return True
+        apart = one.goal - two.goal
+        if one.pose is not None and one.pose is two.pose and has_freedom(self.tool, one.pose):
+            along = directions(self.tool, one.pose, two.goal)
+            apart = apart - apart @ along.T @ along
+        return bool(np.abs(apart).max() < APART)
 
     def _screened(self, move: Move, goals: Sequence[Candidate]) -> list[Sketched]:
         """Sketches of goals in order, while the next may be better than the best."""
@@ -194,7 +220,7 @@ class Chooser:
             least = min((c.energy or np.inf for c, _ in out), default=np.inf)
             if len(out) == SCREENED or goal.estimate - HOPE * max(gain, 0.0) > least:
                 break
-            if not any(_alike(goal, other) for other, _ in out):
+            if not any(self._alike(goal, other) for other, _ in out):
                 out += self._sketched(move, goal)
         return out
 
@@ -214,58 +240,39 @@ class Chooser:
     def _attempt(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> Solved | Infeasible:
         self.solves += 1
         try:
-            result = self._solver(goal.moved(move), warm)
+            result = self._solver(goal.moved(move), warm, confirm=False)
         except Infeasible as error:
             return error
         return replace(goal, energy=self._energy(result.trajectory), status=result.status), result
 
-    def _settled(self, move: Move, goal: Candidate, motion: Trajectory, clear: bool) -> list[Sketched]:
-        """The optimum of curve and poses near a motion, within what these leave free; none where it costs no less.
+    def _settling(self, move: Move, goal: Candidate, motion: Trajectory, clear: bool) -> list[Sketched]:
+        """The optimum near a motion with what its goal leaves open, see `Settling`; none where there is none."""
+        found = self._settle(move, goal, motion, clear)
+        self.screened += found is not None
+        rated = [(replace(each, energy=self._energy(at), status="screened"), at) for each, at in found or ()]
+        return sorted(rated, key=_cost)[:1]
 
-        The goal's tolerance is used up in the direction in which the motion, bent to other ends, costs less.
-        """
-        pose, at = goal.pose, goal.moved(move)
-        if not (self._open(at, pose).any or (pose is not None and max(pose.tolerance) > WIDE)):
-            return []
-        self.screened += 1
-        wanted, cell = pose, self.cell if clear else None
-        found: list[Sketched] = []
-        for shifted in range(2):
-            open_ = self._open(at, pose)
-            if open_.any or shifted:
-                motion, via = self._settle(at, motion, open_, clear)
-                at = replace(at, start=motion.position[0], goal=motion.position[-1], via=via)
-            reached = wanted is None or inside(self.tool, wanted, at.goal)
-            if reached and all(is_free(cell, q) for q in (at.start, *at.via, at.goal)):
-                better = replace(goal, goal=at.goal, start=at.start, via=at.via)
-                found.append((replace(better, energy=self._energy(motion), status="screened"), motion))
-            bent = partial(Bent(self.scorers, motion, move.duration is not None), None)
-            moved = None if shifted or pose is None else used(self.tool, pose, at.goal, bent)
-            if moved is None:
-                break
-            pose, at = moved[0], replace(at, goal=moved[1])
-        return sorted(found, key=_cost)[:1]
+    def _worth(self, item: Solved) -> float:
+        """What another goal must promise to be solved in full [J]."""
+        losses = [scorer.energy(item[1].trajectory).loss for scorer in self.scorers]
+        return WORTH * float(np.mean(losses))
 
-    def _open(self, move: Move, goal: Pose | None) -> Open:
-        """What a move's poses leave open."""
-
-        def surface(pose: Pose | None, q: np.ndarray) -> PosedGoal | None:
-            if pose is None or not has_freedom(self.tool, pose):
-                return None
-            found = PosedGoal(self.tool, pose, q, self._work)
-            return found if found.count else None
-
-        via = tuple(map(surface, self._via, move.via))
-        return Open(surface(self._start, move.start), surface(goal, move.goal), via)
-
-    def _work(self, q: np.ndarray) -> np.ndarray:
-        return np.asarray(np.mean([scorer.potential(q) for scorer in self.scorers], axis=0))
+    def _refined(self, move: Move, answer: Solved, solved: list[Solved]) -> Solved:
+        """The answer, or what it is solved to once more where its freedom promises less; that is added to `solved`."""
+        better = self._settling(move, answer[0], answer[1].trajectory, True)
+        if not better or _cost(better[0]) >= _cost(answer) - self._worth(answer):
+            return answer
+        again = self._attempt(move, better[0][0], [better[0][1]])
+        if isinstance(again, Infeasible):
+            return answer
+        solved.append(again)
+        return min(answer, again, key=_rank)
 
     def _full(self, move: Move, goals: Sequence[Candidate], tried: Sequence[Sketched]) -> tuple[Solved, list[Solved]]:
         """The best of the sketched goals solved in full, and all that were; others only where none of these works."""
         sketched = sorted(tried, key=_cost)
         rest = [goal for goal in goals if not any(np.array_equal(goal.goal, c.goal) for c, _ in tried)]
-        errors: list[Infeasible] = []
+        failed: list[Candidate] = []
         out: list[Solved] = []
         for goal, warm in [*((c, [motion]) for c, motion in sketched), *((c, []) for c in rest)]:
             least = min((c.energy or np.inf for c, _ in out if c.status == "solved"), default=None)
@@ -273,11 +280,12 @@ class Chooser:
                 break
             found = self._attempt(move, goal, warm)
             if isinstance(found, Infeasible):
-                errors.append(found)
+                failed.append(goal)
             else:
                 out.append(found)
-        if not out:
-            raise errors[0]
+        if not out:  # again, for a shortest duration that is tried
+            result = self._solver(failed[0].moved(move), confirm=True)
+            out.append((replace(failed[0], energy=self._energy(result.trajectory), status=result.status), result))
         out.sort(key=_rank)
         return out[0], out
 
@@ -315,12 +323,6 @@ class Chooser:
 def _last(move: Move) -> np.ndarray:
     """Where the last part of a move begins."""
     return move.via[-1] if move.via else move.start
-
-
-def _alike(one: Candidate, two: Candidate) -> bool:
-    """Are two goals near each other, or do their moves cost the same?"""
-    near = bool(np.abs(one.goal - two.goal).max() < APART)
-    return near or abs(one.estimate - two.estimate) < EQUAL * abs(two.estimate)
 
 
 def _rank(item: Solved) -> tuple[bool, float]:

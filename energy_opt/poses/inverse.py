@@ -16,9 +16,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from energy_opt.poses.pose import Missed, Pose, free_values, missed
+from energy_opt.poses.pose import Missed, Pose, about, free_values, missed
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.tool import tool_of
@@ -150,10 +149,10 @@ def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True)
     limits = tool.robot.limits
     lower, upper = (limits.lower, limits.upper) if limited else (-np.inf, np.inf)
     weight = np.array([1 / LENGTH] * 3 + [1.0] * 3)
-    count, n = q.shape
+    n = q.shape[1]
     q = q.copy()
     e = tool.missed(pose, q).both * weight
-    damping = np.full(count, 1e-2)
+    damping = np.clip(np.sum(e**2, axis=1), 1e-9, 1e-2)  # little where the start is near
     for _ in range(STEPS):
         open_ = np.flatnonzero(np.abs(e).max(axis=1) > SMALL / 10)
         if not len(open_):
@@ -200,8 +199,7 @@ def jacobian_of(tool: ToolKinematics, pose: Pose, q: np.ndarray, e: np.ndarray) 
     of = ranges[f"r{'xyz'[k]}"]
     angle = free_values(pose, rotation, origin)[of.axis]
     inside = (angle >= of.low) & (angle <= of.high)
-    back = Rotation.from_rotvec(-np.clip(angle, of.low, of.high)[:, None] * np.eye(3)[k]).as_matrix()
-    moved = inverse @ back @ turn
+    moved = inverse @ about(k, -np.clip(angle, of.low, of.high)) @ turn
     along = inverse[:, :, k]  # what the free turn itself does to the error
     follows = moved[:, k] / np.where(np.abs(along[:, k]) > OPPOSITE, along[:, k], 1.0)[:, None]
     moved = moved - along[:, :, None] * follows[:, None] * inside[:, None, None]

@@ -16,6 +16,7 @@ from energy_opt.files import finite_number, words_of
 TURNS = ("rx", "ry", "rz")
 AXES = ("x", "y", "z", *TURNS)
 FAR = 100.0  # [m] no tool is farther away; beyond it a length is a slip of the unit
+EXACT = 1e-6, 1e-6  # [m, rad] tolerance of a pose that is to be reached exactly
 UNIT = 1e-2  # a quaternion's norm may differ from 1 by this; it is then scaled
 
 
@@ -53,32 +54,34 @@ class Freedom:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where the tool must be.
+    """Where the tool must be: `Pose([0.4, 0, 0.3, 3.14, 0, 0], ["rz"], "1mm,1deg")`.
 
     Attributes:
-        matrix: (4, 4) pose of the tool in the robot's base frame, lengths in m.
-        free: directions of the tool's frame in which it may differ.
-        tolerance: distance [m] and angle [rad] by which it may be missed.
+        matrix: (4, 4) pose of the tool in the robot's base frame, lengths in m; given as such, or as x, y, z, roll,
+            pitch, yaw or x, y, z and a quaternion x, y, z, w [m, rad]. R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF.
+        free: directions of the tool's frame in which it may differ; given as such, or in words (`Freedom.of`).
+        tolerance: distance [m] and angle [rad] by which it may be missed; given as such, or as `1mm,1deg`.
         name: for messages.
         frame: the frame of `matrix`: "" for the robot's base, else an object of the scene, or "world" for the
             scene's own frame (see `poses.given.in_base`).
+
+    Raises:
+        BadInput: another count of numbers, no pose, or an axis that is free twice.
     """
 
     matrix: np.ndarray
     free: tuple[Freedom, ...] = ()
-    tolerance: tuple[float, float] = (1e-6, 1e-6)
+    tolerance: tuple[float, float] = EXACT
     name: str = "pose"
     frame: str = ""
 
     def __post_init__(self) -> None:
-        matrix = np.asarray(self.matrix, dtype=float)
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(matrix[:3, 3]).max() > FAR:
-            raise BadInput(f"{self.name}: expected a (4, 4) pose with lengths in m")
-        axes = [freedom.axis for freedom in self.free]
-        if len(set(axes)) < len(axes):
-            raise BadInput(f"{self.name}: an axis is free twice: {', '.join(axes)}")
-        object.__setattr__(self, "matrix", matrix)
-        object.__setattr__(self, "free", tuple(self.free))
+        for freedom in (free := tuple(f if isinstance(f, Freedom) else Freedom.of(f) for f in self.free)):
+            if [other.axis for other in free].count(freedom.axis) > 1:
+                raise BadInput(f"{self.name}: an axis is free twice: {', '.join(other.axis for other in free)}")
+        allowed = tolerance_of(self.tolerance) if isinstance(self.tolerance, str) else self.tolerance
+        for name, value in (("matrix", matrix_of(self.matrix, self.name)), ("free", free), ("tolerance", allowed)):
+            object.__setattr__(self, name, value)
 
     def document(self) -> dict[str, object]:
         """As it is in a result's request."""
@@ -104,45 +107,42 @@ def pose_from(
     tolerance: str | tuple[float, float] | None = None,
     name: str = "--goal-pose",
 ) -> Pose:
-    """A pose from `X,Y,Z,R,P,Y` or `X,Y,Z,QX,QY,QZ,QW` (m, rad), as text or numbers, or from a (4, 4) matrix.
-
-    Roll, pitch and yaw are those of URDF: R = Rz(yaw) Ry(pitch) Rx(roll).
-
-    Args:
-        free: directions of the tool's frame, as `Freedom.of` reads them.
-        tolerance: `1mm,1deg`, or (m, rad).
+    """A pose from text, or from what a `Pose` is given; one that is a pose already as it is.
 
     Raises:
         BadInput: another count of numbers, or no pose.
     """
     if isinstance(given, Pose):
         return given
-    freedom = tuple(f if isinstance(f, Freedom) else Freedom.of(f) for f in free)
-    allowed = tolerance_of(tolerance) if isinstance(tolerance, str) else tolerance or (1e-6, 1e-6)
     if isinstance(given, str):
-        numbers = np.array([finite_number(word, f"{name} {given}", FORM) for word in words_of(given)])
-    else:
+        given = np.array([finite_number(word, f"{name} {given}", FORM) for word in words_of(given)])
+    return Pose(given, free, tolerance or EXACT, name)  # type: ignore[arg-type]
+
+
+def matrix_of(given: Sequence[float] | np.ndarray, name: str) -> np.ndarray:
+    """A pose (4, 4) from six or seven numbers, or from itself; see `Pose`."""
+    try:
         numbers = np.asarray(given, dtype=float)
-    if numbers.shape == (4, 4):
-        return Pose(numbers, freedom, allowed, name)
-    if numbers.shape == (6,):
-        if np.abs(numbers[:3]).max() > FAR or np.abs(numbers[3:]).max() > 4 * np.pi:
-            raise BadInput(f"{name}: expected {FORM}")
-        return Pose(pose_of(tuple(numbers[:3]), tuple(numbers[3:])), freedom, allowed, name)
-    if numbers.shape != (7,):
+    except (TypeError, ValueError):
+        raise BadInput(f"{name}: expected {FORM}") from None
+    if numbers.shape == (6,) and np.abs(numbers[3:]).max() <= 4 * np.pi:
+        numbers = pose_of(tuple(numbers[:3]), tuple(numbers[3:]))
+    elif numbers.shape == (7,):
+        size = float(np.linalg.norm(numbers[3:]))
+        if not abs(size - 1) <= UNIT:
+            raise BadInput(f"{name}: the quaternion has norm {size:.4g}; expected 1")
+        x, y, z, w = numbers[3:] / size
+        turn = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        numbers = np.block([[np.array(turn), numbers[:3, None]], [np.zeros(3), 1.0]])
+    elif numbers.ndim < 2:
         raise BadInput(f"{name}: {numbers.size} numbers; expected {FORM}")
-    size = float(np.linalg.norm(numbers[3:]))
-    if abs(size - 1) > UNIT:
-        raise BadInput(f"{name}: the quaternion has norm {size:.4g}; expected 1")
-    x, y, z, w = numbers[3:] / size
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    matrix[:3, 3] = numbers[:3]
-    return Pose(matrix, freedom, allowed, name)
+    if numbers.shape != (4, 4) or not np.isfinite(numbers).all() or np.abs(numbers[:3, 3]).max() > FAR:
+        raise BadInput(f"{name}: expected {FORM}")
+    return numbers
 
 
 FORM = "X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW with lengths in m and angles in rad"
@@ -184,11 +184,22 @@ class Missed:
         return np.hstack([self.shift, self.turn])
 
 
+def about(k: int, angle: np.ndarray) -> np.ndarray:
+    """Rotations (N, 3, 3) about x, y or z (k = 0, 1, 2) by angles (N,) [rad]."""
+    i, j = (k + 1) % 3, (k + 2) % 3
+    out = np.zeros((len(angle), 3, 3))
+    out[:, k, k] = 1.0
+    out[:, i, i] = out[:, j, j] = np.cos(angle)
+    out[:, j, i] = np.sin(angle)
+    out[:, i, j] = -out[:, j, i]
+    return out
+
+
 def free_values(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> dict[str, np.ndarray]:
     """How far the tool at `rotation` (N, 3, 3), `origin` (N, 3) is along each free direction, (N,) [m or rad] by axis.
 
-    One free turn is the twist of the quaternion, several are Euler angles; whole turns bring an angle as near as they
-    can to the middle of its range.
+    One free turn is the twist of the quaternion, 2 atan2(q_k, q_w) = atan2(R_ji - R_ij, R_ii + R_jj); several are Euler
+    angles. Whole turns bring an angle as near as they can to the middle of its range.
     """
     wanted, ranges = pose.matrix[:3, :3], {freedom.axis: (freedom.low, freedom.high) for freedom in pose.free}
     shift = (origin - pose.matrix[:3, 3]) @ wanted
@@ -196,15 +207,15 @@ def free_values(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> dict[st
     axes = [k for k in range(3) if TURNS[k] in ranges]
     if not axes:
         return out
-    turned = Rotation.from_matrix(np.matmul(wanted.T, rotation))
+    turned = np.matmul(wanted.T, rotation)
     if len(axes) == 1:
-        q = turned.as_quat()
-        angles = 2 * np.arctan2(q[:, axes], q[:, 3:])
+        i, j = (axes[0] + 1) % 3, (axes[0] + 2) % 3
+        angles = np.arctan2(turned[:, j, i] - turned[:, i, j], turned[:, i, i] + turned[:, j, j])[:, None]
     else:
         order = [*axes, *(k for k in range(3) if k not in axes)]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # where two axes are one, any split between them will do
-            angles = turned.as_euler("".join("XYZ"[k] for k in order))
+            angles = Rotation.from_matrix(turned).as_euler("".join("XYZ"[k] for k in order))
     for k, angle in zip(axes, angles.T, strict=False):
         low, high = ranges[TURNS[k]]
         middle = (low + high) / 2 if np.isfinite([low, high]).all() else 0.0
@@ -222,12 +233,12 @@ def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> Missed:
     shift = (origin - pose.matrix[:3, 3]) @ wanted
     limits = {freedom.axis: (freedom.low, freedom.high) for freedom in pose.free}
     anyhow = all(np.isinf(limits.get(turn, (0.0, 0.0))).all() for turn in TURNS)  # no turn counts
-    turned = Rotation.from_matrix(np.matmul(wanted.T, rotation))
+    turned = np.matmul(wanted.T, rotation)
     shifts_only = replace(pose, free=tuple(f for f in pose.free if f.axis not in TURNS)) if anyhow else pose
     for axis, value in free_values(shifts_only, rotation, origin).items():
         held, k = np.clip(value, *limits[axis]), "xyz".index(axis[-1])
         if axis in TURNS:
-            turned = Rotation.from_rotvec(-held[:, None] * np.eye(3)[k]) * turned
+            turned = about(k, -held) @ turned
         else:
             shift[:, k] -= held
-    return Missed(shift, np.zeros_like(shift) if anyhow else turned.as_rotvec())
+    return Missed(shift, np.zeros_like(shift) if anyhow else Rotation.from_matrix(turned).as_rotvec())

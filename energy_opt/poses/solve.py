@@ -11,12 +11,12 @@ from energy_opt.cell.cell import Cell
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import RobustPlanner
-from energy_opt.poses.choose import Chooser
+from energy_opt.poses.choose import APART, Chooser
 from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.ends import Ends
 from energy_opt.poses.estimate import fastest, holding
 from energy_opt.poses.inverse import ToolKinematics
-from energy_opt.poses.sets import Ring, Target, layer, positions_of, thinned
+from energy_opt.poses.sets import Layer, Ring, Target, layer, positions_of, thinned
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
@@ -41,18 +41,21 @@ def solve_to(
     """
     tool = ToolKinematics(robot, settings.tool)
     scorers = [Scorer(robot, model) for model in models]
-    if ends.start is not None or ends.via:
-        move = _placed(ends, move, tool, scorers, cell, settings)
     chooser = Chooser(
         tool, scorers, cell, planner.solve, planner.sketch, planner.settle, settings.seed, worst, ends.start, ends.via
     )
+    if ends.start is not None or ends.via:
+        move = chooser.cheapest(_placed(ends, move, tool, scorers, cell, settings))
     return chooser.choose(move, ends.goals)
 
 
 def _placed(
     ends: Ends, move: Move, tool: ToolKinematics, scorers: Sequence[Scorer], cell: Cell | None, settings: Settings
-) -> Move:
-    """The move with those positions of its start pose and of the poses on its way that are likely to be cheapest.
+) -> list[Move]:
+    """Moves with positions of the start pose and of the poses on the way.
+
+    First those that are likely to be cheapest; then, for each of these poses, the likely cheapest with another branch
+    of it.
 
     Raises:
         Infeasible: no positions reach one of them, or all touch something.
@@ -63,10 +66,18 @@ def _placed(
     goals = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in ends.goals]
     sets.append(np.vstack(goals))
     layers = [layer(scorers, thinned(q, holding(scorers, q))) for q in sets]
-    chain = Ring(layers, [scorers] * (len(layers) - 1), [(0.0, np.inf)] * len(layers))
-    chosen, _ = chain.cheapest(move.duration or move.max_duration or np.inf, 0.0)
-    q = [each.positions[k] for each, k in zip(layers, chosen, strict=True)]
-    return replace(move, start=q[0], via=tuple(q[1:-1]))
+
+    def cheapest(layers: Sequence[Layer]) -> list[np.ndarray]:
+        chain = Ring(layers, [scorers] * (len(layers) - 1), [(0.0, np.inf)] * len(layers))
+        chosen, _ = chain.cheapest(move.duration or move.max_duration or np.inf, 0.0)
+        return [each.positions[k] for each, k in zip(layers, chosen, strict=True)]
+
+    found = [cheapest(layers)]
+    for k, each in enumerate(layers[:-1]):
+        others = each.positions[np.abs(each.positions - found[0][k]).max(axis=1) >= APART]
+        if len(others):
+            found.append(cheapest([*layers[:k], layer(scorers, others), *layers[k + 1 :]]))
+    return [replace(move, start=q[0], via=tuple(q[1:-1]), goal=q[-1]) for q in found]
 
 
 def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settings: Settings) -> Move:

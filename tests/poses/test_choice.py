@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +15,18 @@ from scipy.interpolate import BPoly
 from scipy.optimize import minimize_scalar
 from tool_poses import by_pinocchio
 
+import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.errors import Infeasible
 from energy_opt.front.given import source_model
 from energy_opt.front.rivals import rivals_from
 from energy_opt.motion import Move, Planner, Settings, Trajectory
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.result import Result
 from energy_opt.poses.choose import Chooser
 from energy_opt.poses.estimate import curves
 from energy_opt.poses.inverse import ToolKinematics
-from energy_opt.poses.pose import pose_from
+from energy_opt.poses.pose import Pose, pose_from
 from energy_opt.poses.sets import Ring, layer
 from energy_opt.reports.words import goals_words
 from energy_opt.robot import load_robot
@@ -44,6 +48,9 @@ def test_a_pose_out_of_reach_says_how_near_one_can_come(tmp_path: Path, capsys: 
     assert "mm and" in said
     assert main(["optimize", *START, "--goal", "0,0,0,0,0,0", "--free", "rz", "--out", str(tmp_path)]) == 2
     assert "--free belongs to --goal-pose" in capsys.readouterr().err
+    options = ["--goal", "0,0,0,0,0,0", "--via-pose", "0.4,0,0.4,3,0,0", "--mode", "retime", "--out", str(tmp_path)]
+    assert main(["optimize", *START, *options]) == 2
+    assert "--via-pose belongs to --mode reshape" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -79,6 +86,16 @@ def test_a_pose_on_the_way_is_passed_as_exactly_as_a_pose_at_the_end(tmp_path: P
     nearest = times[np.argmin(np.linalg.norm(ToolKinematics(robot)(motion(times))[1] - wanted[:3, 3], axis=1))]
     found = minimize_scalar(missed, bounds=(nearest - 0.01, nearest + 0.01), method="bounded", options={"xatol": 1e-10})
     assert found.fun < 1e-6
+
+
+@pytest.mark.slow
+def test_branches_of_start_and_via_poses_are_compared_by_motions() -> None:
+    """By estimates of straight moves alone this move took 317.48 J; another branch of its start takes 302.25 J."""
+    start = eo.Pose([0.1224, -0.3084, 0.9058, -0.074, -0.1673, 0.8849, 0.4284])
+    via = eo.Pose([-0.4271, -0.2842, 0.9283, -0.3865, -0.5024, 0.5965, 0.4923])
+    goal = eo.Pose([0.2719, 0.1616, 0.921, 0.0354, -0.5999, 0.7787, -0.1801])
+    found = eo.optimize("ur5e", "source-method-2", start=start, via_pose=[via], goal=goal, duration=2.5)
+    assert found.status == "solved" and found.energy.total < 303
 
 
 @pytest.mark.slow
@@ -144,3 +161,62 @@ def test_a_sketch_is_near_the_answer_and_goals_without_one_are_solved_in_full(ur
     chosen = Chooser(ur, [Scorer(robot, model)], None, planner.solve, none, planner.settle).choose(move, goals)
     assert chosen.result.status == "solved" and chosen.screened == 2
     assert chosen.candidates[0].energy == pytest.approx(chosen.result.energy.total)
+
+
+def test_the_nearest_goal_is_moved_along_its_freedom_where_it_is_the_cheapest(ur: ToolKinematics) -> None:
+    """Sketches of goals near the start fail, so that only the comparison with the nearest goal finds these."""
+    robot, model, start = ur.robot, source_model(ur.robot), np.array([1.05, -0.32, -0.06, -1.06, 0.6, -0.62])
+    planner, asked = Planner(robot, model, Settings(starts=1)), []
+    turn, origin = ur((start + [0.3, -0.18, 0.05, -0.08, 0.09, -0.24])[None])
+    pose = Pose(np.block([[turn[0], origin.T], [0, 0, 0, 1.0]]), ["x:-100:100"])
+
+    def solve(move: Move, warm: Sequence[Trajectory] = (), *, confirm: bool = True) -> Result:
+        asked.append(confirm)
+        return planner.solve(move, warm, confirm=confirm)
+
+    def sketch(move: Move, warm: object) -> Trajectory:
+        if np.abs(move.goal - start).max() < 1:
+            raise Infeasible("no sketch")
+        return planner.sketch(move)
+
+    chooser = Chooser(ur, [Scorer(robot, model)], None, solve, sketch, planner.settle)
+    far = start + np.array([-1.5, -0.8, 0, 0, 0, 0])  # lifts the arm
+    chosen = chooser.choose(Move(start, start, "reshape", 1.25), [far, pose])
+    best, nearest = (c.energy for c in (chosen.candidates[0], chosen.nearest))
+    assert np.abs(chosen.move.goal - start).max() < 1
+    assert best is not None and nearest is not None
+    assert best < nearest - 0.02 * chosen.result.energy.loss
+    assert asked and not any(asked)  # a shortest duration is tried only for what is raised
+
+
+def test_goals_that_differ_by_a_free_turn_alone_are_looked_at_once(ur: ToolKinematics) -> None:
+    robot, model, start = ur.robot, source_model(ur.robot), np.array([0.0, -1.5, 1.5, -1.6, -1.5, 0.0])
+    planner, sketched = Planner(robot, model, Settings(starts=1)), []
+    turn, origin = ur(start[None] + 0.3)
+    pose = Pose(np.block([[turn[0], origin.T], [0, 0, 0, 1.0]]), ["rz"])
+
+    def none(move: Move, warm: object = (), **more: object) -> Any:
+        if not more:
+            sketched.append(move.goal[:5])  # the last joint turns the tool about its z
+        raise Infeasible("too short")
+
+    chooser = Chooser(ur, [Scorer(robot, model)], None, none, none, planner.settle)
+    with pytest.raises(Infeasible, match="too short"):
+        chooser.choose(Move(start, start, "reshape"), [pose])
+    assert len(sketched) > 1
+    assert all(np.abs(a - b).max() > 0.1 for k, a in enumerate(sketched) for b in sketched[:k])
+
+
+def test_what_is_raised_where_no_goal_is_possible_is_confirmed(ur: ToolKinematics) -> None:
+    robot, model = ur.robot, source_model(ur.robot)
+    planner, asked = Planner(robot, model, Settings(starts=1)), []
+
+    def none(move: Move, warm: object = (), *, confirm: bool = True) -> Result:
+        asked.append(confirm)
+        raise Infeasible("too short")
+
+    start = np.zeros(6)
+    chooser = Chooser(ur, [Scorer(robot, model)], None, none, planner.sketch, planner.settle)
+    with pytest.raises(Infeasible, match="too short"):
+        chooser.choose(Move(start, start, "reshape", 3.0), [start + 0.5, start + 0.7])
+    assert asked[-1] and not any(asked[:-1]) and len(asked) > 1

@@ -189,13 +189,16 @@ class Planner:
         started, first, initial_paths = found
         return replace(started, duration=move.duration, max_duration=move.max_duration), first, initial_paths
 
-    def solve(self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None) -> Result:
+    def solve(
+        self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None, confirm: bool = True
+    ) -> Result:
         """The move with the least energy that is found, or by another objective if the settings say so.
 
         Args:
             warm: trajectories to start from besides the usual ones; where they have the move's duration and stay within
                 limits, the result is never worse than they are.
-            deadline: seconds after which the search ends with the best proven answer so far; None for the settings'.
+            deadline: seconds until the best proven answer so far is given; None for the settings'.
+            confirm: whether a shortest duration that an error names is tried before.
 
         Raises:
             Infeasible: no timing or no path holds the limits; says which, where and what would work.
@@ -207,7 +210,7 @@ class Planner:
         try:
             result = self.single(move).at(move.duration, move.max_duration, warm, progress).result
         except Infeasible as error:
-            raise self._confirmed(error, move, progress) from None
+            raise (self._confirmed(error, move, progress) if confirm else error) from None
         return replace(result, warnings=(*result.warnings, *self._cell_warnings, *self._long_turns(move)))
 
     def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
@@ -217,15 +220,14 @@ class Planner:
             Infeasible: none was found.
         """
         if move.mode == "retime" or unseen(move):
-            return self.solve(move, warm).trajectory
+            return self.solve(move, warm, confirm=False).trajectory
         return sketched(replace(self.context(move), cell=None), move, warm)
 
     def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
         """The optimum near a motion; what is open too is where it costs least; `clear`: of bodies."""
         if move.mode == "retime" or self.settings.objective != "energy" or unseen(move):
             return motion, move.via
-        context = self.context(move)
-        return settled(context if clear else replace(context, cell=None), move, motion, open_)
+        return settled((self if clear else self.around(None)).context(move), move, motion, open_)
 
     def _long_turns(self, move: Move) -> list[str]:
         """What to say of joints without an end that reach the same pose by turning the other way."""

@@ -3,9 +3,8 @@
 The mean is one program, with the mean of the models' powers as its cost. No answer may cost more than a valid evenly
 slowed move under any of the models; where one does, that model's weight grows and the move is solved again in the same
 duration, until the weight was too much; the best mean of these motions that holds under all models (`blend`) ends it.
-The largest
-energy is minimised in the same way, by weights that move towards the models under which the move costs most: at the
-minimum of the largest, a mixture of the models is minimised (the minimax theorem, where energies are convex).
+The largest energy is minimised in the same way, by weights that move towards the models under which the move costs
+most: at its minimum, a mixture of the models is minimised (the minimax theorem, where energies are convex).
 
 Where a model's friction is assumed, the corners of its range (`power.known.friction_range`) are held in the same way:
 they take no part in the mean, but the answer costs no more than the evenly slowed move under any of them, and the
@@ -145,17 +144,18 @@ class RobustPlanner:
             for judge, scorer in zip(self._judges, self._scorers, strict=True)
         ]
 
-    def solve(self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None) -> Result:
+    def solve(
+        self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None, confirm: bool = True
+    ) -> Result:
         """The best move that is found; see `Planner.solve`. `Result.models` says what each model makes of it."""
-        settings = self._planner.settings
-        progress = Progress(settings.deadline if deadline is None else deadline, self._stopped)
+        progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
 
         def find(planner: Planner, known: list[Trajectory]) -> Result:
             # Weights are prices of what a move costs beyond the evenly slowed one, which is of the same duration.
             if not known or self.kind == "worst":
-                return planner.solve(move, [*warm, *known], progress.left)
+                return planner.solve(move, [*warm, *known], progress.left, confirm)
             held = replace(move, duration=known[-1].duration, max_duration=None)
-            return planner.as_ending(known[-1]).solve(held, [*warm, *known], progress.left)
+            return planner.as_ending(known[-1]).solve(held, [*warm, *known], progress.left, confirm)
 
         best = self._least(find, progress.ended, move)
         return self._stated(self._or_even(move, best))

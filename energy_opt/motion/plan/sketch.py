@@ -66,7 +66,7 @@ def settled(context: Context, move: Move, motion: Trajectory, open_: Open) -> Se
     bent = line.q + (1 - share) * (move.start - line.q[0]) + share * (move.goal - line.q[-1])
     curve = task.curve(level.shape, replace(line, q=bent))
     if context.cell is None:
-        best = reshaper.solved(curve, task, context.stopped)
+        best = reshaper.solved(curve, task, context.stopped, near=not open_.any)
         return (motion, move.via) if best.broken > FEASIBLE else _settled(context, best.curve, task)
     scale = 1 / max(abs(level.excess(curve, task.parameters, task.limits)[0] - task.offset * curve.duration), 1e-6)
     search = ClearSearch(context.cell, context.robot.joints, level, task, scale, context.stopped)

@@ -24,7 +24,7 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.result import Result
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.chosen import Candidate, Chosen
-from energy_opt.poses.estimate import curves, fastest, straight
+from energy_opt.poses.estimate import curves, fastest
 from energy_opt.poses.freedom import directions, has_freedom, improved
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Pose
@@ -161,11 +161,9 @@ class Chooser:
 
     def _estimates(self, move: Move, goals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether straight moves to goals (K, n) are possible (K,), and their energy (K,) [J]."""
-        start, time = np.broadcast_to(_last(move), goals.shape), move.duration
-        if time is not None:
-            possible = fastest(self.tool.robot, start, goals) <= time
-            return possible, straight(self.scorers, start, goals, np.full(len(goals), time))
-        found = curves(self.scorers, start, goals)
+        found = curves(self.scorers, np.broadcast_to(_last(move), goals.shape), goals)
+        if move.duration is not None:
+            return found.shortest <= move.duration, found.at(np.full((len(goals), 1), move.duration))[:, 0]
         longest = np.inf if move.max_duration is None else move.max_duration
         return found.shortest <= longest, found.cheapest(longest=longest)[0]
 

@@ -7,6 +7,10 @@ Many moves are looked at together. Over the duration, energy is close to
     E(T) = a T + b + c / T + d / T^3
 
 (holding, what path and friction take, viscous friction, losses of acceleration), which four durations determine.
+
+Where a joint is near its velocity limit v, a quintic would exceed it. With a trapezoid of velocity, whose plateau is v,
+losses of acceleration are 2 b^3 / (b - 1) way^2 / T^3 with b = v T / way; with a quintic they are 120/7 way^2 / T^3.
+Where that is less, the terms in 1 / T take the ratio more.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ LOOKED_AT = np.array([1.1, 1.6, 2.5, 4.5])  # durations at which moves are score
 LONGEST = 12.0  # shortest durations: no move is sensibly slower
 GRID = np.geomspace(LOOKED_AT[0], LONGEST, 40)  # durations among which the cheapest is taken, in shortest ones
 BLOCK = 40_000  # samples scored at once
+QUINTIC = 120 / 7  # losses of acceleration of a quintic, in way^2 / T^3
 LEAST = 1e-3  # [s] that the shortest move takes
 
 
@@ -34,14 +39,20 @@ class Curves:
     Attributes:
         shortest: (P,) [s] below which velocity and acceleration limits rule a move out.
         coefficients: (P, 4) [J] of a, b, c, d over T / shortest.
+        cruising: (P,) [s] that the move takes at velocity limits.
     """
 
     shortest: np.ndarray
     coefficients: np.ndarray
+    cruising: np.ndarray
 
     def at(self, duration: np.ndarray) -> np.ndarray:
-        """Energy (P,) [J] at durations (P,) [s]."""
-        return np.einsum("pk,pk->p", self.coefficients, _basis(duration / self.shortest))
+        """Energy (P, M) [J] at durations (P, M) [s]."""
+        share = duration / self.shortest[:, None]
+        spare = np.maximum(duration / np.maximum(self.cruising[:, None], 1e-9), 1 + 1e-3)
+        ratio = np.maximum(2 * spare**3 / (spare - 1) / QUINTIC, 1.0)
+        basis = np.stack([share, np.ones_like(share), ratio / share, ratio * share**-3.0], axis=-1)
+        return np.einsum("pk,pmk->pm", self.coefficients, basis)
 
     def cheapest(
         self, price: float = 0.0, longest: float | np.ndarray = np.inf, least: float = 0.0
@@ -53,13 +64,9 @@ class Curves:
         """
         time = np.clip(self.shortest[:, None] * GRID, least, longest)
         time = np.maximum(time, self.shortest[:, None])
-        energy = np.einsum("pk,pmk->pm", self.coefficients, _basis(time / self.shortest[:, None])) - price * time
+        energy = self.at(time) - price * time
         best = np.argmin(energy, axis=1)[:, None]
         return np.take_along_axis(energy, best, 1)[:, 0], np.take_along_axis(time, best, 1)[:, 0]
-
-
-def _basis(share: np.ndarray) -> np.ndarray:
-    return np.stack([share, np.ones_like(share), 1 / share, share**-3.0], axis=-1)
 
 
 def fastest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -79,7 +86,9 @@ def curves(scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray) -> Cu
     count = len(LOOKED_AT)
     times = np.outer(shortest, LOOKED_AT).ravel()
     energy = straight(scorers, np.repeat(start, count, axis=0), np.repeat(goal, count, axis=0), times)
-    return Curves(shortest, np.linalg.solve(_basis(LOOKED_AT), energy.reshape(-1, count).T).T)
+    cruising = (np.abs(goal - start) / scorers[0].robot.limits.velocity).max(axis=1)
+    basis = np.stack([LOOKED_AT, np.ones(count), 1 / LOOKED_AT, LOOKED_AT**-3.0], axis=-1)
+    return Curves(shortest, np.linalg.solve(basis, energy.reshape(-1, count).T).T, cruising)
 
 
 def straight(scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray, duration: np.ndarray) -> np.ndarray:

@@ -149,8 +149,7 @@ def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True)
     limits = tool.robot.limits
     lower, upper = (limits.lower, limits.upper) if limited else (-np.inf, np.inf)
     weight = np.array([1 / LENGTH] * 3 + [1.0] * 3)
-    n = q.shape[1]
-    q = q.copy()
+    n, q = q.shape[1], np.clip(q, lower, upper)
     e = tool.missed(pose, q).both * weight
     damping = np.clip(np.sum(e**2, axis=1), 1e-9, 1e-2)  # little where the start is near
     for _ in range(STEPS):

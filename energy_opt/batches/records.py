@@ -7,7 +7,6 @@ import json
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, TypedDict
 
 from energy_opt.batches.task import Task
@@ -249,14 +248,11 @@ class Journal:
         for path in earlier(self.path.parent, NAME) - {self.path}:
             path.unlink(missing_ok=True)
         os.ftruncate(self._stream.fileno(), 0)
-        self._write({"format": FORMAT, **header})
+        self.append({"format": FORMAT, **header})
         return []
 
-    def append(self, record: Record) -> None:
+    def append(self, record: Record | Mapping[str, Any]) -> None:
         """Write one record and wait until the disk has it."""
-        self._write(record)
-
-    def _write(self, record: Mapping[str, Any]) -> None:
         self._stream.write(json.dumps(plain(record), allow_nan=False).encode() + b"\n")
         self._stream.flush()
         os.fsync(self._stream.fileno())
@@ -264,7 +260,5 @@ class Journal:
     def __enter__(self) -> Journal:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stream.close()

@@ -97,18 +97,17 @@ def load_suite(
     reading = _Reading(Path(path), overrides or {}, seed, allow_outside, allow_large)
     suite = reading.suite()
     if reading.faults:
-        raise BadInput("\n".join(reading.lines()))
+        raise BadInput("\n".join(f"{path}: {fault}" for fault in reading.faults))
     return replace(suite, tasks=tuple(_with_compile(suite.tasks, compile)))
 
 
 def check_suite(path: str | Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:
     """Every fault of a suite file, one line each; empty where it is usable. Arguments are those of `load_suite`."""
-    reading = _Reading(Path(path), {}, None, allow_outside, allow_large)
     try:
-        reading.suite()
+        load_suite(path, compile="never", allow_outside=allow_outside, allow_large=allow_large)
     except BadInput as error:
         return str(error).splitlines()
-    return reading.lines()
+    return []
 
 
 @dataclass
@@ -127,10 +126,6 @@ class _Reading:
     allow_large: bool
     where: str = ""
     faults: dict[str, None] = field(default_factory=dict)
-
-    def lines(self) -> list[str]:
-        """The faults, each with the file's name."""
-        return [f"{self.path}: {fault}" for fault in self.faults]
 
     @contextmanager
     def at(self, key: str) -> Iterator[None]:

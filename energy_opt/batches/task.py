@@ -87,6 +87,10 @@ class Duration:
             pass
         raise BadInput(f'{value!r} is not a duration; expected seconds above 0, a multiple such as "1.5x", or "free"')
 
+    def of(self, fastest: float) -> float | None:
+        """Seconds, for a move that takes `fastest` [s] at least; None where it is free."""
+        return self.seconds if self.multiple is None else self.multiple * fastest
+
     @property
     def label(self) -> str:
         """As a suite writes it."""

@@ -6,6 +6,7 @@ import os
 import tempfile
 import threading
 from collections import OrderedDict
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from energy_opt.errors import EnergyOptError, Infeasible
 
 if TYPE_CHECKING:
     from energy_opt.cell.cell import Cell
-    from energy_opt.motion import Move, Planner
+    from energy_opt.motion import Move, Planner, Result
     from energy_opt.motion.path import JointPath
     from energy_opt.robot import Robot
 
@@ -105,42 +106,27 @@ def _row(task: Task) -> dict[str, Any]:
     """Solve a task; returns its record. Multiples of the minimum time become seconds here."""
     from energy_opt.motion.plan.robust import Rival, RobustPlanner
 
-    planner = _planner(task)
-    row = identity(task)
+    planner, powers, row = _planner(task), task.powers(), identity(task)
+    solver: Any = planner
+    if len(powers) > 1:
+        solver = RobustPlanner(planner.robot, [Rival(name, model) for name, model in powers], planner=planner)
     if task.ends:
-        return _posed(task, planner, row)
+        return filled(row, _posed(task, planner, solver, row).document())
     row["minimum_time"] = fastest = planner.minimum_time(_move(task, planner.robot, None))
-    duration = task.timing.seconds
-    if task.timing.multiple is not None:
-        duration = task.timing.multiple * fastest
-    move, powers = _move(task, planner.robot, duration), task.powers()
-    if len(powers) == 1:
-        return filled(row, planner.solve(move).document())
-    rivals = [Rival(name, model) for name, model in powers]
-    return filled(row, RobustPlanner(planner.robot, rivals, planner=planner).solve(move).document())
+    return filled(row, solver.solve(_move(task, planner.robot, task.timing.of(fastest))).document())
 
 
-def _posed(task: Task, planner: Planner, row: dict[str, Any]) -> dict[str, Any]:
+def _posed(task: Task, planner: Planner, solver: Any, row: dict[str, Any]) -> Result:
     """A move between poses of the tool; a multiple of the minimum time is one of the move to the nearest goal."""
-    from dataclasses import replace
-
     from energy_opt.motion import Move
-    from energy_opt.motion.plan.robust import Rival, RobustPlanner
     from energy_opt.poses.ends import ends_from_text
     from energy_opt.poses.solve import nearest_move, solve_to
 
-    ends, robot, powers = ends_from_text(task.ends), planner.robot, task.powers()
+    ends, robot, cell, settings = ends_from_text(task.ends), planner.robot, planner.cell, planner.settings
     move = Move(np.array(task.start), np.array(task.goal), task.mode, task.timing.seconds)
-    near = nearest_move(ends, move, robot, planner.cell, planner.settings)
-    row["minimum_time"] = fastest = planner.minimum_time(near)
-    if task.timing.multiple is not None:
-        move = replace(move, duration=task.timing.multiple * fastest)
-    solver: Any = planner
-    if len(powers) > 1:
-        solver = RobustPlanner(robot, [Rival(name, model) for name, model in powers], planner=planner)
-    models = [model for _, model in powers]
-    chosen = solve_to(ends, move, robot, models, planner.cell, planner.settings, solver)
-    return filled(row, chosen.result.document())
+    row["minimum_time"] = planner.minimum_time(nearest_move(ends, move, robot, cell, settings))
+    move = replace(move, duration=task.timing.of(row["minimum_time"]))
+    return solve_to(ends, move, robot, [model for _, model in task.powers()], cell, settings, solver).result
 
 
 def resident_memory() -> int | None:

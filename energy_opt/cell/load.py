@@ -1,13 +1,6 @@
-"""Loading of a cell from what was asked for, and the inspection of a robot's description.
-
-`check` uses the inspection: it loads the robot as a plan does, and holds it still under gravity.
-"""
+"""Loading of a cell from what was asked for, and the inspection of a robot, which `check` uses: it is held still."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +10,7 @@ from energy_opt.cell.scene import Scene
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import BadInput
 from energy_opt.power.assumptions import grouped, rests_on
-from energy_opt.robot import Robot, load_robot
+from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import pose_of
 from energy_opt.robot.limits import postures
 from energy_opt.robot.tool import tool_of
@@ -59,47 +52,14 @@ def load_cell(robot: Robot, request: CellRequest) -> Cell | None:
     return Cell(robot, request, scene_of(request))
 
 
-@dataclass(frozen=True)
-class RobotInspection:
-    """What to inspect.
-
-    Attributes:
-        robot: a name or the path of a URDF. limits: a MoveIt joint_limits.yaml instead of the URDF's limits. lock:
-            joints that do not move, with their positions [rad or m]. prefix: prefix of joint names in the limits file.
-            cell: what the robot is kept clear of.
-    """
-
-    robot: str
-    limits: Path | None = None
-    lock: Mapping[str, float] = field(default_factory=dict)
-    prefix: str = ""
-    cell: CellRequest = field(default_factory=CellRequest)
-
-
-@dataclass(frozen=True)
-class Inspected:
-    """A robot that loads, and a posture of it that its drives hold.
-
-    Attributes:
-        posture: (n,) [rad or m], where it touches nothing; torque: (n,) [N m or N] that holds it.
-        remarks: one line each, of bodies and masses, of what holding takes, and of what is doubtful or assumed.
-    """
-
-    robot: Robot
-    posture: np.ndarray
-    torque: np.ndarray
-    remarks: tuple[str, ...]
-
-
-def inspect_robot(request: RobotInspection) -> Inspected:
-    """Load a robot with its meshes, masses and limits, and find a posture that is held and touches nothing.
+def inspected(robot: Robot, request: CellRequest) -> list[str]:
+    """Remarks on bodies and masses, on what holds the arm still where it touches nothing, and on what is assumed.
 
     Raises:
-        BadInput: it does not load, or none of many postures is free, or held within the effort limits; says which
-            joint lacks how much.
+        BadInput: its meshes do not load, or none of many postures is free, or held within the effort limits; says
+            which joint lacks how much.
     """
-    robot = load_robot(request.robot, limits=request.limits, lock=request.lock, prefix=request.prefix)
-    cell = load_cell(robot, request.cell)
+    cell = load_cell(robot, request)
     candidates = postures(robot.limits)
     torque = robot.body.torque(candidates, 0 * candidates, 0 * candidates)
     share = np.abs(torque) / robot.limits.effort
@@ -121,11 +81,10 @@ def inspect_robot(request: RobotInspection) -> Inspected:
         raise BadInput(
             f"{robot.urdf}: the arm touches itself in all of {len(held)} postures: {contact}; {contact.remedy}"
         )
-    posture, holding = candidates[free], torque[free]
     grounds = grouped(row for row in rests_on(robot) if row.source == "assumed")
     assumed = (f"assumed: {what} {value} ({note})" for what, value, _, note in grounds)
-    said = (*robot.warnings, *(cell.warnings if cell else ()), *assumed)
-    return Inspected(robot, posture, holding, (_bodies(robot, cell), _held(robot, posture, holding), *said))
+    held_at = _held(robot, candidates[free], torque[free])
+    return [_bodies(robot, cell), held_at, *robot.warnings, *(cell.warnings if cell else ()), *assumed]
 
 
 def _bodies(robot: Robot, cell: Cell | None) -> str:

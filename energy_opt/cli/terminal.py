@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import TracebackType
 from typing import TextIO
 
 from energy_opt.cli.faults import one_line, printable, stop_on_interrupt
@@ -47,9 +46,7 @@ class Progress(logging.Handler, Show):
             threading.Thread(target=self._tick, daemon=True).start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._ended.set()
         if self._lines or self._rewrites:
             logger = logging.getLogger("energy_opt")

@@ -24,7 +24,7 @@ from energy_opt.power.worth import per_year_words, until
 from energy_opt.reports import plots
 from energy_opt.reports.motion import drawn
 from energy_opt.reports.optimize import page
-from energy_opt.reports.words import clearance_words, goals_words, input_words, limits_words, same
+from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words
 from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.results import exit_of
 from energy_opt.robot import Robot
@@ -160,21 +160,6 @@ def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str
     return {name: loss_by_joint(scorer, motion) for name, motion in motions.items()}
 
 
-def _energies(result: Result) -> tuple[list[str], list[list[object]]]:
-    """Header and records of the table of energies."""
-    columns = [("result", result.trajectory.duration, result.energy)]
-    columns += [(b.name, b.duration, b.energy) for b in result.baselines]
-    header = ["", *(name for name, _, _ in columns)]
-    records: list[list[object]] = [["duration [s]", *(duration for _, duration, _ in columns)]]
-    for part in ("total", "standby", "stored", "loss"):
-        records.append([part, *(getattr(energy, part) for _, _, energy in columns)])
-    for effect in result.energy.by_effect:
-        values = [energy.by_effect.get(effect) for _, _, energy in columns]
-        if not any(same(values, row[1:]) for row in records[1:]):  # what repeats a line above says nothing
-            records.append([f"  {effect}", *values])
-    return header, records
-
-
 def _why_less(result: Result) -> list[str]:
     """Why the fastest timing takes less than the result, where it does: it pays the overhead for a shorter time."""
     fastest, duration = result.baseline("toppra"), result.trajectory.duration
@@ -202,9 +187,10 @@ def _under(row: Mapping[str, Any]) -> str:
 
 def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     """The short table for the terminal; `year` says what the saving is worth in one."""
-    header, records = _energies(result)
-    lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name in header[1:])]
-    for name, *values in records:
+    columns = [("result", result.trajectory.duration, result.energy)]
+    columns += [(b.name, b.duration, b.energy) for b in result.baselines]
+    lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name, _, _ in columns)]
+    for name, *values in energy_records([(duration, vars(energy)) for _, duration, energy in columns], "{}", "  {}"):
         cells = "".join(f"{value:>12.4f}" if isinstance(value, float) else f"{'-':>12}" for value in values)
         lines.append(f"{name:<22}{cells}")
     beside = input_words(result.document())

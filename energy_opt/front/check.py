@@ -106,26 +106,21 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         read_srdf(file)
         return []
     if file.suffix in (".urdf", ".xml", ".xacro"):
-        from energy_opt.cell.load import RobotInspection, inspect_robot
+        from energy_opt.cell.load import inspected
+        from energy_opt.robot import load_robot
 
-        notes += inspect_robot(
-            RobotInspection(
-                str(file),
-                None if request.limits is None else Path(request.limits),
-                request.locked,
-                request.joint_prefix,
-                cell_of(request),
-            )
-        ).remarks
+        robot = load_robot(str(file), limits=request.limits, lock=request.locked, prefix=request.joint_prefix)
+        notes += inspected(robot, cell_of(request))
         return []
     return _trajectory(file, request, notes)
 
 
 def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """A scene, a message with a planned trajectory, or joint limits."""
-    from energy_opt.cell.scene_files import check_scene, is_scene
+    from energy_opt.cell.scene_files import check_scene, is_scene, read_scene
     from energy_opt.files import read_json, read_yaml_documents
     from energy_opt.formats.messages import trajectories
+    from energy_opt.poses.given import poses_of_scene
 
     if file.suffix == ".scene":
         return check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
@@ -134,20 +129,10 @@ def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         return _trajectory(file, request, notes)
     if any(map(is_scene, documents)):
         faults = check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
-        return faults or _poses(file, request)
+        if not faults:
+            poses_of_scene(read_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large))
+        return faults
     return _trajectory(file, request, notes) if file.suffix == ".json" else _limits(file, request)
-
-
-def _poses(file: Path, request: CheckRequest) -> list[str]:
-    """What is wrong with the poses of the tool that a sound scene file names."""
-    from energy_opt.cell.scene_files import read_scene
-    from energy_opt.poses.given import poses_of_scene
-
-    try:
-        poses_of_scene(read_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large))
-    except BadInput as error:
-        return [str(error)]
-    return []
 
 
 def _set(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
@@ -233,22 +218,16 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     trajectory = samples.trajectory()
     model = _model(request, robot)
     certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
-    return [
-        *_touches(file, request, robot, trajectory, notes),
-        *(
-            f"{file}: {found.limit} of {found.where} is {found.value:.6g} at {found.time:.4g} s (row "
-            f"{_row(trajectory, found.time)}), beyond its bound {found.bound:.6g} by {excess:.2e} of it"
-            for found in certificate.found
-            if (excess := np.inf if found.excess is None else found.excess) > ALLOWED
-        ),
-    ]
-
-
-def _row(trajectory: Trajectory, time: float) -> int:
-    """The row of data, counted from 1, that is last before `time` [s]."""
-    import numpy as np
-
-    return int(np.searchsorted(trajectory.time, time, side="right"))
+    faults = _touches(file, request, robot, trajectory, notes)
+    for found in certificate.found:
+        excess = np.inf if found.excess is None else found.excess
+        if excess > ALLOWED:
+            row = np.searchsorted(samples.time, found.time, side="right")
+            faults.append(
+                f"{file}: {found.limit} of {found.where} is {found.value:.6g} at {found.time:.4g} s (row {row}), "
+                f"beyond its bound {found.bound:.6g} by {excess:.2e} of it"
+            )
+    return faults
 
 
 def _touches(file: Path, request: CheckRequest, robot: Robot, trajectory: Trajectory, notes: list[str]) -> list[str]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -29,11 +29,8 @@ from energy_opt.requests.verbs import DiagnoseRequest, IdentifyRequest
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot.limits import look_like_degrees
 
-AnyRobot = Robot | str | PathLike[str]
-AnyModel = PowerModel | str | PathLike[str] | Mapping[str, Any]
-Vector = Sequence[float] | np.ndarray
-Positions = Vector | Mapping[str, float] | str
-AnyPayload = float | Sequence[float] | Payload | Mapping[str, Any] | str
+if TYPE_CHECKING:
+    from energy_opt.requests.groups import AnyModel, AnyRobot
 
 DEFAULT = "source-method-2"
 DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for degrees: two turns

@@ -19,7 +19,7 @@ from energy_opt.front.rivals import rivals_of, said, with_careful
 from energy_opt.front.workcell import WORKCELL, CellAnswer, run_workcell_job
 from energy_opt.jobs import JobResult, run_job, run_posed
 from energy_opt.jobs.models import compared, grounded, held, mean_of, stated
-from energy_opt.jobs.output import with_room, write_programs
+from energy_opt.jobs.output import found_of, with_room, write, write_programs
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.worth import per_year_words
@@ -53,18 +53,9 @@ class JobAnswer(Answered):
 
     def document(self) -> dict[str, Any]:
         """job.json, less its files."""
-        from energy_opt.jobs.output import document
-
-        found = {**document(self.result), "request": self.asked}
-        worth, slowed = self.request.worth, self.slowed
-        if worth is not None:
-            found["per_year"] = worth.of(None if slowed is None else slowed - self.result.energy)
+        found = found_of(self.result, self.asked, self.request.worth)
+        del found["written"]
         return found
-
-    @property
-    def slowed(self) -> float | None:
-        """Energy of the cycle slowed evenly [J], or where that is not possible, done fastest; None where neither is."""
-        return next((b.energy for b in self.result.baselines[::-1] if b.energy is not None), None)
 
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a job that was saved into `out`."""
@@ -72,8 +63,6 @@ class JobAnswer(Answered):
 
     def kept(self, out: Path) -> JobAnswer:
         """Write job.json, step_01.csv ..., cycle.csv, report.html and the programs asked for into the folder `out`."""
-        from energy_opt.jobs.output import write
-
         with written_whole(out, ANSWER) as aside:
             records = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
             found = write(self.result, self.asked, aside, self.request.worth, records)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk
-from energy_opt.front.given import DEFAULT, AnyModel, carried, model_from, several
+from energy_opt.front.given import DEFAULT, carried, model_from, several
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import SAME, Kind, Rival, row_of
@@ -22,6 +22,9 @@ from energy_opt.power.known import has_friction, is_named
 from energy_opt.power.variants import draws_of
 from energy_opt.power.worth import break_even, until
 from energy_opt.robot import Robot
+
+if TYPE_CHECKING:
+    from energy_opt.requests.groups import AnyModel
 
 COARSER = 2  # places between two samples: what friction adds, and what differs between draws, is smooth
 FAST = 50.0  # [rad/s^2, m/s^2] accelerations beyond are those of no arm of a robot's size

@@ -38,7 +38,7 @@ from energy_opt.jobs.legs import SAME, Job, Load, Step
 from energy_opt.poses.given import SUFFIXES, Given, poses_of_request
 from energy_opt.poses.pose import UNIT, Pose
 from energy_opt.robot import Robot, robot_named
-from energy_opt.schema import Name, Number, Table, faults_of, reads
+from energy_opt.schema import Name, Number, Table, parse, reads
 
 OF_POSE = {"pose", "free", "pose_tolerance"}
 MOVING = {"to", "mode", "min_duration", "max_duration", "stop", *OF_POSE}  # keys of steps that do not wait
@@ -137,42 +137,26 @@ def job_of(
     Raises:
         BadInput: names every fault, one a line, with the step's name.
     """
-    job, faults = _read(document, path, load, allow_outside, payload, named)
-    if faults or job is None:
-        raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
-    return job
-
-
-def check_job(path: Path, load: Callable[[str], Robot], *, allow_outside: bool = False) -> list[str]:
-    """Every fault of a job file, one line each; empty where it is usable. Arguments are those of `load_job`."""
-    try:
-        return [f"{path}: {fault}" for fault in _read(read_toml(Path(path)), Path(path), load, allow_outside)[1]]
-    except BadInput as error:
-        return str(error).splitlines()
-
-
-def _read(
-    document: Mapping[str, Any],
-    path: Path,
-    load: Callable[[str], Robot],
-    allow_outside: bool,
-    payload: Load | None = None,
-    named: Mapping[str, Pose] | None = None,
-) -> tuple[Job | None, list[str]]:
-    table, faults = faults_of(JobTable, document)
-    if table is None:
-        return None, faults
+    table = parse(JobTable, document, str(path))
     try:
         name = robot_named(table.robot, path.parent, allow_outside)
     except BadInput as error:
-        return None, [f"robot: {error}"]
+        raise BadInput(f"{path}: robot: {error}") from None
     reading = _Reading(table, path, load(name), allow_outside)
     reading.name_poses(named or {})
     steps = reading.steps(payload)
     if reading.faults:
-        return None, list(reading.faults)
-    job = Job(path.stem, reading.robot, table.cycle_time, tuple(steps), table.brakes, tuple(reading.remarks))
-    return job, []
+        raise BadInput("\n".join(f"{path}: {fault}" for fault in reading.faults))
+    return Job(path.stem, reading.robot, table.cycle_time, tuple(steps), table.brakes, tuple(reading.remarks))
+
+
+def check_job(path: Path, load: Callable[[str], Robot], **more: Any) -> list[str]:
+    """Every fault of a job file, one line each; empty where it is usable. Arguments are those of `load_job`."""
+    try:
+        load_job(path, load, **more)
+    except BadInput as error:
+        return str(error).splitlines()
+    return []
 
 
 class _Reading:

@@ -20,7 +20,6 @@ from energy_opt.formats.program import Part, joined
 from energy_opt.jobs.cycle import Piece
 from energy_opt.jobs.run import JobResult
 from energy_opt.motion.judge.certificate import Certificate
-from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.judge import pose_document
@@ -210,35 +209,38 @@ def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(times), np.concatenate(powers)
 
 
-def write(
-    result: JobResult,
-    request: Mapping[str, Any],
-    out: Path,
-    worth: PerYear | None = None,
-    written: Sequence[Written] = (),
+def found_of(
+    result: JobResult, request: Mapping[str, Any], worth: PerYear | None = None, written: Sequence[Written] = ()
 ) -> dict[str, Any]:
-    """Write step_01.csv ..., cycle.csv, report.html and job.json, this last; returns the document.
+    """job.json.
 
     Args:
-        worth: how often the cycle runs in a year, where its saving is to be stated for one.
-        written: programs of the cycle that are there already, read back and judged.
+        worth: how often the cycle runs in a year, where its saving is to be stated for one: against the cycle slowed
+            evenly, or where that is not possible, done fastest.
+        written: files that are there already, read back and judged.
     """
-    number = 0
-    for piece in result.pieces:
-        scorer: Scorer = result.scorer(result.job.steps[piece.steps[0]] if piece.steps else result.job.steps[0])
-        for part in split(piece, result):
-            number += 1
-            formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
+    found = {**document(result), "written": [row.document() for row in written], "request": plain(request)}
+    if worth is not None:
+        beside = next((b.energy for b in result.baselines[::-1] if b.energy is not None), None)
+        found["per_year"] = worth.of(None if beside is None else beside - result.energy)
+    return found
+
+
+def write(
+    result: JobResult, request: Mapping[str, Any], out: Path, worth: PerYear | None = None,
+    written: Sequence[Written] = (),
+) -> dict[str, Any]:  # fmt: skip
+    """Write step_01.csv ..., cycle.csv, report.html and job.json, this last; returns the document of `found_of`."""
+    parts = [(result.scorer(result.job.steps[piece.steps[0] if piece.steps else 0]), part)
+             for piece in result.pieces for part in split(piece, result)]  # fmt: skip
+    for number, (scorer, part) in enumerate(parts, start=1):
+        formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
     cycle, csv = whole_cycle(result), formats.FORMATS["csv"]
     csv.write(cycle, Path(out) / "cycle.csv")
     own = unchanged(Path(out) / "cycle.csv", csv, cycle, judging_of(result)(cycle))
-    records = [own.document(), *(row.document() for row in written)]
-    found = {**document(result), "written": records, "request": plain(request)}
+    found = found_of(result, request, worth, [own, *written])
     if not own.valid:
         found["warnings"].append(f"cycle.csv: {own}")
-    if worth is not None:
-        beside = next((b.energy for b in result.baselines[::-1] if b.energy is not None), None)  # evenly slowed first
-        found["per_year"] = worth.of(None if beside is None else beside - result.energy)
     bodies, scene = drawn(result.cell or own_body(result.job.robot))
     page(found, cycle, result.job.robot, bodies, scene, power_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)

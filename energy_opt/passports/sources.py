@@ -88,13 +88,8 @@ class Number:
     def document(self) -> dict[str, Any]:
         """As it is in passport.json."""
         interval = None if self.ci95 is None else list(self.ci95)
-        return {
-            "value": self.value,
-            "ci95": interval,
-            "unit": self.unit,
-            "status": self.status,
-            "source": self.source or None,
-        }
+        known = {"value": self.value, "ci95": interval, "unit": self.unit}
+        return {**known, "status": self.status, "source": self.source or None}
 
 
 @dataclass(frozen=True)

@@ -92,16 +92,20 @@ def player(
         closest: marked, and a time to jump to.
         phases: when what begins [s], said while it plays.
     """
-    if not bodies:
-        return None
-    return {
-        "tree": _tree(robot.body.tree()),
-        "bodies": [{"joint": body.joint, **_solid(body)} for body in bodies],
-        "scene": [_solid(body) for body in scene],
-        "motions": [_motion(robot, played) for played in motions],
-        "closest": closest and {"label": closest.label, "time": rounded(closest.time), "pair": list(closest.pair)},
-        "phases": [{"time": rounded(time), "name": name} for time, name in phases],
-    }
+    links, shown = robot.body.tree(), []
+    for played in motions:
+        t = played.trajectory
+        time = np.linspace(t.time[0], t.time[-1], FRAMES)
+        q = np.column_stack([np.interp(time, t.time, column) for column in np.asarray(t.position).T])
+        shown.append(
+            {**_motion(links, time - time[0], q, [robot.body.last]), "name": played.name, "ghost": played.ghost,
+             "shown": played.shown, "colour": COLOURS.get(played.name, OTHER)}
+        )  # fmt: skip
+    near = None
+    if closest is not None:
+        near = {"label": closest.label, "time": rounded(closest.time), "pair": list(closest.pair)}
+    said = [{"time": rounded(time), "name": name} for time, name in phases]
+    return _playing(links, [{"joint": body.joint, **_solid(body)} for body in bodies], scene, shown, near, said)
 
 
 def cell_player(
@@ -119,41 +123,23 @@ def cell_player(
         tools: the last link of each arm, whose way is drawn.
         bodies: with their colours.
     """
-    if not bodies:
-        return None
-    time, q = motion
-    kinematics = Kinematics(links)
-    origin = kinematics(q).origin
-    shown = {
-        "name": "result",
-        "colour": COLOURS["result"],
-        "ghost": False,
-        "shown": True,
-        "time": _numbers(time),
-        "position": _numbers(kinematics.coupling.positions(q), 5),
-        "tools": [_numbers(origin[:, tool], 4) for tool in tools],
-    }
-    return {
-        "tree": _tree(links),
-        "bodies": [{"joint": body.joint, "colour": colour, **_solid(body)} for body, colour in bodies],
-        "scene": [_solid(body) for body in scene],
-        "motions": [shown],
-        "closest": None,
-        "phases": [],
-    }
+    solids = [{"joint": body.joint, "colour": colour, **_solid(body)} for body, colour in bodies]
+    about = {"name": "result", "colour": COLOURS["result"], "ghost": False, "shown": True}
+    return _playing(links, solids, scene, [{**_motion(links, *motion, tools), **about}])
 
 
-def _tree(links: Sequence[Link]) -> list[dict[str, Any]]:
-    """The kinematic tree as the player takes it."""
-    return [
-        {
-            "parent": link.parent,
-            "placement": _numbers(link.placement),
-            "axis": _numbers(link.axis),
-            "prismatic": link.prismatic,
-        }
+def _playing(
+    links: Sequence[Link], bodies: list[dict[str, Any]], scene: Sequence[Solid], motions: list[dict[str, Any]],
+    closest: dict[str, Any] | None = None, phases: Sequence[dict[str, Any]] = (),
+) -> dict[str, Any] | None:  # fmt: skip
+    """All that the player takes; None where there are no bodies."""
+    tree = [
+        {"parent": link.parent, "placement": _numbers(link.placement), "axis": _numbers(link.axis),
+         "prismatic": link.prismatic}
         for link in links
-    ]
+    ]  # fmt: skip
+    shown = {"tree": tree, "bodies": bodies, "scene": [_solid(body) for body in scene], "motions": motions}
+    return {**shown, "closest": closest, "phases": list(phases)} if bodies else None
 
 
 def _solid(body: Solid) -> dict[str, Any]:
@@ -162,19 +148,14 @@ def _solid(body: Solid) -> dict[str, Any]:
     return {"name": body.name, "surface": body.surface, **shape}
 
 
-def _motion(robot: Robot, played: Played) -> dict[str, Any]:
-    """A motion as the player takes it: FRAMES instants, positions of all joints, and the path of the tool."""
-    t = played.trajectory
-    time = np.linspace(t.time[0], t.time[-1], FRAMES)
-    q = np.column_stack([np.interp(time, t.time, column) for column in np.asarray(t.position).T])
+def _motion(links: Sequence[Link], time: np.ndarray, q: np.ndarray, tools: Sequence[int]) -> dict[str, Any]:
+    """Times (N,) [s], positions of all joints of the tree out of those (N, n) that move by themselves, tools' ways."""
+    kinematics = Kinematics(links)
+    origin = kinematics(q).origin
     return {
-        "name": played.name,
-        "colour": COLOURS.get(played.name, OTHER),
-        "ghost": played.ghost,
-        "shown": played.shown,
-        "time": _numbers(time - time[0]),
-        "position": _numbers(robot.body.coupling.positions(q), 5),  # of all joints of the tree
-        "tools": [_numbers(Kinematics(robot.body.tree())(q).origin[:, robot.body.last], 4)],
+        "time": _numbers(time),
+        "position": _numbers(kinematics.coupling.positions(q), 5),
+        "tools": [_numbers(origin[:, tool], 4) for tool in tools],
     }
 
 

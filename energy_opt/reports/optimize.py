@@ -11,7 +11,7 @@ from energy_opt.power.assumptions import Assumption, grouped
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
 from energy_opt.reports.page import Report
-from energy_opt.reports.words import clearance_words, goals_words, input_words, limits_words, same, yearly
+from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words, yearly
 from energy_opt.robot import Robot
 
 BESIDE = "scaled"  # the baseline that savings are stated against
@@ -201,14 +201,7 @@ def _energy(report: Report, document: Mapping[str, Any]) -> None:
     bars = {name: {k: v for k, v in parts.items() if k != "standby"} for name, parts in compared.items()}
     report.section("Energy")
     report.charts(Chart("Energy by effect, standby left out", "energy [J]", "", bars=bars))
-    records: list[list[object]] = [["duration [s]", *(duration for _, duration, _, _ in columns)]]
-    records += [
-        [f"{part} [J]", *(e[part] for _, _, e, _ in columns)] for part in ("total", "standby", "stored", "loss")
-    ]
-    for effect in document["energy"]["by_effect"]:
-        values = [e["by_effect"].get(effect) for _, _, e, _ in columns]
-        if not any(same(values, row[1:]) for row in records[1:]):  # what repeats a line above says nothing
-            records.append([f"of the total: {effect} [J]", *values])
+    records = energy_records([(d, e) for _, d, e, _ in columns], "{} [J]", "of the total: {} [J]")
     records.append(["valid: within all that was checked", *(valid for _, _, _, valid in columns)])
     report.table(["", *(name for name, _, _, _ in columns)], records)
 

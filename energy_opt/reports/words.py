@@ -101,7 +101,24 @@ def floored(value: float, digits: int = 2) -> str:
     return f"{math.floor(value * step * (1 + 1e-12)) / step:.{digits}g}"
 
 
-def same(values: Sequence[Any], others: Sequence[Any]) -> bool:
+def energy_records(columns: Sequence[tuple[float, Mapping[str, Any]]], part: str, effect: str) -> list[list[object]]:
+    """Lines of a table of energies: durations [s], total and parts, and effects that say more than a line before them.
+
+    Args:
+        columns: duration and energies as a result's document has them, of each motion; the first has all effects.
+        part, effect: the heads of their lines, with {} for the name.
+    """
+    records: list[list[object]] = [["duration [s]", *(duration for duration, _ in columns)]]
+    for name in ("total", "standby", "stored", "loss"):
+        records.append([part.format(name), *(energy[name] for _, energy in columns)])
+    for name in columns[0][1]["by_effect"]:
+        values = [energy["by_effect"].get(name) for _, energy in columns]
+        if not any(_same(values, row[1:]) for row in records[1:]):
+            records.append([effect.format(name), *values])
+    return records
+
+
+def _same(values: Sequence[Any], others: Sequence[Any]) -> bool:
     """Whether two lines of a table of energies say the same: numbers equal but for rounding."""
     alike = [
         a is b or (a is not None and b is not None and math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6))

@@ -13,8 +13,8 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.robot.description import MOVING, Description, Inertial, Pose
-from energy_opt.robot.kinematics import Link, UrdfLimits, pose_of, pseudo_inertia
-from energy_opt.robot.limits import unit_of
+from energy_opt.robot.kinematics import Link, pose_of, pseudo_inertia
+from energy_opt.robot.limits import Limits, unit_of
 
 ROUNDING = 1e-9  # share (of placements: m, rad) by which numbers may differ that took another way of rounding
 
@@ -51,7 +51,7 @@ def carriers(description: Description, still: Collection[str] = ()) -> dict[str,
 
 
 def check_held(
-    description: Description, links: Sequence[Link], frames: Mapping[str, tuple[int, np.ndarray]], limits: UrdfLimits
+    description: Description, links: Sequence[Link], frames: Mapping[str, tuple[int, np.ndarray]], limits: Limits
 ) -> None:
     """Compare a model of all joints, as if each moved by itself, with the description that it was made from.
 

@@ -110,16 +110,6 @@ def outermost(links: Sequence[Link]) -> int:
     return max(range(len(links)), key=lambda k: (depth[k], k))
 
 
-@dataclass(frozen=True)
-class UrdfLimits:
-    """What the URDF states, (n,) each, untouched: position [rad], velocity [rad/s], effort [N m]."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """How the positions of all joints follow from those of the independent joints (see the module).

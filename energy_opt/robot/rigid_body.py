@@ -17,7 +17,8 @@ import pinocchio as pin
 from energy_opt.errors import BadInput, near
 from energy_opt.robot.checks import check_held
 from energy_opt.robot.description import Description, plain_urdf
-from energy_opt.robot.kinematics import Coupling, Follows, Link, PointMass, UrdfLimits, outermost
+from energy_opt.robot.kinematics import Coupling, Follows, Link, PointMass, outermost
+from energy_opt.robot.limits import Limits
 
 FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
 
@@ -100,13 +101,14 @@ class RigidBody:
             raise BadInput(f"{description.path}: no joint is left that moves")
         return cls(model, follows)
 
-    def urdf_limits(self) -> UrdfLimits:
+    def urdf_limits(self) -> Limits:
         """The limits of all joints of the tree as the URDF states them (0: not at all); continuous joints have none on
         position."""
         m = self._model
         lower = np.where(self.continuous, -np.inf, m.lowerPositionLimit[self._index_q])
         upper = np.where(self.continuous, np.inf, m.upperPositionLimit[self._index_q])
-        return UrdfLimits(lower, upper, np.array(m.velocityLimit), np.array(m.effortLimit))
+        free = np.full(len(lower), np.inf)
+        return Limits(lower, upper, np.array(m.velocityLimit), free, free.copy(), np.array(m.effortLimit))
 
     @cached_property
     def _links(self) -> tuple[Link, ...]:

@@ -290,10 +290,8 @@ def load_robot(
     description = read_description(path)
     body, locked = _body(description, {**usual, **(lock or {})})
     unlocked = _body(description, usual)[0].joints if lock else body.joints
-    links, stated = body.tree(), body.urdf_limits()
+    links, merged = body.tree(), body.urdf_limits()
     doubtful = check_masses(description, locked, links)
-    free = np.full(len(links), np.inf)
-    merged = Limits(stated.lower, stated.upper, stated.velocity, free, free.copy(), stated.effort)
     steps, scaled = [merged], []
     for file, before in ((published, ""), (limits, prefix)):
         said: list[str] = []

@@ -4,24 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 SAME = 1e-6  # relative difference of durations that count as equal
-
-
-class Curve(Protocol):
-    """A convex function E(d): energy [J] of a step that takes d [s]."""
-
-    def value(self, duration: float) -> float:
-        """E(d) [J]."""
-
-    def slope(self, duration: float) -> float:
-        """A subgradient of E at d [W]."""
-
-    def breaks(self, least: float, most: float) -> np.ndarray:
-        """Durations (K,) [s] in [least, most] whose tangents describe the curve well at first."""
 
 
 @dataclass(frozen=True)
@@ -98,3 +84,6 @@ class Hull:
     def breaks(self, least: float, most: float) -> np.ndarray:
         """The middle [s] of each piece: its tangent there is the piece itself."""
         return (self.durations[1:] + self.durations[:-1]) / 2 if len(self.durations) > 1 else self.durations
+
+
+Curve = Polynomial | Hull  # a convex function E(d): energy [J] of a step that takes d [s]

@@ -14,6 +14,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Regeneration
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.formats.program import standing
 from energy_opt.jobs.cycle import Answer, standing_power
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of
@@ -40,7 +41,6 @@ BLEND, ROOM = 4e-3, 1.05  # [s] over which the acceleration rises at a move's en
 WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and limits are kept by all files
 USED = dict.fromkeys(("velocity", "acceleration", "jerk", "effort"), 0.9999)  # of limits: programs round numbers, too
 AT_ENDS = 1e-6  # [rad/s^2] of acceleration at a move's ends that counts as none
-AT_REST = np.linspace(0, 1, 3)  # samples of a wait
 
 
 class Arm:
@@ -320,15 +320,10 @@ class Arm:
                 move = moves[step.name]
                 trajectory = move.answers[nearest(move.answers, duration)].trajectory
             else:
-                trajectory = _standing(self.job.robot, self.step_of(step.name).goal, max(duration, 1e-9))
+                trajectory = standing(self.job.robot.joints, self.step_of(step.name).goal, max(duration, 1e-9))
             out.append(Part(step.name, start, duration, trajectory))
         return out
 
 
 def _taken(answer: Answer) -> float:
     return answer.energy.total
-
-
-def _standing(robot: Robot, q: np.ndarray, seconds: float) -> Trajectory:
-    q_at = np.repeat(q[None], len(AT_REST), axis=0)
-    return Trajectory(robot.joints, AT_REST * seconds, q_at, np.zeros_like(q_at), np.zeros_like(q_at))

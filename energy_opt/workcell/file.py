@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml
 from energy_opt.schedule import Group
-from energy_opt.schema import Name, Number, Table, faults_of
+from energy_opt.schema import Name, Number, Table, parse
 
 FORMAT = "energy-opt/job/2"
 LONGEST = 1e7  # [s] of a cycle and a wait: more is a slip of units
@@ -242,22 +242,16 @@ def load_workcell(path: Path) -> WorkCell:
 
 def workcell_of(document: Mapping[str, Any], path: Path) -> WorkCell:
     """A cell from a document that was read; `path` names it in messages. Else as `load_workcell`."""
-    cell, faults = _read(document)
-    if cell is None or faults:
+    if document.get("format") != FORMAT:
+        raise BadInput(f"{path}: format = {document.get('format')!r}; expected {FORMAT!r}")
+    cell = parse(WorkCell, document, str(path))
+    if faults := _wrong_names(cell):
         raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
     return cell
 
 
-def _read(document: Mapping[str, Any]) -> tuple[WorkCell | None, list[str]]:
-    if document.get("format") != FORMAT:
-        return None, [f"format = {document.get('format')!r}; expected {FORMAT!r}"]
-    cell, faults = faults_of(WorkCell, document)
-    return cell, faults or _wrong_names(cell)
-
-
-def _wrong_names(cell: WorkCell | None) -> list[str]:
+def _wrong_names(cell: WorkCell) -> list[str]:
     """Names that two have, or that nothing has."""
-    assert cell is not None
     faults = []
     names = [robot.name for robot in cell.robot]
     faults += [f"robot: two robots are named {name!r}" for name in sorted({n for n in names if names.count(n) > 1})]

@@ -15,6 +15,7 @@ from energy_opt.workcell.program import RobotFile
 from energy_opt.workcell.run import CellResult
 
 FORMAT = "energy-opt/job-result/2"
+ABOUT = ("verdict", "lower_bound", "min_distance", "pair", "time", "late", "pairs")  # of two robots' distance
 SETTLED = 1e-2  # gap up to which a schedule counts as solved
 
 
@@ -107,34 +108,20 @@ def _clearance(result: CellResult) -> dict[str, Any] | None:
         "lower_bound": min(bounds) if verdict == "proven" and bounds else None,
         "jitter": result.cell.jitter,
         "robots": [
-            {
-                "robots": [result.cell.robot[k].name for k in between.robots],
-                "verdict": between.verdict,
-                "lower_bound": between.lower_bound,
-                "min_distance": between.min_distance,
-                "pair": between.pair,
-                "time": between.time,
-                "late": between.late,
-                "pairs": between.pairs,
-            }
+            {"robots": [result.cell.robot[k].name for k in between.robots],
+             **{name: getattr(between, name) for name in ABOUT}}
             for between in found
         ],
-    }
+    }  # fmt: skip
 
 
 def _supply(result: CellResult) -> dict[str, Any] | None:
     """Energy and losses with supplies of their own and with the one of the file."""
     if result.own is None or result.supply is None:
         return None
-    return {
-        "energy_own": result.own.energy,
-        "energy": result.supply.energy,
-        "lost_own": result.own.lost,
-        "lost": result.supply.lost,
-        "peak_own": result.own.peak,
-        "peak": result.supply.peak,
-        "max_power": result.supply.bound,
-    }
+    both = {f"{name}{of}": getattr(drawn, name) for name in ("energy", "lost", "peak")
+            for of, drawn in (("_own", result.own), ("", result.supply))}  # fmt: skip
+    return {**both, "max_power": result.supply.bound}
 
 
 def found_of(

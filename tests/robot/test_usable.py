@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from test_description import ball, chain
 
-from energy_opt.cell.load import RobotInspection, inspect_robot
 from energy_opt.cli.main import main
 
 
@@ -24,8 +23,7 @@ def test_a_posture_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     code, faults, remarks = checked(path, capsys)
     assert code == 0 and not faults and remarks[0] == "2 joints; 3 kg move; 3 collision bodies, 1 pairs kept apart"
     assert remarks[1] == "held under gravity at 0,0: takes at most 4.41 N m of j1 (2.2 % of its limit)"
-    found = inspect_robot(RobotInspection(str(path)))
-    assert abs(found.torque[0]) == pytest.approx(1.5 * 9.81 * 0.3)
+    assert f"at most {1.5 * 9.81 * 0.3:.3g} N m" in remarks[1]
 
 
 def test_what_a_plan_would_stumble_over_is_found_before(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

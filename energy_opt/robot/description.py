@@ -1,7 +1,7 @@
 """A robot's description, read once and strictly: links, masses, collision bodies and joints of a URDF as plain numbers.
 
-Everything that is known of an arm comes from here. Libraries get what is written back from these numbers (see
-`plain_urdf`), never the file: they differ in what they take, and what one of them drops is lost in silence.
+Everything that is known of an arm comes from here. Libraries get these numbers, never the file: they differ in what
+they take, and what one of them drops is lost in silence.
 """
 
 from __future__ import annotations
@@ -291,42 +291,37 @@ def _base(path: Path, links: dict[str, LinkPart], joints: dict[str, JointPart]) 
     return roots[0]
 
 
-def plain_urdf(description: Description, meshes: Mapping[str, Path] | None = None, mark: str = "") -> str:
-    """The text of a URDF.
-
-    Args:
-        meshes: where the file of each mesh lies, if that is known; None leaves collision bodies out.
-        mark: put before the names of links, so that none of them is a joint's.
-    """
+def plain_urdf(description: Description, meshes: Mapping[str, Path]) -> str:
+    """The text of a URDF; `meshes` says where the file of each mesh lies, as far as that is known."""
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.path.stem)}>"]
     for link in description.links.values():
-        lines += _link_text(link, meshes, mark)
+        lines += _link_text(link, meshes)
     for name, joint in description.joints.items():
         lines += [
             f'<joint name={quoteattr(name)} type="{joint.kind}">{_pose_text(joint.pose)}',
-            f"<parent link={quoteattr(mark + joint.parent)}/><child link={quoteattr(mark + joint.child)}/>",
+            f"<parent link={quoteattr(joint.parent)}/><child link={quoteattr(joint.child)}/>",
         ]
         if joint.kind in MOVING:
             length = sum(x * x for x in joint.axis) ** 0.5
             bounds = " ".join(f'{bound}="{joint.bounds.get(bound, 0.0)!r}"' for bound in BOUNDS)
             lines.append(f'<axis xyz="{_words(x / length for x in joint.axis)}"/><limit {bounds}/>')
-        if joint.mimic is not None and meshes is not None:
+        if joint.mimic is not None:
             leader, ratio, offset = joint.mimic
             lines.append(f'<mimic joint={quoteattr(leader)} multiplier="{ratio!r}" offset="{offset!r}"/>')
         lines.append("</joint>")
     return "\n".join([*lines, "</robot>"])
 
 
-def _link_text(link: LinkPart, meshes: Mapping[str, Path] | None, mark: str) -> Iterator[str]:
-    """A link as URDF text; without collision bodies if `meshes` is None."""
-    yield f"<link name={quoteattr(mark + link.name)}>"
+def _link_text(link: LinkPart, meshes: Mapping[str, Path]) -> Iterator[str]:
+    """A link as URDF text."""
+    yield f"<link name={quoteattr(link.name)}>"
     if link.inertial is not None:
         moments = zip(MOMENTS, link.inertial.moments, strict=True)
         inertia = " ".join(f'{name}="{value!r}"' for name, value in moments)
         mass = f'<mass value="{link.inertial.mass!r}"/>'
         yield f"<inertial>{_pose_text(link.inertial.pose)}{mass}<inertia {inertia}/></inertial>"
-    for body in [] if meshes is None else link.collisions:
-        yield f"<collision>{_pose_text(body.pose)}<geometry>{_shape_text(body, meshes or {})}</geometry></collision>"
+    for body in link.collisions:
+        yield f"<collision>{_pose_text(body.pose)}<geometry>{_shape_text(body, meshes)}</geometry></collision>"
     yield "</link>"
 
 

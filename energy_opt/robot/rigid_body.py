@@ -15,43 +15,61 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput, near
-from energy_opt.robot.checks import check_held
-from energy_opt.robot.description import Description, plain_urdf
+from energy_opt.robot.checks import inertia_matrix, placed
+from energy_opt.robot.description import MOVING, Description
 from energy_opt.robot.kinematics import Coupling, Follows, Link, PointMass, outermost
-from energy_opt.robot.limits import Limits
 
 FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
 
 
-MARK = "link:"  # before links' names in Pinocchio's model: there a link and a joint of one name differ by kind
+ONE_JOINT = (
+    '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="{}"><parent link="a"/><child link="b"/>'
+    '<axis xyz="{}"/><limit lower="0" upper="0" velocity="0" effort="0"/></joint></robot>'
+)
 
 
-def _built(description: Description) -> pin.Model:
-    """Pinocchio's model of all joints, made from the plain text of a description."""
-    for name, joint in description.joints.items():
-        if joint.kind in ("floating", "planar"):
-            raise BadInput(
-                f"{description.path}: joint {name} ({joint.kind}) has more than one degree of freedom; "
-                "expected an arm on a fixed base (type fixed where it does not move)"
-            )
-    try:
-        return pin.buildModelFromXML(plain_urdf(description, mark=MARK))
-    except (ValueError, RuntimeError) as error:
-        raise BadInput(f"{description.path}: not a URDF that can be read: {' '.join(str(error).split())}") from None
+def _built(description: Description, lock: Mapping[str, float]) -> pin.Model:
+    """Pinocchio's model of a description, depth first, joints of one link by their names; joints of `lock` are fixed.
 
+    Raises:
+        BadInput: a joint of `lock` is not known, or a joint has more than one degree of freedom.
+    """
+    model, children = pin.Model(), dict[str, list[str]]()
+    for name in sorted(description.joints):
+        children.setdefault(description.joints[name].parent, []).append(name)
+    moving = [name for name, joint in description.joints.items() if joint.kind in MOVING]
+    for name in lock:
+        if name not in moving:
+            hint = f"{near(name, moving)}; joints are {', '.join(moving)}"
+            raise BadInput(f"{description.path}: cannot lock {name!r}{hint}")
 
-def _reduced(model: pin.Model, description: Description, lock: Mapping[str, float]) -> pin.Model:
-    """The model without the joints of `lock`, which stay where it says."""
-    full = pin.neutral(model)
-    for name, position in lock.items():
-        if name not in model.names:
-            names = ", ".join(model.names[1:])
-            raise BadInput(f"{description.path}: cannot lock {name!r}{near(name, model.names[1:])}; joints are {names}")
-        joint = model.joints[model.getJointId(name)]
-        full[joint.idx_q : joint.idx_q + joint.nq] = (
-            [np.cos(position), np.sin(position)] if joint.nq == 2 else [position]
-        )
-    return pin.buildReducedModel(model, [model.getJointId(name) for name in lock], full) if lock else model
+    def add(link: str, on: int, at: pin.SE3) -> None:
+        """Hang a link, and all beyond it, on joint `on`, at a placement in its frame."""
+        model.addBodyFrame(link, on, at, 0)
+        given = description.links[link].inertial
+        if given is not None:
+            turn, body = placed(given.pose)[:3, :3], pin.Inertia.Zero()  # which takes inertias of no body, too
+            body.mass, body.lever = given.mass, np.array(given.pose.xyz)
+            body.inertia = turn @ inertia_matrix(given.moments) @ turn.T
+            model.appendBodyToJoint(on, body, at)
+        for name in children.get(link, []):
+            joint = description.joints[name]
+            there, axis = at * pin.SE3(placed(joint.pose)), np.array(joint.axis) / np.linalg.norm(joint.axis)
+            if joint.kind in ("floating", "planar"):
+                raise BadInput(
+                    f"{description.path}: joint {name} ({joint.kind}) has more than one degree of freedom; "
+                    "expected an arm on a fixed base (type fixed where it does not move)"
+                )
+            if joint.kind in MOVING and name not in lock:
+                alone = pin.buildModelFromXML(ONE_JOINT.format(joint.kind, " ".join(map(repr, axis.tolist()))))
+                add(joint.child, model.addJoint(on, alone.joints[1], there, name), pin.SE3.Identity())
+                continue
+            turned, slid = np.zeros(3), np.zeros(3)
+            (slid if joint.kind == "prismatic" else turned)[:] = axis * lock.get(name, 0.0)
+            add(joint.child, on, there * pin.SE3(pin.exp3(turned), slid))
+
+    add(description.base, 0, pin.SE3.Identity())
+    return model
 
 
 class RigidBody:
@@ -89,26 +107,13 @@ class RigidBody:
         """That of a description; joints named in `lock` stay at the given position (rad or m), `follows` follow.
 
         Raises:
-            BadInput: a locked joint is unknown, none is left that moves, a joint has more than one degree of freedom,
-                or Pinocchio's model is not what the description says.
+            BadInput: a locked joint is unknown, none is left that moves, or a joint has more than one degree of
+                freedom.
         """
-        model = _built(description)
-        if model.nv > 0:
-            whole = cls(model)
-            check_held(description, whole.tree(), whole.link_frames(), whole.urdf_limits())
-        model = _reduced(model, description, lock)
+        model = _built(description, lock)
         if model.nv == 0:
             raise BadInput(f"{description.path}: no joint is left that moves")
         return cls(model, follows)
-
-    def urdf_limits(self) -> Limits:
-        """The limits of all joints of the tree as the URDF states them (0: not at all); continuous joints have none on
-        position."""
-        m = self._model
-        lower = np.where(self.continuous, -np.inf, m.lowerPositionLimit[self._index_q])
-        upper = np.where(self.continuous, np.inf, m.upperPositionLimit[self._index_q])
-        free = np.full(len(lower), np.inf)
-        return Limits(lower, upper, np.array(m.velocityLimit), free, free.copy(), np.array(m.effortLimit))
 
     @cached_property
     def _links(self) -> tuple[Link, ...]:
@@ -165,10 +170,7 @@ class RigidBody:
     def link_frames(self) -> dict[str, tuple[int, np.ndarray]]:
         """Every link by name: index of the joint that carries it (-1: base), and its (4, 4) pose in that frame."""
         bodies = [frame for frame in self._model.frames if frame.type == pin.FrameType.BODY]
-        return {
-            frame.name.removeprefix(MARK): (int(frame.parentJoint) - 1, frame.placement.homogeneous.copy())
-            for frame in bodies
-        }
+        return {frame.name: (int(frame.parentJoint) - 1, frame.placement.homogeneous.copy()) for frame in bodies}
 
     def frame_motion(
         self, joint: int, pose: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray

@@ -19,7 +19,8 @@ import numpy as np
 from energy_opt.errors import BadInput, near
 from energy_opt.files import inside, write_text
 from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses
-from energy_opt.robot.description import Description, plain_urdf, read_description
+from energy_opt.robot.description import BOUNDS, Description, plain_urdf, read_description
+from energy_opt.robot.kinematics import Link
 from energy_opt.robot.limits import (
     ASSUMED_VELOCITY,
     DOUBTFUL_VELOCITY,
@@ -290,7 +291,8 @@ def load_robot(
     description = read_description(path)
     body, locked = _body(description, {**usual, **(lock or {})})
     unlocked = _body(description, usual)[0].joints if lock else body.joints
-    links, merged = body.tree(), body.urdf_limits()
+    links = body.tree()
+    merged = _stated(description, links)
     doubtful = check_masses(description, locked, links)
     steps, scaled = [merged], []
     for file, before in ((published, ""), (limits, prefix)):
@@ -307,6 +309,14 @@ def load_robot(
     rated = rating_of(own, own.velocity == reduced[1].velocity, held, body)
     sources = _sources([*reduced, held])
     return Robot(name, held, body, description, rated, sources, locked, (*scaled, *led, *warnings, *doubtful), unlocked)
+
+
+def _stated(description: Description, links: Sequence[Link]) -> Limits:
+    """The limits of all joints as the URDF states them (0: not at all); continuous joints have none on position."""
+    stated = [[description.joints[link.name].bounds.get(bound, 0.0) for bound in BOUNDS] for link in links]
+    lower, upper, velocity, effort = np.array(stated).T
+    continuous, free = np.array([link.continuous for link in links]), np.full(len(links), np.inf)
+    return Limits(np.where(continuous, -free, lower), np.where(continuous, free, upper), velocity, free, free, effort)
 
 
 def _sources(steps: Sequence[Limits]) -> dict[str, tuple[str, ...]]:

@@ -57,6 +57,11 @@ class JobAnswer(Answered):
         del found["written"]
         return found
 
+    @property
+    def slowed(self) -> float | None:
+        """Energy of the cycle slowed evenly [J], or where that is not possible, done fastest; None where neither is."""
+        return self.result.slowed
+
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a job that was saved into `out`."""
         return table(self.document(), self.request.cycles_per_year, out)

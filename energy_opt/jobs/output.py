@@ -221,8 +221,7 @@ def found_of(
     """
     found = {**document(result), "written": [row.document() for row in written], "request": plain(request)}
     if worth is not None:
-        beside = next((b.energy for b in result.baselines[::-1] if b.energy is not None), None)
-        found["per_year"] = worth.of(None if beside is None else beside - result.energy)
+        found["per_year"] = worth.of(None if result.slowed is None else result.slowed - result.energy)
     return found
 
 

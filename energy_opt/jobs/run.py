@@ -102,6 +102,11 @@ class JobResult:
         return energy_of(self.pieces)
 
     @property
+    def slowed(self) -> float | None:
+        """Energy of the cycle slowed evenly [J], or where that is not possible, done fastest; None where neither is."""
+        return next((b.energy for b in self.baselines[::-1] if b.energy is not None), None)
+
+    @property
     def cell(self) -> Cell | None:
         """That in which most of the moves are made."""
         cells = [self.cells.of(leg.step) for leg in self.plan.legs]

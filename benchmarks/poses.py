@@ -223,17 +223,21 @@ def main() -> int:
         name, kind = args.arms[number % len(args.arms)], sum(divmod(number, len(args.arms)))
         row = kept(f"{name} {number} solve", partial(part, name, number, kind, solved))
         if number < args.first + args.enumerate and "duration" in row:
-            duration = row["duration"]
-            turns = [
-                kept(f"{name} {number} turned by {15 * k} deg", partial(part, name, number, kind, turned, duration, k))
-                for k in range(TURNS if row["free"] else 1)
-            ]
-            key = f"{name} {number} enumerate"
-            row = row | kept(key, partial(part, name, number, kind, enumerated, duration, turns))
+            find = partial(enumerating, kept, name, number, kind, row["duration"], row["free"])
+            row = row | kept(f"{name} {number} enumerate", find)
         rows.append(row)
     names = [args.arms[number % len(args.arms)] for number in range(args.jobs)]
     jobs = [kept(f"{name} job {k}", partial(job_of_six, name, k, args.starts)) for k, name in enumerate(names)]
     return report(rows, jobs, args)
+
+
+def enumerating(kept: Kept, name: str, number: int, kind: int, duration: float, free: bool) -> dict[str, Any]:
+    """A row of an enumeration, from a row for every turn of the tool."""
+    turns = [
+        kept(f"{name} {number} turned by {15 * k} deg", partial(part, name, number, kind, turned, duration, k))
+        for k in range(TURNS if free else 1)
+    ]
+    return part(name, number, kind, enumerated, duration, turns)
 
 
 def part(name: str, number: int, kind: int, find: Callable[..., dict[str, Any]], *more: Any) -> dict[str, Any]:

@@ -10,6 +10,7 @@ solve      the job in full, with its scene, at the placement that was given and 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,20 +134,20 @@ class Search:
         """The job at a placement in full; None where it cannot be done.
 
         Args:
-            ends: positions at the ends of steps; by default those that are chosen there.
+            ends: positions at the ends of steps; by default the better of those that are likely and of the nearest.
         """
+        done: list[JobResult] = []
         for chosen in self._choices(point) if ends is None else [ends]:
-            try:
-                found = run_posed(
-                    self.job, self.model, self.settings, cell=self.at(point), ends=chosen, compare=False,
-                    refine=ends is None, stopped=self.stopped,
+            with suppress(Infeasible):
+                done.append(
+                    run_posed(
+                        self.job, self.model, self.settings, cell=self.at(point), ends=chosen, compare=False,
+                        refine=ends is None, stopped=self.stopped,
+                    )
                 )  # fmt: skip
-            except Infeasible:
-                continue
-            self.path.append(Looked(self.place(point), found.energy, kind))
-            return found
-        self.path.append(Looked(self.place(point), np.nan, kind))
-        return None
+        best = min(done, key=lambda found: (not found.solved, found.energy), default=None)
+        self.path.append(Looked(self.place(point), np.nan if best is None else best.energy, kind))
+        return best
 
     def settled(self, point: np.ndarray, kind: str, near: Rough | None = None, ends: Ends | None = None) -> Rough:
         """The rough cycle at a placement; its energy is infinite where none is found.
@@ -158,14 +159,12 @@ class Search:
         for chosen in self._choices(point) if ends is None else [ends]:
             posed = self.posed(point, {k: q[None] for k, q in chosen.items()})
             found = Rough(point, *posed.settled(self.rough, chosen, None if near is None else near.plan))
-            if found.plan is not None:
-                best = found
-                break
+            best = min(best, found, key=lambda at: at.energy)
         self.path.append(Looked(self.place(point), best.energy, kind))
         return best
 
     def _choices(self, point: np.ndarray) -> list[Ends]:
-        """Positions at the ends of steps: those that are likely to be cheapest, and the nearest where these fail."""
+        """Positions at the ends of steps: those that are likely to be cheapest, and the nearest."""
         try:
             posed = self.posed(point)
         except Infeasible:

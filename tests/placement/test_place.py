@@ -161,5 +161,10 @@ def test_a_placement_at_which_the_likely_positions_fail_is_solved_with_the_neare
     search = Search(job, model, box, Settings(), CellRequest(), stopped=lambda: False, progress=lambda t, s: None)
     found = search.solve(np.zeros(4), "given")
     assert found is not None and found.energy == 3.0
+    energies = iter([5.0, 4.0])
+    both = lambda *given, **more: SimpleNamespace(solved=True, energy=next(energies))  # noqa: E731
+    monkeypatch.setattr("energy_opt.placement.search.run_posed", both)
+    cheaper = search.solve(np.zeros(4), "given")
+    assert cheaper is not None and cheaper.energy == 4.0  # a job takes the better of both, too
     nearest = search.posed(np.zeros(4)).greedy()
     assert all(np.array_equal(tried[1][k], nearest[k]) for k in nearest)

@@ -258,7 +258,7 @@ class Retiming:
         self.limits.hold(start.control, always=True)
         widths = [WIDTHS[-1]] if law.coefficients is not None else list(WIDTHS)
         wider: tuple[float, np.ndarray] | None = None  # the last width that was solved, and its answer
-        rounds, rough = 0, False
+        rounds, rough, halved = 0, False, False  # `halved`: a width between two others was tried
         while True:
             before = time.perf_counter()
             constraints = self.limits.constraints(unit)
@@ -276,7 +276,10 @@ class Retiming:
                 wider, x = ((width, answer.x), answer.x) if answer.success else (wider, x)
                 continue
             if not answer.success and wider is not None:  # steps lead nowhere among narrow kinks
-                (widths[0], x), wider, rough = wider, None, True
+                between, narrow = float(np.sqrt(wider[0] * widths[0])), widths[0]
+                x, rough = wider[1], halved
+                widths, wider = ([wider[0]], None) if halved else ([between, narrow], wider)
+                halved = True
                 continue
             x = answer.x
             control = unit * whole.control(x)

@@ -43,8 +43,10 @@ def _built(description: Description, lock: Mapping[str, float]) -> pin.Model:
             hint = f"{near(name, moving)}; joints are {', '.join(moving)}"
             raise BadInput(f"{description.path}: cannot lock {name!r}{hint}")
 
-    def add(link: str, on: int, at: pin.SE3) -> None:
-        """Hang a link, and all beyond it, on joint `on`, at a placement in its frame."""
+    ahead: list[tuple[str, int, pin.SE3]] = []  # joints that are still to come, with the joint and frame they hang on
+
+    def hang(link: str, on: int, at: pin.SE3) -> None:
+        """Hang a link on joint `on`, at a placement in its frame; the joints beyond it are next."""
         model.addBodyFrame(link, on, at, 0)
         given = description.links[link].inertial
         if given is not None:
@@ -52,23 +54,25 @@ def _built(description: Description, lock: Mapping[str, float]) -> pin.Model:
             body.mass, body.lever = given.mass, np.array(given.pose.xyz)
             body.inertia = turn @ inertia_matrix(given.moments) @ turn.T
             model.appendBodyToJoint(on, body, at)
-        for name in children.get(link, []):
-            joint = description.joints[name]
-            there, axis = at * pin.SE3(placed(joint.pose)), np.array(joint.axis) / np.linalg.norm(joint.axis)
-            if joint.kind in ("floating", "planar"):
-                raise BadInput(
-                    f"{description.path}: joint {name} ({joint.kind}) has more than one degree of freedom; "
-                    "expected an arm on a fixed base (type fixed where it does not move)"
-                )
-            if joint.kind in MOVING and name not in lock:
-                alone = pin.buildModelFromXML(ONE_JOINT.format(joint.kind, " ".join(map(repr, axis.tolist()))))
-                add(joint.child, model.addJoint(on, alone.joints[1], there, name), pin.SE3.Identity())
-                continue
-            turned, slid = np.zeros(3), np.zeros(3)
-            (slid if joint.kind == "prismatic" else turned)[:] = axis * lock.get(name, 0.0)
-            add(joint.child, on, there * pin.SE3(pin.exp3(turned), slid))
+        ahead.extend((name, on, at) for name in reversed(children.get(link, [])))
 
-    add(description.base, 0, pin.SE3.Identity())
+    hang(description.base, 0, pin.SE3.Identity())
+    while ahead:
+        name, on, at = ahead.pop()
+        joint = description.joints[name]
+        there, axis = at * pin.SE3(placed(joint.pose)), np.array(joint.axis) / np.linalg.norm(joint.axis)
+        if joint.kind in ("floating", "planar"):
+            raise BadInput(
+                f"{description.path}: joint {name} ({joint.kind}) has more than one degree of freedom; "
+                "expected an arm on a fixed base (type fixed where it does not move)"
+            )
+        if joint.kind in MOVING and name not in lock:
+            alone = pin.buildModelFromXML(ONE_JOINT.format(joint.kind, " ".join(map(repr, axis.tolist()))))
+            hang(joint.child, model.addJoint(on, alone.joints[1], there, name), pin.SE3.Identity())
+            continue
+        turned, slid = np.zeros(3), np.zeros(3)
+        (slid if joint.kind == "prismatic" else turned)[:] = axis * lock.get(name, 0.0)
+        hang(joint.child, on, there * pin.SE3(pin.exp3(turned), slid))
     return model
 
 
